@@ -17,17 +17,7 @@ def whole_number(**limits: float) -> Any:
 
 
 def count(most: int, why: str, least: int = 1) -> Any:
-    """Type of a whole number in a configuration.
-
-    Parameters
-    ----------
-    most : int
-        The largest that is taken.
-    why : str
-        The reason, for the message.
-    least : int
-        The smallest.
-    """
+    """Type of a whole number in a configuration."""
 
     def not_too_many(number: int) -> int:
         if number > most:

@@ -41,15 +41,7 @@ class InputError(ValueError):
 
 
 class UnusableRun(InputError):
-    """One of several runs cannot be used; the others can.
-
-    Parameters
-    ----------
-    kind : str
-        In a word.
-    message : str
-        As of `InputError`.
-    """
+    """One of several runs cannot be used; the others can."""
 
     def __init__(self, kind: str, message: str):
         super().__init__(message)
@@ -62,20 +54,7 @@ class MissingPackage(InputError, ImportError):
 
 @contextmanager
 def needs(what: str, extra: str) -> Iterator[None]:
-    """Around imports of packages that only a part of jointgap uses: where one is missing, says how to install it.
-
-    Parameters
-    ----------
-    what : str
-        What cannot be done without, as the subject of a sentence.
-    extra : str
-        The extra of pyproject.toml that brings the packages.
-
-    Raises
-    ------
-    MissingPackage
-        A package is not installed.
-    """
+    """Around imports of packages that only a part of jointgap uses: where one is missing, says how to install it."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -92,20 +71,7 @@ class SimulationError(RuntimeError):
 
 
 def did_you_mean(word: object, accepted: Iterable[object]) -> str:
-    """A hint at the nearest known name, or the list of known names when none is near.
-
-    Parameters
-    ----------
-    word : object
-        What the user wrote; YAML reads some words as numbers, truths or days.
-    accepted : iterable of object
-        What would have been accepted.
-
-    Returns
-    -------
-    str
-        A sentence such as ``did you mean 'friction'?``.
-    """
+    """A hint at the nearest known name, or the list of known names when none is near."""
     names = sorted(map(str, accepted))
     near = difflib.get_close_matches(str(word), names, n=1, cutoff=0.6)
     if near:

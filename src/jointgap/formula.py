@@ -65,18 +65,10 @@ _TOKEN = re.compile(
 
 @dataclass(frozen=True)
 class Program:
-    """A formula for the stack machine.
+    """A formula for the stack machine."""
 
-    Attributes
-    ----------
-    codes : (n, 2) int64 array
-        Operations in order, each with its index; n = 0 stands for the formula 0.
-    numbers : (m,) float64 array
-        What the operation NUMBER refers to.
-    """
-
-    codes: np.ndarray
-    numbers: np.ndarray
+    codes: np.ndarray  # Operations in order, each with its index; n = 0 stands for the formula 0
+    numbers: np.ndarray  # What the operation NUMBER refers to
 
 
 NOTHING = Program(np.empty((0, 2), np.int64), np.empty(0))
@@ -84,25 +76,7 @@ NOTHING = Program(np.empty((0, 2), np.int64), np.empty(0))
 
 
 def compile_formula(text: str, coefficients: Mapping[str, float]) -> Program:
-    """The program of a formula.
-
-    Parameters
-    ----------
-    text : str
-        See the module's grammar; SI throughout.
-    coefficients : mapping of str to float
-        Numbers for the names that are neither variables (`VARIABLES`) nor functions.
-
-    Returns
-    -------
-    Program
-
-    Raises
-    ------
-    InputError
-        Unknown name, a coefficient that is not used or named like a variable, a mistake of grammar, a formula too long
-        or too nested, a part that is no number, such as a division by 0.
-    """
+    """The program of a formula."""
     for name in coefficients:
         if name in _RESERVED or not (name.isascii() and name.isidentifier()):
             raise InputError(

@@ -8,25 +8,13 @@ from typing import NamedTuple
 
 
 class RevoluteJoint(NamedTuple):
-    """One joint.
+    """One joint."""
 
-    Attributes
-    ----------
-    name : str
-        Its key in mechanism files and its prefix in names of columns.
-    number : int
-        The paper's number: its clearance vector has the length r<number> and the direction gamma<number>.
-    index : int
-        Its place in everything compiled, and in the clearance vectors of a start: components 2 index and 2 index + 1.
-    partner, body : str
-        The bodies at which its clearance vector begins and ends.
-    """
-
-    name: str
-    number: int
-    index: int
-    partner: str
-    body: str
+    name: str  # Its key in mechanism files and its prefix in names of columns
+    number: int  # The paper's number: its clearance vector has the length r<number> and the direction gamma<number>
+    index: int  # Its place in everything compiled, and in the clearance vectors of a start
+    partner: str  # The bodies at which its clearance vector begins and ends
+    body: str  # The bodies at which its clearance vector begins and ends
 
     @property
     def words(self) -> str:

@@ -46,21 +46,7 @@ def kinematics(
     trajectory: pd.DataFrame,
     surrogates: Mapping[str, Mapping[str, Fit]],
 ) -> Kinematics:
-    """Feed the equations and compare.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With its effects applied.
-    options : Simulate
-        Sampling of the trajectory.
-    training_points : int
-        Points of the networks' training grid over the first revolution; errors leave them out.
-    trajectory : DataFrame
-        The simulation, table trajectory.
-    surrogates : mapping of str to mapping of str to Fit
-        By surrogate and output: r, gamma, gamma_dot, gamma_ddot of every loose joint.
-    """
+    """Feed the equations and compare."""
     first = trajectory.iloc[: options.samples_per_revolution + 1]
     angle = first["crank_angle"].to_numpy()
     crank = _crank(first)
@@ -90,15 +76,7 @@ def kinematics(
 
 
 def linkage_frames(mechanism: Mechanism, samples: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """The quantities of the table kinematics as simulated, and without clearance: sources ``simulation``, ``ideal``.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With its effects applied.
-    samples : DataFrame
-        Of the table trajectory.
-    """
+    """The quantities of the table kinematics as simulated, and without clearance: sources ``simulation``, ``ideal``."""
     ideal = linkage_motion(mechanism, _crank(samples))
     return {"simulation": samples[list(UNITS)], "ideal": _frame(ideal, samples["crank_angle"].to_numpy())}
 
@@ -114,17 +92,7 @@ def _crank(samples: pd.DataFrame) -> Motion:
 
 
 def clearance_motions(fits: Mapping[str, Fit], crank: Motion, loose: Iterable[str]) -> dict[str, ClearanceMotion]:
-    """The clearance motion that fits describe, in the four forms that the module names.
-
-    Parameters
-    ----------
-    fits : mapping of str to Fit
-        The outputs of the loose joints by name.
-    crank : Motion
-        Crank angles, evenly spaced and rising [rad], with speed and acceleration of the crank there; shape (n,) each.
-    loose : iterable of str
-        Names of the loose joints.
-    """
+    """The clearance motion that fits describe, in the four forms that the module names."""
     forms: dict[str, dict[str, Motion]] = {"paper_form": {}, "exact": {}, "own_rates": {}, "integrated": {}}
     for joint in (JOINT_NUMBERS[name] for name in loose):
         length = _differentiated(fits[f"r{joint}"], crank)

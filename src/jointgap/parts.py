@@ -5,13 +5,7 @@ Designs of a sweep, points of a study and blind trials are all cut here.
 
 
 def parts(number: int, per_job: int) -> dict[str, tuple[int, int]]:
-    """The parts of `number` pieces of work, where a job does `per_job` of them and the last job what is left.
-
-    Returns
-    -------
-    dict of str to (int, int)
-        By the part's name, in order: its first piece, counted from 0, and how many it has.
-    """
+    """The parts of `number` pieces of work, where a job does `per_job` of them and the last job what is left."""
     return {
         part_name(part): (first, min(per_job, number - first)) for part, first in enumerate(range(0, number, per_job))
     }

@@ -16,32 +16,13 @@ _listeners: list[Listener] = []
 
 
 def tell(what: str, done: int, total: int | None = None) -> None:
-    """Say that `done` of `total` are done.
-
-    Parameters
-    ----------
-    what : str
-        What is counted, in the plural: ``training iterations``.
-    done : int
-        As many as `total` where the work is over.
-    total : int, optional
-        Where it is known.
-    """
+    """Say that `done` of `total` are done."""
     for listener in _listeners:
         listener(what, done, total)
 
 
 def followed(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
-    """The `items`, with `tell` before the first and after each.
-
-    Parameters
-    ----------
-    items : iterable
-    what : str
-        As of `tell`.
-    total : int, optional
-        How many there are; their length by default, where they have one.
-    """
+    """The `items`, with `tell` before the first and after each."""
     if total is None and hasattr(items, "__len__"):
         total = len(items)
     done = 0

@@ -47,25 +47,7 @@ def _registry():
 
 
 def to_si(value: Any, unit: str) -> float:
-    """Convert a number or a text such as ``'7 mm'`` to a float in `unit`.
-
-    Parameters
-    ----------
-    value : int, float or str
-        Plain numbers are already in `unit`.
-    unit : str
-        SI unit by its pint name, e.g. ``'m'`` or ``'rad/s'``; ``''`` for pure numbers.
-
-    Returns
-    -------
-    float
-        The value in `unit`.
-
-    Raises
-    ------
-    ValueError
-        Not one number with one unit, not finite, with a decimal comma, or a unit of another dimension.
-    """
+    """Convert a number or a text such as ``'7 mm'`` to a float in `unit`."""
     if type(value) is float and math.isfinite(value):  # most are: a design of a sweep has dozens
         return value
     if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -86,13 +68,7 @@ def _read(text: str, unit: str) -> float:
 
 
 def split_quantity(text: str) -> tuple[str, str]:
-    """The number in `text`, in digits that `float` reads, and its unit, as pint reads it; '' without one.
-
-    Raises
-    ------
-    ValueError
-        Not exactly one number and at most one unit after it; the message says what may be meant.
-    """
+    """The number in `text`, in digits that `float` reads, and its unit, as pint reads it; '' without one."""
     if len(text) > _LONGEST:
         raise ValueError(f"has {len(text)} characters, too many for a number with a unit; write fewer digits")
     if found := _split(text):
@@ -183,13 +159,7 @@ _RATES = {"rad/s": "rpm, turn/s or rad/s", "Hz": "Hz or 1/s", "rad": "deg, turn 
 
 
 def unit_factor(unit: str, base: str) -> float:
-    """How many `base` one `unit` is.
-
-    Raises
-    ------
-    ValueError
-        No such unit, no unit at all, or one of another dimension.
-    """
+    """How many `base` one `unit` is."""
     if not unit.strip():
         raise ValueError(f"is empty; write a unit such as {base}")
     whole, parts = split_share(unit)
@@ -197,13 +167,7 @@ def unit_factor(unit: str, base: str) -> float:
 
 
 def scaled_unit_factor(scale: str, unit: str, base: str) -> float:
-    """How many `base` one `unit` is of a signal that a `scale` such as ``0.35 N*m/A`` converts.
-
-    Raises
-    ------
-    ValueError
-        No number with a unit, or not one that makes a `base` of a `unit`.
-    """
+    """How many `base` one `unit` is of a signal that a `scale` such as ``0.35 N*m/A`` converts."""
     number, own = split_quantity(scale)
     signal = _checked_unit(unit, base)
     return _converted(float(number), f"({own}) * ({signal})" if own else signal, base)

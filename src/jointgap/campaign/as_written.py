@@ -13,22 +13,7 @@ _MISSING = object()
 
 
 def as_written(new: Any, old: Any, text: Any = _MISSING, digits: int = DIGITS) -> Any:
-    """`new` content of a file in the words of the one that it is changed from.
-
-    Parameters
-    ----------
-    new, old : mapping, list or value
-        Content with every key, numbers in SI, after the change and before.
-    text : mapping, list or value
-        What the user wrote of `old`: with units, and without keys that have defaults.
-    digits : int
-        Significant ones of numbers that changed. Others have as many as they need to mean the same.
-
-    Returns
-    -------
-    mapping, list or value
-        What did not change is as in `text`, and left out where it is left out there.
-    """
+    """`new` content of a file in the words of the one that it is changed from."""
     if new == old and text is not _MISSING:
         return text
     if isinstance(new, Mapping):

@@ -27,16 +27,6 @@ _WIDTH = 110  # [characters] of a line of YAML: short lists stay on one
 def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
     """The recalibrated mechanism without and with the effects of the verdict; parameters that the data do not determine
     stay as stated.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    outcome : Outcome
-
-    Raises
-    ------
-    InputError
-        Values that make the mechanism impossible.
     """
     chosen = outcome.chosen
     augmented = augmented_mechanism(campaign.mechanism, chosen.hypothesis, determined_values(chosen))
@@ -45,27 +35,7 @@ def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechani
 
 
 def augment(campaign: Campaign, outcome: Outcome, text: Mapping[str, Any] | None = None) -> tuple[str, pd.DataFrame]:
-    """The augmented mechanism as a YAML file, and what its effects push and turn with.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    outcome : Outcome
-    text : mapping, optional
-        The campaign's mechanism as its user wrote it; what did not change stays so, what did keeps its unit.
-
-    Returns
-    -------
-    text : str
-        `jointgap.config.load_mechanism` accepts it; the uncertainties stand in comments.
-    force : DataFrame
-        Table `jointgap.tables.MISSING_FORCE`; empty where no effect is named.
-
-    Raises
-    ------
-    InputError, SimulationError
-        The mechanism with what was found cannot be simulated.
-    """
+    """The augmented mechanism as a YAML file, and what its effects push and turn with."""
     plain, augmented = mechanisms(campaign, outcome)
     body = yaml.safe_dump(_content(augmented, campaign, text), sort_keys=False, width=_WIDTH, allow_unicode=True)
     speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}

@@ -19,45 +19,16 @@ SUMMARIES = ("summary.md", "summary.html")
 
 @dataclass(frozen=True)
 class CampaignFiles:
-    """Files of one campaign.
+    """Files of one campaign."""
 
-    Attributes
-    ----------
-    campaign : str
-        The campaign file.
-    plan : tuple of str
-        It and the mechanism that it names.
-    data : tuple of str
-        One of each run.
-    parts : int
-        Jobs that share the fits.
-    """
-
-    campaign: str
-    plan: tuple[str, ...]
-    data: tuple[str, ...]
-    parts: int
+    campaign: str  # The campaign file
+    plan: tuple[str, ...]  # It and the mechanism that it names
+    data: tuple[str, ...]  # One of each run
+    parts: int  # Jobs that share the fits
 
 
 def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[str, CampaignFiles]:
-    """The campaigns of a configuration, by name.
-
-    Parameters
-    ----------
-    paths : list of str
-        Value of the key ``campaigns``.
-    folders : sequence of Path
-        Where the files are looked for, first found wins.
-    parts : int, optional
-        Value of the key ``fit_parts``. Two by default where joints are loose; one where all are ideal, as fits without
-        contact are over sooner than a process starts.
-
-    Raises
-    ------
-    InputError
-        Not a list of paths, no such file, not a campaign, a run's file that is not there, a path that Snakemake cannot
-        take, or two of one name; or not a number of parts.
-    """
+    """The campaigns of a configuration, by name."""
     from jointgap.config.load import load_campaign
     from jointgap.counts import MOST_PARTS
 

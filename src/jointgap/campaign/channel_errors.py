@@ -8,20 +8,7 @@ from jointgap.tables import CHANNEL_ERRORS
 
 
 def channel_errors(residuals: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
-    """Root mean square errors by run and channel, held-out samples apart.
-
-    Parameters
-    ----------
-    residuals : DataFrame
-        Table `jointgap.tables.RESIDUALS`.
-    campaign : Campaign
-        Of which the runs and channels are.
-
-    Returns
-    -------
-    DataFrame
-        Table `jointgap.tables.CHANNEL_ERRORS`.
-    """
+    """Root mean square errors by run and channel, held-out samples apart."""
     speeds = {run.id: run.speed for run in campaign.runs}
     rows = []
     for (run, name, held_out), own in residuals.groupby(["run", "channel", "held_out"], sort=False):

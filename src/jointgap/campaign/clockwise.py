@@ -24,14 +24,7 @@ def clockwise(campaign: Campaign) -> frozenset[str]:
 
 
 def map_as_read(spans: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
-    """Bins or windows of the map of disagreement, of which those in clockwise `runs` are mirrored back.
-
-    Parameters
-    ----------
-    spans : DataFrame
-        Table `jointgap.tables.MAP_BINS` or `jointgap.tables.MAP_WINDOWS`.
-    runs : collection of str
-    """
+    """Bins or windows of the map of disagreement, of which those in clockwise `runs` are mirrored back."""
     turned = spans["run"].isin(runs)
     sign = np.where(turned & (spans["channel"] == _ANGLE), -1.0, 1.0)
     return spans.assign(
@@ -42,14 +35,7 @@ def map_as_read(spans: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
 
 
 def residuals_as_read(residuals: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
-    """Table `jointgap.tables.RESIDUALS`, of which the angles in clockwise `runs` are mirrored back.
-
-    Parameters
-    ----------
-    residuals : DataFrame
-    runs : collection of str
-        Runs whose crank turns clockwise.
-    """
+    """Table `jointgap.tables.RESIDUALS`, of which the angles in clockwise `runs` are mirrored back."""
     turned = residuals["run"].isin(runs)
     sign = np.where(turned & (residuals["channel"] == _ANGLE), -1.0, 1.0)
     signed = ("measured", "base", "augmented", "whitened_base", "whitened_augmented")
@@ -60,14 +46,6 @@ def residuals_as_read(residuals: pd.DataFrame, runs: Collection[str]) -> pd.Data
 def parameter_as_read(parameter: Parameter, estimate: dict[str, Any], runs: Collection[str]) -> dict[str, Any]:
     """A fitted parameter with its interval, as `jointgap.identification.estimates.estimate_with_interval` says it: the
     first angle of clockwise `runs` is mirrored back.
-
-    Parameters
-    ----------
-    parameter : Parameter
-    estimate : dict
-        ``value`` and intervals [rad of angles].
-    runs : collection of str
-        Runs whose crank turns clockwise.
     """
     if parameter.name != "first_angle" or parameter.run not in runs:
         return estimate
@@ -80,11 +58,5 @@ def parameter_as_read(parameter: Parameter, estimate: dict[str, Any], runs: Coll
 def nuisances_as_read(fit: Fit, runs: Collection[str] = ()) -> list[tuple[Parameter, dict[str, Any]]]:
     """`jointgap.identification.estimates.nuisance_estimates`, of which the first angles of clockwise `runs` are
     mirrored back.
-
-    Parameters
-    ----------
-    fit : Fit
-    runs : collection of str
-        Runs whose crank turns clockwise.
     """
     return [(p, parameter_as_read(p, estimate, runs)) for p, estimate in nuisance_estimates(fit)]

@@ -20,15 +20,7 @@ from jointgap.tables.results_folder import ResultsFolder
 
 
 def conclude(state: CampaignState, advise: bool = True) -> dict[str, Any]:
-    """Write ``verdict.json``; its content.
-
-    Parameters
-    ----------
-    state : CampaignState
-        All stages up to confirm have run.
-    advise : bool
-        Whether an experiment is sought that would separate equivalent explanations.
-    """
+    """Write ``verdict.json``; its content."""
     folder, outcome, separated = state.folder, state.outcome("verdict"), ""
     if advise and "preflight" not in failures(folder):
         with noted(folder, "advice"):

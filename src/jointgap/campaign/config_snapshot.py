@@ -21,17 +21,6 @@ def check_unchanged(campaign: Campaign, snapshot: pd.DataFrame) -> None:
     """Make sure that a campaign file says what it did when its data were read.
 
     Fits are kept sample by sample: with a run, a channel or a unit changed they would be taken for those of other data.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    snapshot : DataFrame
-        Table `jointgap.tables.CONFIG_SNAPSHOT` of the stage measure.
-
-    Raises
-    ------
-    InputError
-        Something was changed, added, removed or put in another place; the first such key is named.
     """
     now, then = dict(_rows(campaign)), dict(zip(snapshot["key"], snapshot["value"], strict=True))
     if list(now.items()) == list(then.items()):

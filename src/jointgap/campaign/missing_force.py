@@ -21,25 +21,6 @@ def missing_force(
     """Force on the slider and torque on the crank of the augmented model less those of the base, at the same motion.
 
     Effects that act otherwise (masses, lengths, clearances, sensors) leave both at zero.
-
-    Parameters
-    ----------
-    base, augmented : Mechanism
-        The model before and after.
-    speeds : mapping of str to float
-        Crank speed by run [rad/s].
-    clockwise : collection of str
-        Runs whose crank turns clockwise.
-
-    Returns
-    -------
-    DataFrame
-        Table `jointgap.tables.MISSING_FORCE`, one settled revolution of the augmented model for each run.
-
-    Raises
-    ------
-    InputError, SimulationError
-        As `jointgap.dynamics.simulation`.
     """
     parts = []
     for run, speed in speeds.items():

@@ -21,18 +21,7 @@ _COSTS = ("simulations", "seconds")
 
 
 def records(folder: Path) -> list[Record]:
-    """The campaign's run, then its nested ones.
-
-    Parameters
-    ----------
-    folder : Path
-        The campaign's folder of results.
-
-    Raises
-    ------
-    InputError
-        The campaign has no verdict yet, or a table cannot be read.
-    """
+    """The campaign's run, then its nested ones."""
     places, verdict = ResultsFolder(folder), read(folder / VERDICT)
     metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
     metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}

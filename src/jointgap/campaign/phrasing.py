@@ -107,13 +107,7 @@ def _first_number(effect: Mapping[str, Any]) -> str:
 
 
 def sure_value(value: str, interval: str, remark: str = "") -> str:
-    """``5.93 N (90 % interval 5.89 to 5.98)``; ``0.8 (at its bound; 90 % interval 0.71 to 0.8)``.
-
-    Parameters
-    ----------
-    value, interval, remark : str
-        As of `estimate_row`.
-    """
+    """``5.93 N (90 % interval 5.89 to 5.98)``; ``0.8 (at its bound; 90 % interval 0.71 to 0.8)``."""
     sure = [*([remark] if remark else []), *([f"90 % interval {interval}"] if interval != "–" else [])]
     return f"{value} ({'; '.join(sure)})" if sure else value
 

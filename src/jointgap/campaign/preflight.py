@@ -49,26 +49,7 @@ def preflight_tables(
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
 ) -> dict[str, pd.DataFrame]:
-    """What the campaign's speeds and channels can show.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    rate : float
-        [1] False alarms allowed.
-    settings, model_settings
-        Tuned numbers of the naming and of the model.
-
-    Returns
-    -------
-    dict of str to DataFrame
-        Tables `jointgap.tables.DETECTABLE` and `jointgap.tables.CONFUSABILITY`, by name.
-
-    Raises
-    ------
-    InputError, SimulationError
-        The model cannot be simulated as it stands.
-    """
+    """What the campaign's speeds and channels can show."""
     campaign, recordings = recorded(campaign)
     model = _as_recorded(campaign, recordings, model_settings)
     if model is None:
@@ -82,13 +63,7 @@ def preflight_tables_with_advice(
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
 ) -> dict[str, pd.DataFrame]:
-    """As `preflight_tables`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most.
-
-    Parameters
-    ----------
-    campaign, rate, settings, model_settings
-        As there.
-    """
+    """As `preflight_tables`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
     campaign, recordings = recorded(campaign)
     more = extended(campaign)
     like = recordings.get(campaign.runs[0].id)
@@ -116,11 +91,6 @@ def look_alikes_table(
     `jointgap.tables.LOOK_ALIKES`.
 
     In the runs for fitting, four revolutions of each.
-
-    Parameters
-    ----------
-    campaign, settings, model_settings
-        As of `preflight_tables`.
     """
     for_fitting = {"runs": tuple(run for run in campaign.runs if run.role != "confirm")}
     plan, wider = (
@@ -147,13 +117,7 @@ def _as_recorded(
 
 
 def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
-    """The campaign without runs that cannot be used, and those of its runs whose files are there.
-
-    Raises
-    ------
-    InputError
-        As `jointgap.recordings.read_measurements`.
-    """
+    """The campaign without runs that cannot be used, and those of its runs whose files are there."""
     there = tuple(run for run in campaign.runs if os.path.isfile(campaign.folder / run.file))
     measured = read_measurements(campaign.model_copy(update={"runs": there}), compared=False)
     runs = tuple(run for run in campaign.runs if run.id not in measured.left_out)
@@ -161,14 +125,7 @@ def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
 
 
 def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict[str, float]:
-    """How often the crank turns in each recording [revolutions], those without angles at the run's speed.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    recordings : mapping of str to Recording
-        By run.
-    """
+    """How often the crank turns in each recording [revolutions], those without angles at the run's speed."""
     speeds = {run.id: run.speed for run in campaign.runs}
     turned = {}
     for run, recording in recordings.items():
@@ -178,14 +135,7 @@ def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict
 
 
 def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str, str], int]:
-    """How many samples for fitting each recording has of each channel; of channels that it lacks, as many as rows.
-
-    Parameters
-    ----------
-    model : Model
-    recordings : mapping of str to Recording
-        By run.
-    """
+    """How many samples for fitting each recording has of each channel; of channels that it lacks, as many as rows."""
     counted = {}
     for run, channel in (series.key for series in model.series if series.run in recordings):
         recording = recordings[run]
@@ -230,17 +180,7 @@ def _frames(result: Preflight) -> dict[str, pd.DataFrame]:
 
 
 def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
-    """Which further experiment would tell explanations apart, in a sentence.
-
-    Parameters
-    ----------
-    advice : DataFrame
-        Table `jointgap.tables.ADVICE`.
-    explanations : list of sets of labels
-        Best first.
-    merged : lists of labels
-        Groups that the campaign cannot tell apart. Advice was sought for these alone.
-    """
+    """Which further experiment would tell explanations apart, in a sentence."""
     first, *others = explanations
     differing = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
     if not any(pair <= set(group) for pair in differing for group in merged):
@@ -255,14 +195,7 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Ite
 def in_words(
     detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame, look_alikes: pd.DataFrame
 ) -> str:
-    """What a preflight found, as lines of text.
-
-    Parameters
-    ----------
-    detectable, confusability, advice, look_alikes : DataFrame
-        Tables `jointgap.tables.DETECTABLE`, `jointgap.tables.CONFUSABILITY`, `jointgap.tables.ADVICE` and
-        `jointgap.tables.LOOK_ALIKES`.
-    """
+    """What a preflight found, as lines of text."""
     lines = ["Effects that these runs and channels show, from which size on:"]
     for row in detectable[detectable["detectable"]].itertuples():
         size = shown_size(row.label, row.parameter, row.smallest_detectable, row.unit, row.falls)

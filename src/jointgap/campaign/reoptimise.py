@@ -30,20 +30,6 @@ def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
 
     The budget is small: networks of 300 iterations, for the clearance vectors alone, which is what the optimisation
     takes of them; a box of 2 % around the lengths.
-
-    Parameters
-    ----------
-    models : mapping of str to Mechanism
-        By name, ``base`` and ``augmented``.
-    speed : float
-        Of the crank [rad/s].
-
-    Returns
-    -------
-    DataFrame
-        Table `jointgap.tables.OPTIMUM`. Models whose joints are all ideal have no row: there the transmission angle
-        follows from the lengths alone, whatever acts on the slider. One that cannot be simulated at this speed has the
-        reason.
     """
     rows = [row for name, mechanism in models.items() for row in _rows(name, mechanism.applied(), speed)]
     return pd.DataFrame(rows, columns=tables.OPTIMUM.names)

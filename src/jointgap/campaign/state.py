@@ -36,33 +36,6 @@ class CampaignState:
     """A campaign and its results folder.
 
     What a stage hands on is read from its tables when it is first asked for; a stage that runs in this process sets it.
-
-    Parameters
-    ----------
-    campaign : Path
-        A campaign file.
-    folder : Path, optional
-        ``results/campaigns/{campaign}`` by default.
-    settings : IdentificationSettings
-        Tuned numbers of the naming. They are not written: stages that run one by one need the same ones.
-    model_settings : SliderCrankSettings, optional
-        Likewise of the slider-crank model.
-
-    Attributes
-    ----------
-    file : Path
-        The campaign file.
-    campaign : Campaign
-        What it says.
-    false_alarm_rate : float
-        [1] Share of campaigns with nothing hidden in which something is found nevertheless.
-    seed : int
-        Of everything that is drawn: null campaigns, bootstrap.
-
-    Raises
-    ------
-    InputError
-        The campaign file is not one, or a result would be written over a file that it reads.
     """
 
     false_alarm_rate = FALSE_ALARM_RATE
@@ -123,13 +96,7 @@ class CampaignState:
         return tuple(dict.fromkeys(found.channel for found in self.measurements.contradictions if found.doubtful))
 
     def check_agreement(self) -> None:
-        """Make sure that channels do not contradict each other before hours of work.
-
-        Raises
-        ------
-        InputError
-            The stage measure found that they do.
-        """
+        """Make sure that channels do not contradict each other before hours of work."""
         from jointgap.recordings.contradictions import sentences
 
         if found := [one for one in self.measurements.contradictions if one.stops]:

@@ -108,20 +108,7 @@ def signatures_to_frames(signatures: Signatures) -> Frames:
 
 
 def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
-    """The signatures of all candidates from their tables.
-
-    Parameters
-    ----------
-    frames : mapping of str to DataFrame
-        Tables of `signatures_to_frames`, and ``screened``.
-    base : Baseline
-        About which the signatures were taken.
-
-    Raises
-    ------
-    InputError
-        They are of another model than that of `base`.
-    """
+    """The signatures of all candidates from their tables."""
     columns = {
         key: {name: rows["derivative"].to_numpy() for name, rows in own.groupby("name", sort=False)}
         for key, own in frames["signatures"].groupby(["label", "start"], sort=False)
@@ -151,33 +138,14 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
 
 
 def screened_frame(signatures: Signatures, chosen: Sequence[LinearizedFit]) -> pd.DataFrame:
-    """Table `jointgap.tables.SCREENED`.
-
-    Parameters
-    ----------
-    signatures : Signatures
-        Of all candidates, with those that could not be simulated.
-    chosen : sequence of LinearizedFit
-        Single effects that are worth a fit, best first.
-    """
+    """Table `jointgap.tables.SCREENED`."""
     rows = [(screened.label, kind_of(screened.hypothesis), screened.chi2, screened.bic, None) for screened in chosen]
     rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in signatures.failed.items()]
     return pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "bic", "reason"])
 
 
 def hypothesis_of(label: str, candidates: Sequence[Candidate]) -> Hypothesis:
-    """The explanation that `label_of` calls so.
-
-    Parameters
-    ----------
-    label : str
-    candidates : sequence of Candidate
-
-    Raises
-    ------
-    InputError
-        The model has no such candidate.
-    """
+    """The explanation that `label_of` calls so."""
     by_label = {candidate.label: candidate for candidate in candidates}
     names = [] if label == label_of(()) else label.split(JOINED)
     if unknown := [name for name in names if name not in by_label]:
@@ -193,16 +161,7 @@ def kind_of(hypothesis: Hypothesis) -> str:
 
 
 def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, whole_jacobian: bool = False) -> Frames:
-    """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals.
-
-    Parameters
-    ----------
-    fits : iterable of Fit
-    seconds : iterable of float, optional
-        How long each took [s].
-    whole_jacobian : bool
-        Whether to keep all rows of the Jacobians, which further fits start from, instead of their inner products alone.
-    """
+    """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals."""
     fits = list(fits)
     durations = [np.nan] * len(fits) if seconds is None else list(seconds)
     rows, values, curvature, residuals, shifts, draws = [], [], [], [], [], []
@@ -257,15 +216,6 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
 
     Unless they were kept whole, their Jacobians have as many rows as columns and the same inner products, which is all
     that covariances ask of them.
-
-    Parameters
-    ----------
-    frames : mapping of str to DataFrame
-        Tables of `fits_to_frames`.
-    problem : Problem
-        That was fitted.
-    more : sequence of Candidate
-        Candidates beside the model's own, such as those of a library.
     """
     families = {f.law.label: f.law for c in problem.model.candidates for f in c.families}
     candidates = (*problem.model.candidates, *families.values(), *more)
@@ -300,14 +250,7 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
 
 
 def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.DataFrame:
-    """Table `jointgap.tables.FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them.
-
-    Parameters
-    ----------
-    fits : iterable of Fit
-    clockwise : collection of str
-        Runs whose crank turns clockwise: their first angles are those of the file.
-    """
+    """Table `jointgap.tables.FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them."""
     rows = []
     for fit in fits:
         if fit.status == FAILED:
@@ -347,29 +290,15 @@ def _parameter_row(
 
 @dataclass(frozen=True)
 class Outcome:
-    """A verdict with all that later stages need of the fits.
-
-    Attributes
-    ----------
-    verdict, because : str
-    chosen : Fit
-        The explanation named; the base where none is.
-    base : Fit
-        What explanations were compared with: the recalibrated base, or a better one that was found on the way.
-    equivalent : list of Fit
-    ranking : DataFrame
-        Table `jointgap.tables.RANKING`.
-    best_known : Fit or None
-        The best explanation where it is not proven.
-    """
+    """A verdict with all that later stages need of the fits."""
 
     verdict: str
     because: str
-    chosen: Fit
-    base: Fit
+    chosen: Fit  # The explanation named; the base where none is
+    base: Fit  # What explanations were compared with: the recalibrated base, or a better one that was found on the way
     equivalent: list[Fit]
-    ranking: pd.DataFrame
-    best_known: Fit | None = None
+    ranking: pd.DataFrame  # Table `jointgap.tables.RANKING`
+    best_known: Fit | None = None  # The best explanation where it is not proven
 
     @property
     def named(self) -> Fit | None:
@@ -393,14 +322,7 @@ class Outcome:
 
 
 def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
-    """A decision with its ranking as a table.
-
-    Parameters
-    ----------
-    decision : Decision
-    seconds : mapping of label to float
-        How long each fit took [s].
-    """
+    """A decision with its ranking as a table."""
     found = Outcome(
         decision.verdict,
         decision.because,
@@ -425,12 +347,6 @@ def with_places(outcome: Outcome) -> Outcome:
 def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
     """The outcome with a force law for what is missing, where one is accepted and has no rival; else with the better
     one of the law and of what is best known.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        Of the listed effects: ``unexplained``.
-    proposed : ForceLawResult
     """
     ranking = pd.concat([outcome.ranking, ranking_frame(proposed.ranking)], ignore_index=True)
     if not proposed.named:
@@ -447,14 +363,7 @@ def ranking_frame(
     ranking: Sequence[Ranked],
     seconds: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
-    """Table `jointgap.tables.RANKING`, with no explanation named.
-
-    Parameters
-    ----------
-    ranking : sequence of Ranked
-    seconds : mapping of label to float
-        How long each fit took [s].
-    """
+    """Table `jointgap.tables.RANKING`, with no explanation named."""
     fits = [ranked.fit for ranked in ranking]
     frame = fits_to_frames(fits, [(seconds or {}).get(fit.label, np.nan) for fit in fits])["fits"]
     failed = ~np.isfinite([ranked.delta_bic for ranked in ranking])
@@ -475,15 +384,7 @@ def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:
 
 
 def confusability_frame(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) -> pd.DataFrame:
-    """Table `jointgap.tables.CONFUSABILITY`: a matrix of cosines as one row for each two effects.
-
-    Parameters
-    ----------
-    cosines : DataFrame
-        Labels x labels [1].
-    merged : lists of labels
-        Groups that the campaign cannot tell apart.
-    """
+    """Table `jointgap.tables.CONFUSABILITY`: a matrix of cosines as one row for each two effects."""
     together = {frozenset((a, b)) for group in merged for a in group for b in group if a != b}
     labels = list(cosines.columns)
     rows = [
@@ -533,16 +434,6 @@ def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) 
     """Gap before and after over all channels of a run, or of all runs, in a role, from table `jointgap.tables.GAPS`.
 
     None where there is no such gap: what was added cannot be simulated there.
-
-    Parameters
-    ----------
-    gaps : DataFrame
-        Table `jointgap.tables.GAPS`.
-    role : str
-        ``identify`` or ``confirm``.
-    run : str
-    added : bool
-        Whether what the table holds as after was added to the model; after is as before where it was not.
     """
     row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
     gap = {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
@@ -550,23 +441,7 @@ def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) 
 
 
 def held_out(gaps: pd.DataFrame, roles: Mapping[str, str], added: bool = True) -> list[dict[str, Any]]:
-    """The held-out data as a verdict lists them.
-
-    Parameters
-    ----------
-    gaps : DataFrame
-        Table `jointgap.tables.GAPS`.
-    roles : mapping of str to str
-        Of every run, as the campaign states it.
-    added : bool
-        As of `gap_of`.
-
-    Returns
-    -------
-    list of dict
-        By run: ``run``, ``part`` of it, ``gap``; ``not_simulated``, the reason, where what was added cannot be
-        simulated.
-    """
+    """The held-out data as a verdict lists them."""
     runs = []
     for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all")].to_dict("records"):
         if (run := row["run"]) != "all":

@@ -69,15 +69,7 @@ class Growth(NamedTuple):
 
 
 def fit_growth(days: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Growth:
-    """The straight line through sizes over days.
-
-    Parameters
-    ----------
-    days : (n,) array
-        [d] With `FEWEST_DATES` different ones or more.
-    values, errors : (n,) arrays
-        Sizes and their standard errors [SI].
-    """
+    """The straight line through sizes over days."""
     weights = errors**-2.0
     mean_day, mean = (np.average(each, weights=weights) for each in (days, values))
     moment = weights @ (days - mean_day) ** 2
@@ -91,28 +83,7 @@ def fit_growth(days: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Grow
 
 
 def trend(files: Sequence[Path], results: Path, folder: Path) -> str:
-    """Write the tables, the figure and the page of a trend.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        The campaign files.
-    results : Path
-        Folder that holds the campaigns' folders of results.
-    folder : Path
-        Of the trend.
-
-    Returns
-    -------
-    str
-        What grew, a line for each size.
-
-    Raises
-    ------
-    InputError
-        A campaign has no date or no verdict, is given twice or is of another mechanism than the first one; or none
-        found anything whose size could be followed.
-    """
+    """Write the tables, the figure and the page of a trend."""
     target = ResultsFolder(folder)
     drawn = (f"figures/{FIGURE}{suffix}" for suffix in (".svg", ".png", ".parquet"))
     target.check_writable(TREND.path, TREND_GROWTH.path, PAGE, *drawn)
@@ -128,13 +99,7 @@ def trend(files: Sequence[Path], results: Path, folder: Path) -> str:
 
 
 def read_campaigns(files: Sequence[Path], results: Path) -> list[Dated]:
-    """Campaigns with their verdicts, by date; arguments and errors as in `trend`.
-
-    Parameters
-    ----------
-    files, results
-        As there.
-    """
+    """Campaigns with their verdicts, by date; arguments and errors as in `trend`."""
     campaigns: list[Campaign] = []
     for file in files:
         campaign = load_campaign(file)
@@ -221,18 +186,7 @@ def _label(effect: Mapping[str, Any]) -> str:
 
 
 def trend_frame(campaigns: Sequence[Dated]) -> pd.DataFrame:
-    """Table `jointgap.tables.TREND`: every size that can be followed, with a row for each campaign.
-
-    Parameters
-    ----------
-    campaigns : sequence of Dated
-        By date.
-
-    Raises
-    ------
-    InputError
-        No campaign states a clearance, and no two of them the size of the same effect.
-    """
+    """Table `jointgap.tables.TREND`: every size that can be followed, with a row for each campaign."""
     stated = [_sizes(each.verdict) for each in campaigns]
     labels = list(dict.fromkeys(label for each in stated for label in each))
     followed = [label for label in labels if label.endswith(_CLEARANCE) or sum(label in each for each in stated) > 1]

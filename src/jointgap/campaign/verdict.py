@@ -38,36 +38,7 @@ def document(
     families: pd.DataFrame | None = None,
     repeats: bool = True,
 ) -> dict[str, Any]:
-    """The content of ``verdict.json``.
-
-    Parameters
-    ----------
-    campaign : str
-    outcome : Outcome
-    windows : DataFrame
-        Table `jointgap.tables.MAP_WINDOWS`.
-    gaps : DataFrame
-        Table `jointgap.tables.GAPS`.
-    gap : mapping
-        Of identify and confirm, each with before and after.
-    held_out : sequence of mappings
-        As `jointgap.campaign.tables_of_identification.held_out` lists them.
-    preflight : mapping
-        ``undetectable`` and ``merged``.
-    false_alarm_rate : float
-    separated_by : str
-        Which experiment would separate equivalent explanations, in a sentence.
-    clockwise : collection of str
-        Runs whose crank turns clockwise.
-    standout : DataFrame, optional
-        Table `jointgap.tables.MAP_STANDOUT`.
-    doubted_channels : collection of str
-        Channels that contradict others.
-    families : DataFrame, optional
-        Table `jointgap.tables.LAW_FAMILIES`.
-    repeats : bool
-        Whether the motion repeats; statistics over cycles are compared where it does not.
-    """
+    """The content of ``verdict.json``."""
     gains = _gains(outcome)
     certain = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
     test = held_out_test(gaps) if outcome.proposed else None
@@ -111,13 +82,7 @@ def text(verdict: Mapping[str, Any]) -> str:
 
 
 def read(path) -> dict[str, Any]:
-    """The document in a file.
-
-    Raises
-    ------
-    InputError
-        No such file, or not a verdict.
-    """
+    """The document in a file."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
@@ -157,16 +122,7 @@ def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]
 
 
 def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None = None) -> list[dict[str, Any]]:
-    """The effects of one explanation; terms of a law are one effect.
-
-    Parameters
-    ----------
-    fit : Fit
-    gains : mapping of label to float
-        BIC by label of an explanation.
-    labels : collection of str, optional
-        Of these candidates alone.
-    """
+    """The effects of one explanation; terms of a law are one effect."""
     laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith(_TERM_PREFIX)]
     entries = [
         _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate))

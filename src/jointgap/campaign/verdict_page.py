@@ -72,20 +72,7 @@ Tables = Mapping[str, pd.DataFrame | None]
 def page(
     verdict: Mapping[str, Any], tables: Tables, warnings: Sequence[str] = (), campaign: Campaign | None = None
 ) -> Page:
-    """The one-page summary of a campaign.
-
-    Parameters
-    ----------
-    verdict : mapping
-        Content of ``verdict.json``.
-    tables : mapping of str to DataFrame
-        Tables by name, those that there are: ``channel_errors``, ``gaps``, ``map_windows``, ``missing_force``,
-        ``detectable``, ``look`` and ``campaign_optimum``.
-    warnings : sequence of str
-        What was noticed about the data, a sentence each.
-    campaign : Campaign, optional
-        Whose runs and files are listed.
-    """
+    """The one-page summary of a campaign."""
     return Page(
         title(verdict),
         (

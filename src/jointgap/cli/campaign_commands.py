@@ -124,16 +124,6 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     """Find what is missing in the model of CAMPAIGN: every stage in one go, down to verdict.json, summary and figures.
 
     `make campaign` does the same with stages side by side, goes on where it was stopped, and optimises again.
-
-    \f
-    Parameters
-    ----------
-    campaign : Path
-        The campaign file.
-    folder : Path, optional
-        Of the results.
-    anyway : bool
-        Whether to go on where channels contradict each other.
     """
     from jointgap.campaign.conclude import show
     from jointgap.stages.campaign_pipeline import analyse as analyse_campaign
@@ -162,16 +152,6 @@ def trend(campaigns: tuple[Path, ...], results: Path, folder: Path) -> None:
     """Show by date how clearances, and sizes of other effects, grow: one or more analysed campaigns of one rig.
 
     Each campaign file states its `date`; `make campaign` or `jointgap analyse` comes first.
-
-    \f
-    Parameters
-    ----------
-    campaigns : tuple of Path
-        The campaign files.
-    results : Path
-        Folder that holds the results of the campaigns.
-    folder : Path
-        Of the trend.
     """
     from jointgap.campaign.trend import trend as write_trend
 

@@ -31,16 +31,6 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
         members: 5
       END
       jointgap ensemble --options mine.yaml --folder results/mine
-
-    \f
-    Parameters
-    ----------
-    options : str
-        The scenario as JSON, or a file that holds it.
-    folder : Path
-        Of the results.
-    workers : int, optional
-        Processes.
     """
     from jointgap.config import parse_options
     from jointgap.ensembles.ensemble import ensemble_runs, write_ensemble
@@ -66,18 +56,6 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
 
     Simulates the scenario's motion again from starts that differ by a hair, and prints what the difference grows to. In
     a chaotic motion another code, or the same on another machine, gives other samples after that angle.
-
-    \f
-    Parameters
-    ----------
-    options : str
-        The scenario as JSON, or a file that holds it.
-    growth : Path
-        File to write: table `jointgap.tables.GROWTH`.
-    change : str
-        A length with its unit.
-    workers : int, optional
-        Processes.
     """
     from jointgap import tables
     from jointgap.config import parse_options
@@ -111,22 +89,7 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     help="First revolution that counts as settled.",
 )
 def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int) -> None:
-    """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats.
-
-    \f
-    Parameters
-    ----------
-    options : str
-        The scenario as JSON, or a file that holds it.
-    trajectory, events : Path
-        Files to read: tables `jointgap.tables.TRAJECTORY` and `jointgap.tables.EVENTS`.
-    folder : Path
-        Of the results.
-    angle : str
-        Crank angle with its unit.
-    first_revolution : int
-        Counted from 1.
-    """
+    """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.ensembles.cycle_statistics import cycles

@@ -29,17 +29,7 @@ def need(flag: str, meaning: str, kind: click.Path = FILE) -> Decorator:
 
 
 def open_results(options: str, path: Path, places: Mapping[str, Path] | None = None) -> "ScenarioResults":
-    """The results of a scenario.
-
-    Parameters
-    ----------
-    options : str
-        Value of ``--options``.
-    path : Path
-        The scenario's folder.
-    places : mapping of str to Path, optional
-        Files of tables that lie elsewhere, by the table's name.
-    """
+    """The results of a scenario."""
     from jointgap.config import parse_options
     from jointgap.stages.scenario_results import ScenarioResults
 
@@ -47,19 +37,7 @@ def open_results(options: str, path: Path, places: Mapping[str, Path] | None = N
 
 
 def add_command(name: str, text: str, command: Callable[..., Any], options: Sequence[Decorator], section: str) -> None:
-    """Add a subcommand.
-
-    Parameters
-    ----------
-    name, text : str
-        What it is called, and its help.
-    section : str
-        Where it stands in the list of commands, unless that names it among those for people.
-    command : callable
-        Takes the values of the options; what it returns is shown.
-    options : sequence of decorators
-        As of `click.option`.
-    """
+    """Add a subcommand."""
 
     def show(**given: Any) -> None:
         if shown := command(**given):

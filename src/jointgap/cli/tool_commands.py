@@ -18,18 +18,7 @@ from jointgap.cli.group import FILE, FOLDER, cli
 @click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="First port to try.")
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the comparison in the browser.")
 def dashboard(results: Path, port: int, browser: bool) -> None:
-    """Serve MLflow's pages on this machine, open the comparison of the scenarios, and print its address.
-
-    \f
-    Parameters
-    ----------
-    results : Path
-        Folder that holds the default store.
-    port : int
-        First port to try.
-    browser : bool
-        Whether the comparison is opened in the browser.
-    """
+    """Serve MLflow's pages on this machine, open the comparison of the scenarios, and print its address."""
     from jointgap.track.dashboard import dashboard
 
     dashboard(results, port, say=click.echo, browse=browser)
@@ -67,18 +56,6 @@ def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -
     \b
     Example:
       jointgap export results/paper/simulate --to csv --unit mm --unit deg --unit rpm
-
-    \f
-    Parameters
-    ----------
-    source : Path
-        A Parquet file, or a folder that holds some.
-    to : Path, optional
-        Folder to write into.
-    units : tuple of str
-        Units instead of SI.
-    force : bool
-        Whether to write over files that are there.
     """
     from jointgap.tables.export import export as exported
 
@@ -93,17 +70,6 @@ def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -
 def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None:
     """Check the configuration FILES, each laid over those before it, and print one scenario, complete and in SI, as
     JSON for --options.
-
-    \f
-    Parameters
-    ----------
-    files : tuple of Path
-        The configuration; with several, each is laid over those before it, as ``make run ARGS="--configfile ..."``
-        does.
-    scenario : str, optional
-        Name; the first one of `run` when absent.
-    sources : bool
-        Whether to print where each value is written.
     """
     from jointgap.config import load, read_yaml
     from jointgap.config.layers import Layer, merged
@@ -131,16 +97,7 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
 @click.option("--write", "path", type=FILE, help="File to write; printed when absent.")
 @click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
 def schema(path: Path | None, campaign: bool) -> None:
-    """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML.
-
-    \f
-    Parameters
-    ----------
-    path : Path, optional
-        File to write; printed when absent.
-    campaign : bool
-        Of a campaign file, not of a configuration.
-    """
+    """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
     import json
 
     from jointgap import tables

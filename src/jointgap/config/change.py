@@ -68,22 +68,7 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
 
 
 def loose_paths(joints: Sequence[str], word: str, named: str) -> list[tuple[str, ...]]:
-    """Where a value of every loose joint stands in a mechanism.
-
-    Parameters
-    ----------
-    joints : sequence of str
-        Names of the mechanism's loose joints.
-    word : str
-        One of `OF_LOOSE_JOINTS`; a clearance stands with the joint, where no other key has it.
-    named : str
-        What to call it in errors.
-
-    Raises
-    ------
-    InputError
-        No joint is loose.
-    """
+    """Where a value of every loose joint stands in a mechanism."""
     if not joints:
         raise InputError(f"{named}: the mechanism has no loose joint to change it in; make one loose")
     inside = (word,) if word == "clearance" else ("contact", word)

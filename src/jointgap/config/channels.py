@@ -165,19 +165,7 @@ def _amount(value: Any, unit: str, where: str = "") -> float:
 
 
 def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
-    """How much of the SI unit of the channel `name` one `unit` of its column is.
-
-    Parameters
-    ----------
-    name, unit : str
-    scale : str or None
-        Factor of a sensor's signal, such as ``0.35 N*m/A``.
-
-    Raises
-    ------
-    ValueError
-        A unit of another dimension, or a rate or an angle that may or may not mean turns.
-    """
+    """How much of the SI unit of the channel `name` one `unit` of its column is."""
     base = CHANNELS[name]
     factor = f"such as scale: 1 {base}/{unit}"
     try:

@@ -39,12 +39,6 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     """The mapping in a YAML file, or in a JSON file whose name ends in ``.json``.
 
     Numbers, true, false and null are read as such where YAML 1.1 and 1.2 agree; dates are text.
-
-    Raises
-    ------
-    InputError
-        No such file, not YAML, not a mapping, a key that is given twice, a value that readers of YAML take for
-        different things, too large or too nested; with line and column where there are any.
     """
     if str(path).endswith(".json"):  # YAML would take 1e-9 for a text
         content = parse_json(_text(path, "JSON"), str(path))
@@ -228,14 +222,7 @@ def _parse_yaml(text: str, source: str) -> Any:
 
 
 def parse_json(text: str, source: str) -> Any:
-    """What a JSON `text` holds.
-
-    Raises
-    ------
-    InputError
-        No JSON, a NaN, a key that is given twice, a number of too many digits, nested too deep, a character that no
-        text has; it names its `source`.
-    """
+    """What a JSON `text` holds."""
 
     def refuse(constant: str) -> float:
         raise InputError(f"{source}: holds {constant}, which is not a number; remove it")

@@ -68,31 +68,7 @@ def _holds(outer: tuple[str, ...], inner: tuple[str, ...]) -> bool:
 def mechanism_layers(
     mechanism: Any, folders: Sequence[Path], source: str, read: Callable[[Path], Mapping[str, Any]], key: str
 ) -> list[Layer]:
-    """The layers of a mechanism, the lowest first: one, and one for each ``base``.
-
-    Parameters
-    ----------
-    mechanism : str, mapping or other
-        As of `mechanism_file`, or its content; what is neither makes one layer that no mechanism can be read from.
-    folders : sequence of Path
-        Where files are looked for, first found wins; a file's ``base`` is looked for in that file's folder first.
-    source : str
-        Where the `mechanism` is written.
-    read : function
-        From the path of a file to its content.
-    key : str
-        What to call the mechanism in errors.
-
-    Returns
-    -------
-    list of Layer
-        Each with its keys under ``mechanism``.
-
-    Raises
-    ------
-    InputError
-        No such file, or one that is its own ``base``.
-    """
+    """The layers of a mechanism, the lowest first: one, and one for each ``base``."""
     found: list[Layer] = []
     passed: list[Path] = []
     while True:
@@ -135,22 +111,7 @@ def shipped_mechanisms() -> dict[str, Path]:
 
 
 def mechanism_file(mechanism: str, folders: Sequence[Path], key: str) -> Path:
-    """The file of a mechanism: the one at this path in `folders`, else the shipped one of this name.
-
-    Parameters
-    ----------
-    mechanism : str
-        Path or name.
-    folders : sequence of Path
-        Where files are looked for, first found wins.
-    key : str
-        Where it is given, for errors.
-
-    Raises
-    ------
-    InputError
-        There is neither.
-    """
+    """The file of a mechanism: the one at this path in `folders`, else the shipped one of this name."""
     shipped = shipped_mechanisms()
     if mechanism in shipped and _found(mechanism, folders) is None:
         return shipped[mechanism]

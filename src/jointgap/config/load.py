@@ -24,17 +24,7 @@ _MOST_LINES = 20
 
 
 def validate(model: type[BaseModel], data: Any, source: str) -> Any:
-    """`data` as a `model`, or one InputError that names every wrong key.
-
-    Parameters
-    ----------
-    model : type
-        A configuration class.
-    data : mapping
-        As read from YAML or JSON.
-    source : str
-        File or place the data came from, for the message.
-    """
+    """`data` as a `model`, or one InputError that names every wrong key."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -108,31 +98,7 @@ def resolve(
     source: str = "configuration",
     whole: bool = True,
 ) -> dict[str, Scenario]:
-    """The scenarios that a configuration asks to run.
-
-    Parameters
-    ----------
-    config : mapping
-        Base sections, ``scenarios`` (overrides by name) and ``run`` (names to run; all when absent); ``campaigns``,
-        ``fit_parts`` and ``anyway`` are passed over.
-    folders : tuple of Path
-        Where mechanism files are looked for, first found wins.
-    source : str
-        What to call the configuration in errors.
-    whole : bool
-        Whether the sections that a scenario leaves to their defaults have to go with the others; a workflow that needs
-        some of them alone calls `check_whole` for what needs them all.
-
-    Returns
-    -------
-    dict of str to Scenario
-        In the order of ``run``.
-
-    Raises
-    ------
-    InputError
-        Unknown scenario or key, wrong type, impossible value.
-    """
+    """The scenarios that a configuration asks to run."""
     defaults = _DEFAULT_SECTIONS if whole else {}
     found = {}
     for name, layers in scenario_layers(config, folders, source).items():
@@ -142,20 +108,7 @@ def resolve(
 
 
 def check_whole(scenario: Scenario, name: str, source: str = "configuration") -> None:
-    """Whether all sections of a scenario go together, those that it leaves to their defaults too.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        As `resolve` gives it.
-    name, source : str
-        Its name, and what to call the configuration in errors.
-
-    Raises
-    ------
-    InputError
-        Two sections contradict each other.
-    """
+    """Whether all sections of a scenario go together, those that it leaves to their defaults too."""
     validate(Scenario, scenario.model_dump(by_alias=True), _where(source, name))
 
 
@@ -209,11 +162,6 @@ def stands_alone(config: Mapping[str, Any]) -> bool:
     """Whether a configuration is whole by itself: it brings the scenarios that it runs, and their mechanisms.
 
     One that does not, such as one that changes a speed, is laid over the shipped one.
-
-    Parameters
-    ----------
-    config : mapping
-        As of `resolve`.
     """
     scenarios = config.get("scenarios")
     if not isinstance(scenarios, Mapping) or not scenarios:
@@ -229,24 +177,7 @@ def stands_alone(config: Mapping[str, Any]) -> bool:
 def sources_of(
     scenario: Scenario, name: str, files: Sequence[Layer], folders: tuple[Path, ...] = (Path(),)
 ) -> list[tuple[str, str, str]]:
-    """Where the values of a scenario are written: of each key its path, its source and its value as text.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        As resolved from all `files`.
-    name : str
-        Of the scenario.
-    files : sequence of Layer
-        The configuration files, each laid over those before it.
-    folders : tuple of Path
-        As of `resolve`.
-
-    Returns
-    -------
-    list of tuple of str
-        Values are as written; those that are not written are defaults, in SI.
-    """
+    """Where the values of a scenario are written: of each key its path, its source and its value as text."""
     written = sources(files)
     own = f", scenario {name}"
     places = {"": (), own: ("scenarios", name)}  # of what is in no file of a mechanism
@@ -262,13 +193,7 @@ def sources_of(
 
 
 def load_campaign(path: Path | str) -> Campaign:
-    """The campaign in a YAML or JSON file; its mechanism and its runs' files are looked for from its folder on.
-
-    Raises
-    ------
-    InputError
-        No such file, unknown key, wrong type or unit, runs without a use; all with key, value and fix.
-    """
+    """The campaign in a YAML or JSON file; its mechanism and its runs' files are looked for from its folder on."""
     path = Path(path)
     data = _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ")
     if isinstance(data.get("folder", ""), str):

@@ -77,21 +77,7 @@ _AMOUNTS = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'"}
 
 
 def share_or_bounds(key: str, value: Any, nominals: tuple[float, ...] = ()) -> float | tuple[float, float]:
-    """The `value` of the nuisance `key` in a campaign file: a share of its nominal value, or its bounds [SI].
-
-    Parameters
-    ----------
-    key : str
-    value : object
-        ``'5 %'``, ``[low, high]``, or an amount such as ``'1 mm'`` by which it may differ from nominal either way.
-    nominals : tuple of float
-        Nominal values [SI] as of `nominal_values`; an amount needs that there is one.
-
-    Raises
-    ------
-    ValueError
-        Neither a percentage nor two numbers, bounds upside down, or values that are not possible.
-    """
+    """The `value` of the nuisance `key` in a campaign file: a share of its nominal value, or its bounds [SI]."""
     unit = NUISANCES[key]
     if isinstance(value, str) and (amount := _amount(value, unit)) is not None:
         if len(set(nominals)) != 1 or not amount > 0:

@@ -181,19 +181,7 @@ class Simulate(Section):
 
 
 def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
-    """Whether the steps resolve the clearances.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Its effects applied.
-    options : Simulate
-
-    Raises
-    ------
-    InputError
-        The tolerance is more than `TOLERANCE_SHARE` of the smallest clearance of a loose joint.
-    """
+    """Whether the steps resolve the clearances."""
     if not mechanism.loose:
         return
     name = min(mechanism.loose, key=mechanism.clearance)
@@ -209,13 +197,7 @@ def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
 
 
 def check_drive(mechanism: Mechanism, options: Simulate) -> None:
-    """Whether the effects of a `mechanism` go with the drive of the simulation `options`.
-
-    Raises
-    ------
-    InputError
-        One that goes with another kind of drive alone, such as a fluctuation of a speed that is not prescribed.
-    """
+    """Whether the effects of a `mechanism` go with the drive of the simulation `options`."""
     for effect in mechanism.effects:
         if effect.DRIVE not in ("", options.drive.kind):
             raise InputError(
@@ -437,13 +419,7 @@ _SPAN_SCHEMA = {
 
 
 def spread(values: Any) -> Any:
-    """A list of values as it is; ``{from: 200 rpm, to: 1200 rpm, number: 6}`` as a list of values evenly apart.
-
-    Raises
-    ------
-    ValueError
-        Neither of both, an empty list, ends of different units or that are no numbers, more than `MOST_VALUES`.
-    """
+    """A list of values as it is; ``{from: 200 rpm, to: 1200 rpm, number: 6}`` as a list of values evenly apart."""
     if isinstance(values, list | tuple) and values:
         return values
     if not isinstance(values, dict) or set(values) != _SPAN:

@@ -19,21 +19,7 @@ whose mass centres keep their share of the length.
 
 
 def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> DrivenMechanism:
-    """A driven mechanism with other values. What holds none of them has been checked and is taken over as it is.
-
-    Parameters
-    ----------
-    base : DrivenMechanism
-    changes : dict
-        Values by word (`VARIED_BY_WORD`) or by path.
-    source : str
-        The key of the configuration that holds them, for errors.
-
-    Raises
-    ------
-    InputError
-        No such key, or an impossible value; the message names both.
-    """
+    """A driven mechanism with other values. What holds none of them has been checked and is taken over as it is."""
     data = dict(base)
     for key, value in sorted(changes.items(), key=lambda change: _turn(change[0])):
         for path in _paths(data, key, source):
@@ -56,21 +42,7 @@ def _turn(key: str) -> int:
 
 
 def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
-    """SI unit of the number at a `key`, as `jointgap.quantities.to_si` takes it; '' for a pure number.
-
-    Parameters
-    ----------
-    base : DrivenMechanism
-    key : str
-        Word (`VARIED_BY_WORD`) or path.
-    source : str
-        The key of the configuration that holds it, for errors.
-
-    Raises
-    ------
-    InputError
-        No such key, or none that holds a number.
-    """
+    """SI unit of the number at a `key`, as `jointgap.quantities.to_si` takes it; '' for a pure number."""
     if key in VARIED_BY_WORD:
         return VARIED_BY_WORD[key].replace("1", "")
     data = dict(base)
@@ -173,19 +145,7 @@ def _value_in_place(holder: dict, key: str, value: Any, source: str) -> Any:
 
 
 def stored_value(changed: DrivenMechanism, key: str, value: Any, source: str) -> float | int | str | bool | None:
-    """What the table of runs says of a varied value: in SI, as the scenario understood it.
-
-    Parameters
-    ----------
-    changed : DrivenMechanism
-        With the value in it.
-    key : str
-        Word (`VARIED_BY_WORD`) or path.
-    value
-        As it was given.
-    source : str
-        The key of the configuration that holds it, for errors.
-    """
+    """What the table of runs says of a varied value: in SI, as the scenario understood it."""
     data = dict(changed)
     holder, last = _holder(data, _paths(data, key, source)[0], key, source)
     stored = holder[last]

@@ -31,19 +31,10 @@ def harmonics(crank_angle: np.ndarray, highest: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class DesignNetwork:
-    """A trained network.
+    """A trained network."""
 
-    Attributes
-    ----------
-    space : DesignSpace
-        Of the designs that it knows.
-    layers : tuple of ndarray
-        Of each layer (neurons, sources + 1), the last column the bias; outputs of the last are those of joint, x and y,
-        harmonic, in this order.
-    """
-
-    space: DesignSpace
-    layers: tuple[np.ndarray, ...]
+    space: DesignSpace  # Of the designs that it knows
+    layers: tuple[np.ndarray, ...]  # Of each layer (neurons, sources + 1), the last column the bias
 
     @property
     def highest(self) -> int:
@@ -51,16 +42,7 @@ class DesignNetwork:
         return (len(self.layers[-1]) // (2 * len(self.space.joints)) - 1) // 2
 
     def vectors(self, design: Design, lengths: np.ndarray, crank_angle: np.ndarray) -> np.ndarray:
-        """Clearance vectors of a design at other lengths, (m, points, joints, 2) [m].
-
-        Parameters
-        ----------
-        design : Design
-        lengths : ndarray
-            (m, 2) [m].
-        crank_angle : ndarray
-            (points,) [rad].
-        """
+        """Clearance vectors of a design at other lengths, (m, points, joints, 2) [m]."""
         return self.at_angles(crank_angle)(design, lengths)
 
     def at_angles(self, crank_angle: np.ndarray) -> Callable[[Design, np.ndarray], np.ndarray]:
@@ -97,19 +79,7 @@ class DesignNetwork:
 
     @classmethod
     def from_frame(cls, space: DesignSpace, frame: pd.DataFrame) -> "DesignNetwork":
-        """The network of a table design_networks_weights.
-
-        Parameters
-        ----------
-        space : DesignSpace
-            That it was trained in.
-        frame : DataFrame
-
-        Raises
-        ------
-        ValueError
-            The weights are those of another space, or rows are missing.
-        """
+        """The network of a table design_networks_weights."""
         layers = []
         for _, rows in frame.groupby("layer"):
             shape = rows["neuron"].max() + 1, rows["source"].max() + 2
@@ -125,15 +95,6 @@ class DesignNetwork:
 
 
 def sizes(space: DesignSpace, hidden: tuple[int, ...], highest: int) -> list[tuple[int, int]]:
-    """Shape (neurons, sources + 1) of each layer.
-
-    Parameters
-    ----------
-    space : DesignSpace
-    hidden : tuple of int
-        Neurons of each hidden layer.
-    highest : int
-        Harmonic of the crank angle.
-    """
+    """Shape (neurons, sources + 1) of each layer."""
     outputs = 2 * len(space.joints) * (1 + 2 * highest)
     return [(neurons, sources + 1) for sources, neurons in pairwise((len(space.axes), *hidden, outputs))]

@@ -21,20 +21,12 @@ _LEAST_DESIGNS = 8  # of which motions are learned at all
 
 @dataclass(frozen=True)
 class DesignNetworksResult:
-    """What the stage finds.
-
-    Attributes
-    ----------
-    space : DesignSpace
-    trained : TrainedNetwork
-    errors, costs : DataFrame
-        Tables design_networks_errors and design_networks_costs.
-    """
+    """What the stage finds."""
 
     space: DesignSpace
     trained: TrainedNetwork
-    errors: pd.DataFrame
-    costs: pd.DataFrame
+    errors: pd.DataFrame  # Tables design_networks_errors and design_networks_costs
+    costs: pd.DataFrame  # Tables design_networks_errors and design_networks_costs
 
     @property
     def training(self) -> pd.DataFrame:
@@ -45,19 +37,7 @@ class DesignNetworksResult:
 
 
 def design_networks(scenario: Scenario, workers: int | None = None) -> DesignNetworksResult:
-    """Simulate designs, train a network on their motions, and judge it on further designs.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    workers : int, optional
-        Threads of the simulations; the result does not depend on it.
-
-    Raises
-    ------
-    InputError
-        From what varies, before anything is simulated; too few designs can be simulated.
-    """
+    """Simulate designs, train a network on their motions, and judge it on further designs."""
     options, space = scenario.design_networks, design_space(scenario)
     motion = SettledMotion(space, SETTINGS.points)
     drawn = list(space.drawn(options.designs, options.seed))

@@ -25,22 +25,11 @@ _TRIED = 64
 
 @dataclass(frozen=True)
 class Design:
-    """One design.
+    """One design."""
 
-    Attributes
-    ----------
-    values : dict
-        By key, lengths not among them [SI].
-    lengths : tuple of float
-        (L2, L3) [m].
-    mechanism : Mechanism
-        At these lengths.
-    simulate : Simulate
-    """
-
-    values: dict[str, Any]
-    lengths: tuple[float, float]
-    mechanism: Mechanism
+    values: dict[str, Any]  # By key, lengths not among them [SI]
+    lengths: tuple[float, float]  # (L2, L3) [m]
+    mechanism: Mechanism  # At these lengths
     simulate: Simulate
 
     def at(self, lengths: Iterable[float]) -> "Design":
@@ -51,24 +40,12 @@ class Design:
 
 @dataclass(frozen=True)
 class DesignSpace:
-    """What designs vary; make it with `design_space`.
+    """What designs vary; make it with `design_space`."""
 
-    Attributes
-    ----------
-    base : DrivenMechanism
-        Mechanism, its effects applied, and simulation, where nothing varies.
-    region : Region
-        Of the lengths that are searched. Designs are drawn from its whole box.
-    axes : tuple of Axis
-        Crank and rod length, then the other parameters.
-    settled_revolution : int
-        Whose motion counts, from 1.
-    """
-
-    base: DrivenMechanism
-    region: Region
-    axes: tuple[Axis, ...]
-    settled_revolution: int
+    base: DrivenMechanism  # Mechanism, its effects applied, and simulation, where nothing varies
+    region: Region  # Of the lengths that are searched. Designs are drawn from its whole box
+    axes: tuple[Axis, ...]  # Crank and rod length, then the other parameters
+    settled_revolution: int  # Whose motion counts, from 1
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -137,15 +114,7 @@ def _standard(axis: Axis, values: np.ndarray) -> np.ndarray:
 
 
 def design_space(scenario: Scenario) -> DesignSpace:
-    """The designs that the section `design_networks` of a `scenario` asks for.
-
-    Raises
-    ------
-    InputError
-        No loose joint, no parameters, a parameter that a network cannot know (a word, a truth, a length, which is
-        varied already), no such parameter, a range the wrong way round, values that are all impossible, a box that
-        constraints empty.
-    """
+    """The designs that the section `design_networks` of a `scenario` asks for."""
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     parameters = scenario.design_networks.parameters
     if not base.mechanism.loose:

@@ -16,40 +16,16 @@ ANGLE, ERROR, LIFT = "transmission angle", "RMS error", "lift"
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Designs that took no part in a training.
-
-    Attributes
-    ----------
-    designs : tuple of Design
-    simulated : ndarray
-        Their motions, (designs, points, joints, 2) [m].
-    frozen : ndarray
-        Motions at the original lengths, everything else being theirs; shape as of `simulated`.
-    failed : int
-        Further designs, one of whose simulations failed.
-    """
+    """Designs that took no part in a training."""
 
     designs: tuple[Design, ...]
-    simulated: np.ndarray
-    frozen: np.ndarray
-    failed: int
+    simulated: np.ndarray  # Their motions, (designs, points, joints, 2) [m]
+    frozen: np.ndarray  # Motions at the original lengths, everything else being theirs; shape as of `simulated`
+    failed: int  # Further designs, one of whose simulations failed
 
 
 def held_out(motion: SettledMotion, designs: Sequence[Design], workers: int | None) -> HeldOut:
-    """Simulate held-out designs, at their lengths and at the original ones.
-
-    Parameters
-    ----------
-    motion : SettledMotion
-    designs : sequence of Design
-    workers : int, optional
-        Threads; the result does not depend on it.
-
-    Raises
-    ------
-    InputError
-        All simulations fail.
-    """
+    """Simulate held-out designs, at their lengths and at the original ones."""
     own = list(motion.simulated(designs, workers))
     frozen = list(motion.simulated([each.at(motion.space.original) for each in designs], workers))
     whole = [n for n, pair in enumerate(zip(own, frozen, strict=True)) if all(each is not None for each in pair)]
@@ -60,14 +36,7 @@ def held_out(motion: SettledMotion, designs: Sequence[Design], workers: int | No
 
 
 def errors_of(motion: SettledMotion, network: DesignNetwork, held: HeldOut) -> pd.DataFrame:
-    """Table design_networks_errors.
-
-    Parameters
-    ----------
-    motion : SettledMotion
-    network : DesignNetwork
-    held : HeldOut
-    """
+    """Table design_networks_errors."""
     learned = predicted(motion, network, held.designs)
     rows = []
     for number, design in enumerate(held.designs):
@@ -82,14 +51,7 @@ def errors_of(motion: SettledMotion, network: DesignNetwork, held: HeldOut) -> p
 
 
 def predicted(motion: SettledMotion, network: DesignNetwork, designs: Sequence[Design]) -> np.ndarray:
-    """Motions that a network expects of designs, (designs, points, joints, 2) [m].
-
-    Parameters
-    ----------
-    motion : SettledMotion
-    network : DesignNetwork
-    designs : sequence of Design
-    """
+    """Motions that a network expects of designs, (designs, points, joints, 2) [m]."""
     vectors = network.at_angles(motion.crank_angle)
     return np.concatenate([vectors(each, np.array([each.lengths])) for each in designs])
 

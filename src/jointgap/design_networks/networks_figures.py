@@ -23,13 +23,7 @@ _QUANTILES = (0.05, 0.5, 0.95)
 
 
 def draw_errors(errors: pd.DataFrame) -> Drawing:
-    """Errors by output.
-
-    Parameters
-    ----------
-    errors : DataFrame
-        Table design_networks_errors.
-    """
+    """Errors by output."""
     with style.matplotlib_style():
         outputs = list(dict.fromkeys(errors["output"]))
         angles = [output for output in outputs if output in (ANGLE, ERROR)]

@@ -18,15 +18,7 @@ _FACTOR = {"m": ("µm", 1e6), "rad": ("mdeg", MDEG)}
 
 
 def page(found: DesignNetworksResult, scenario: Scenario, name: str) -> Page:
-    """The page of networks that know the design.
-
-    Parameters
-    ----------
-    found : DesignNetworksResult
-    scenario : Scenario
-    name : str
-        Of the scenario.
-    """
+    """The page of networks that know the design."""
     blocks = (
         Paragraph(verdict(found), strong=True),
         Heading("Errors on held-out designs"),
@@ -97,12 +89,7 @@ def _costs(costs: pd.DataFrame) -> TableBlock:
 
 
 def axes_table(axes: tuple) -> TableBlock:
-    """What varies, its unit and how it is distributed.
-
-    Parameters
-    ----------
-    axes : tuple of Axis
-    """
+    """What varies, its unit and how it is distributed."""
     rows = []
     for axis in axes:
         unit, factor = reading_unit(axis.unit or "1")

@@ -16,17 +16,10 @@ _SIGN = {"crank_pivot": 1.0, "crank_pin": 1.0, "piston_pin": -1.0}
 
 @dataclass(frozen=True)
 class SettledMotion:
-    """The settled revolution of the designs of a space, at some crank angles.
-
-    Attributes
-    ----------
-    space : DesignSpace
-    points : int
-        Crank angles, evenly apart.
-    """
+    """The settled revolution of the designs of a space, at some crank angles."""
 
     space: DesignSpace
-    points: int
+    points: int  # Crank angles, evenly apart
 
     @property
     def crank_angle(self) -> np.ndarray:
@@ -35,14 +28,7 @@ class SettledMotion:
         return first + np.arange(self.points) * (2.0 * np.pi / self.points)
 
     def simulated(self, designs: Iterable[Design], workers: int | None = None) -> Iterator[np.ndarray | None]:
-        """Clearance vectors of each design, (points, joints, 2) [m]; None where the simulation fails.
-
-        Parameters
-        ----------
-        designs : iterable of Design
-        workers : int, optional
-            Threads; the result does not depend on it.
-        """
+        """Clearance vectors of each design, (points, joints, 2) [m]; None where the simulation fails."""
         start = self.space.base.simulate.start_angle
         samples = self.crank_angle if self.space.settled_revolution == 1 else np.append(start, self.crank_angle)
         runs = (Run(each.mechanism, each.simulate, crank_angle=samples) for each in designs)
@@ -59,17 +45,7 @@ class SettledMotion:
         return vectors[..., 1] @ np.array([_SIGN[joint] for joint in self.space.joints])
 
     def angle(self, design: Design, lengths: np.ndarray, lift: np.ndarray) -> np.ndarray:
-        """Transmission angle, equation (10), (m, points) [rad].
-
-        Parameters
-        ----------
-        design : Design
-            Whose offset counts.
-        lengths : ndarray
-            (m, 2) [m].
-        lift : ndarray
-            (m, points) or (points,) [m].
-        """
+        """Transmission angle, equation (10), (m, points) [rad]."""
         crank, rod = lengths[:, 0, None], lengths[:, 1, None]
         return transmission_angle(crank, rod, self.crank_angle, lift, design.mechanism.slider.offset)
 

@@ -22,20 +22,11 @@ with needs("training networks", "learn"):
 
 @dataclass(frozen=True)
 class TrainedNetwork:
-    """A network and how its training went.
-
-    Attributes
-    ----------
-    network : DesignNetwork
-    losses : ndarray
-        What is minimised after each `steps_at_once` steps [clearances^2].
-    steps : int
-        Steps taken.
-    """
+    """A network and how its training went."""
 
     network: DesignNetwork
-    losses: np.ndarray
-    steps: int
+    losses: np.ndarray  # What is minimised after each `steps_at_once` steps [clearances^2]
+    steps: int  # Steps taken
 
 
 def train(
@@ -48,24 +39,7 @@ def train(
     steps: int,
     done: Callable[[], bool] = lambda: False,
 ) -> TrainedNetwork:
-    """Train a network on one thread; bit for bit the same for the same seed and steps.
-
-    Parameters
-    ----------
-    motion : SettledMotion
-    designs : sequence of Design
-    vectors : ndarray
-        Their simulated motions, (designs, points, joints, 2) [m].
-    hidden : tuple of int
-        Neurons of each hidden layer.
-    seed : int
-        Of the first weights.
-    settings : NetworkSettings
-    steps : int
-        The most that are taken.
-    done : callable
-        Whether to stop; asked after each `steps_at_once` steps.
-    """
+    """Train a network on one thread; bit for bit the same for the same seed and steps."""
     space, threads = motion.space, torch.get_num_threads()
     inputs = np.concatenate([space.inputs(each, np.array([each.lengths])) for each in designs])
     targets = _coefficients(motion, designs, vectors, settings.harmonics)

@@ -25,29 +25,14 @@ _CLOSE = 1e-9
 
 
 def best_lengths(outcome: Outcome, counted: Objective | None) -> dict[str, float]:
-    """The numbers `jointgap.tables.sweep_tables.BEST_LENGTHS` of a run that did not fail; NaN where undefined.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        Sampled at `jointgap.designs.measures.angles_to_measure`, or evenly over all revolutions.
-    counted : Objective or None
-        From `counted_objective`.
-    """
+    """The numbers `jointgap.tables.sweep_tables.BEST_LENGTHS` of a run that did not fail; NaN where undefined."""
     per_turn = outcome.run.options.samples_per_revolution
     last = _objective(outcome, slice(-per_turn - 1, -1))  # the revolution's end is its beginning again
     return _best("", last) | _best("_in_window", counted)
 
 
 def counted_objective(outcome: Outcome, counting: ErrorCounting) -> Objective | None:
-    """The error of a run as a function of the lengths, in the window that counts; None where no sample lies in it.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        As `best_lengths` wants it; of a revolution between the first and the last one, sampled evenly over all.
-    counting : ErrorCounting
-    """
+    """The error of a run as a function of the lengths, in the window that counts; None where no sample lies in it."""
     per_turn = outcome.run.options.samples_per_revolution
     turn = slice((counting.revolution - 1) * per_turn, counting.revolution * per_turn)
     return _objective(outcome, turn, counting.window)
@@ -84,12 +69,6 @@ def best_crank_length(objective: Objective, rod_length: float) -> float:
     """Crank length [m] of the least sum of squares, equation (12), on a rod of one length; NaN where none is found.
 
     The error is nearly affine in it, and so the derivative of the sum of squares too: secants find where it is zero.
-
-    Parameters
-    ----------
-    objective : Objective
-    rod_length : float
-        [m].
     """
     crank = objective.original[0]
     with np.errstate(invalid="ignore"):  # lengths at which the rod does not reach the slide have no error

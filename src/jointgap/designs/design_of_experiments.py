@@ -36,24 +36,12 @@ _TRIED = 64
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter of a sweep.
+    """One parameter of a sweep."""
 
-    Attributes
-    ----------
-    key : str
-        Word or path, as `jointgap.config.varied_values.with_values` takes it.
-    unit : str
-        SI unit; '' for pure numbers and words.
-    values : tuple, optional
-        Of a list, as the configuration gives them, or of a grid [SI].
-    law : frozen distribution of scipy.stats, optional
-        Of a range [SI].
-    """
-
-    key: str
-    unit: str
-    values: tuple | None = None
-    law: Any = None
+    key: str  # Word or path, as `jointgap.config.varied_values.with_values` takes it
+    unit: str  # SI unit; '' for pure numbers and words
+    values: tuple | None = None  # Of a list, as the configuration gives them, or of a grid [SI]
+    law: Any = None  # Of a range [SI]
 
     def at(self, quantiles: np.ndarray) -> list:
         """Values at `quantiles`, (n,) in [0, 1)."""
@@ -72,28 +60,14 @@ class Axis:
 
 @dataclass(frozen=True)
 class Designs:
-    """All designs of a sweep, none of which is held until it is asked for; make it with `designs_of`.
+    """All designs of a sweep, none of which is held until it is asked for; make it with `designs_of`."""
 
-    Attributes
-    ----------
-    base : DrivenMechanism
-        Mechanism, its effects applied, and simulation, where nothing is swept.
-    axes : tuple of Axis
-    kind : str
-        sobol, latin_hypercube or grid.
-    number, seed : int
-    window : tuple of float
-        Of the transmission angle's error [rad].
-    best_lengths, printed_numbers : bool
-        Whether the best lengths by the paper's method, and what its printed optima come out as, are measured too.
-    """
-
-    base: DrivenMechanism
+    base: DrivenMechanism  # Mechanism, its effects applied, and simulation, where nothing is swept
     axes: tuple[Axis, ...]
-    kind: str
+    kind: str  # sobol, latin_hypercube or grid
     number: int
     seed: int
-    window: tuple[float, float]
+    window: tuple[float, float]  # Of the transmission angle's error [rad]
     best_lengths: bool = False
     printed_numbers: bool = False
 
@@ -154,14 +128,7 @@ class Designs:
 
 
 def designs_of(scenario: Scenario) -> Designs:
-    """The designs that the section `sweep` of a `scenario` asks for.
-
-    Raises
-    ------
-    InputError
-        Nothing is swept, no such parameter, a unit of another dimension, a range the wrong way round or without
-        width, values that are all impossible; printed numbers of another mechanism than the paper's.
-    """
+    """The designs that the section `sweep` of a `scenario` asks for."""
     sweep = scenario.sweep
     if not sweep.parameters:
         raise InputError(
@@ -186,24 +153,7 @@ def designs_of(scenario: Scenario) -> Designs:
 
 
 def axes_of(base: DrivenMechanism, parameters: Mapping[str, Any], source: str, grid: bool = False) -> tuple[Axis, ...]:
-    """The parameters of a section, in SI.
-
-    Parameters
-    ----------
-    base : DrivenMechanism
-        Mechanism, its effects applied, and simulation.
-    parameters : mapping of str to Uniform, LogUniform, Normal, Triangular or Values
-        By word or path.
-    source : str
-        The key of the configuration that holds them, for errors.
-    grid : bool
-        Whether ranges are lists of their `number` of values.
-
-    Raises
-    ------
-    InputError
-        As `designs_of`.
-    """
+    """The parameters of a section, in SI."""
     axes = tuple(_axis(base, key, spec, grid, source) for key, spec in parameters.items())
     for axis in axes:
         _check_width(axis, source)

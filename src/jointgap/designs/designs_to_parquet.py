@@ -45,23 +45,6 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
     """Simulate and measure `count` designs from number `first` on.
 
     A design that is impossible, or whose simulation fails, is a row with its reason.
-
-    Parameters
-    ----------
-    designs : Designs
-    first, count : int
-    workers : int, optional
-        See `jointgap.dynamics.parallel_runs.side_by_side`; the result does not depend on it.
-
-    Returns
-    -------
-    DataFrame
-        The table `jointgap.tables.sweep_designs`, `count` rows.
-
-    Raises
-    ------
-    InputError
-        Numbers beyond the last design; of a Sobol sequence beyond what any sweep has.
     """
     there = MOST_DESIGNS if designs.kind == "sobol" else designs.number
     if first + count > there:
@@ -110,21 +93,7 @@ def _row(designs: Designs, values: dict, outcome: Outcome | InputError) -> dict:
 def write_designs(
     designs: Designs, first: int, count: int, path: Path | str, code: str, workers: int | None = None
 ) -> None:
-    """Make a part of the dataset: simulate and measure those of its designs that its file does not hold yet.
-
-    Parameters
-    ----------
-    designs : Designs
-    first, count : int
-        First design and number of designs of the part.
-    path : Path or str
-        Its file. Designs that it holds are kept where the same code measured them; the file is written anew, whole or
-        not at all, where some are missing.
-    code : str
-        Digest of the code.
-    workers : int, optional
-        As of `simulate_designs`, as are the errors.
-    """
+    """Make a part of the dataset: simulate and measure those of its designs that its file does not hold yet."""
     path, table = Path(path), table_of(designs)
     for left in path.parent.glob(f".{path.stem}-*"):  # of a write that was killed; polars and duckdb would read it
         left.unlink(missing_ok=True)
@@ -152,24 +121,7 @@ def _kept(designs: Designs, first: int, count: int, path: Path, code: str) -> pd
 
 
 def write_dataset(designs: Designs, folder: Path, per_job: int, code: str, workers: int | None = None) -> None:
-    """Make all parts of the dataset in a `folder` that are not there.
-
-    Parameters
-    ----------
-    designs : Designs
-    folder : Path
-    per_job : int
-        Designs of a part.
-    code : str
-        Digest of the code; parts that another one made are made again.
-    workers : int, optional
-        As of `simulate_designs`.
-
-    Raises
-    ------
-    InputError
-        As `check_folder`, before anything is simulated.
-    """
+    """Make all parts of the dataset in a `folder` that are not there."""
     check_folder(designs, folder, per_job)
     for name, (first, count) in parts(designs.number, per_job).items():
         write_designs(designs, first, count, folder / f"{name}.parquet", code, workers)
@@ -180,18 +132,6 @@ def check_folder(designs: Designs, folder: Path, per_job: int) -> None:
     """Whether a `folder` holds nothing but parts of the sweep `designs`, before hours of simulation.
 
     A part may be missing, damaged, or shorter than it is to become.
-
-    Parameters
-    ----------
-    designs : Designs
-    folder : Path
-    per_job : int
-        Designs of a part.
-
-    Raises
-    ------
-    InputError
-        A file of another sweep, of more designs than are asked for, or of parts of another size.
     """
     wanted, spans = parts(designs.number, per_job), {}
     for path in sorted(folder.glob("[!.]*.parquet")):
@@ -214,13 +154,7 @@ def check_folder(designs: Designs, folder: Path, per_job: int) -> None:
 
 
 def check_dataset(designs: Designs, folder: Path) -> None:
-    """Whether the files in a `folder` are those of the sweep `designs` and hold each design once.
-
-    Raises
-    ------
-    InputError
-        A file of another sweep, a design that is missing, there twice, or more than are asked for.
-    """
+    """Whether the files in a `folder` are those of the sweep `designs` and hold each design once."""
     spans, codes = {}, {}
     for path in sorted(folder.glob("[!.]*.parquet")):
         footer = tables.read_footer(path)

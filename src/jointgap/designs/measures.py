@@ -22,15 +22,7 @@ def angles_to_measure(options: Simulate) -> np.ndarray:
 
 
 def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
-    """The numbers `jointgap.tables.sweep_tables.MEASURES` of a run that did not fail [SI]; NaN where undefined.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        Sampled at `angles_to_measure`.
-    window : (float, float)
-        Crank angles of the first revolution over which the error of the transmission angle is measured [rad].
-    """
+    """The numbers `jointgap.tables.sweep_tables.MEASURES` of a run that did not fail [SI]; NaN where undefined."""
     result, mechanism, p = outcome.result, outcome.run.mechanism, outcome.parameters
     per_turn = outcome.run.options.samples_per_revolution
     last = slice(-per_turn - 1, None)

@@ -26,44 +26,17 @@ _ROUNDING = 1e-9  # [rad]
 
 @dataclass(frozen=True)
 class ErrorCounting:
-    """How the error of the transmission angle is counted.
+    """How the error of the transmission angle is counted."""
 
-    Attributes
-    ----------
-    window : (float, float)
-        First and last crank angle of the revolution [rad].
-    measure : str
-        One of `jointgap.link_lengths.objective.MEASURES`, of which the reduction is told.
-    revolution : int
-        From 1 on, the transient.
-    """
-
-    window: tuple[float, float]
-    measure: str = "rms"
-    revolution: int = 1
+    window: tuple[float, float]  # First and last crank angle of the revolution [rad]
+    measure: str = "rms"  # One of `jointgap.link_lengths.objective.MEASURES`, of which the reduction is told
+    revolution: int = 1  # From 1 on, the transient
 
     @classmethod
     def of(
         cls, values: Mapping[str, Any], window: tuple[float, float], simulate: Simulate, source: str
     ) -> "ErrorCounting":
-        """Of a design.
-
-        Parameters
-        ----------
-        values : mapping
-            Parameters of the design, of which those of `COUNTING` are read.
-        window : (float, float)
-            Where they name none [rad].
-        simulate : Simulate
-            How many revolutions there are.
-        source : str
-            The key of the configuration that holds them, for errors.
-
-        Raises
-        ------
-        InputError
-            A window that does not grow or leaves the revolution, no such measure, no such revolution.
-        """
+        """Of a design."""
         start, end = values.get("window_start", window[0]), values.get("window_end", window[1])
         measure, revolution = values.get("error_measure", "rms"), values.get("revolution", 1)
         if not 0.0 <= start < end <= 2.0 * math.pi + _ROUNDING:
@@ -84,15 +57,7 @@ class ErrorCounting:
 
 
 def check_counting(sweep: Sweep, simulate: Simulate, source: str) -> None:
-    """Whether the parameters of a `sweep` that say how the error is counted can be drawn; InputError where not.
-
-    Parameters
-    ----------
-    sweep : Sweep
-    simulate : Simulate
-    source : str
-        The key of the configuration that holds them, for errors.
-    """
+    """Whether the parameters of a `sweep` that say how the error is counted can be drawn; InputError where not."""
     for key in COUNTING.keys() & sweep.parameters.keys():
         if not sweep.printed_numbers:
             raise InputError(
@@ -109,15 +74,7 @@ def check_counting(sweep: Sweep, simulate: Simulate, source: str) -> None:
 
 
 def printed_optima(counted: Objective | None, measure: str) -> dict[str, float]:
-    """The numbers `jointgap.tables.sweep_tables.PRINTED_OPTIMA` of a run that did not fail; NaN without samples.
-
-    Parameters
-    ----------
-    counted : Objective or None
-        From `jointgap.designs.best_lengths.counted_objective`.
-    measure : str
-        One of `jointgap.link_lengths.objective.MEASURES`.
-    """
+    """The numbers `jointgap.tables.sweep_tables.PRINTED_OPTIMA` of a run that did not fail; NaN without samples."""
     names = [f"reduction_at_{printed.key}" for printed in OPTIMA]
     if counted is None:
         return dict.fromkeys(names, math.nan)

@@ -44,13 +44,7 @@ def draw(found: SensitivityResult) -> Iterator[tuple[str, Drawing]]:
 
 
 def of_measure(found: SensitivityResult, measure: str) -> pd.DataFrame:
-    """Rows of `measure` in the table of indices, those of the largest total index first.
-
-    Parameters
-    ----------
-    found : SensitivityResult
-    measure : str
-    """
+    """Rows of `measure` in the table of indices, those of the largest total index first."""
     own = found.indices[found.indices["measure"] == measure]
     return own.sort_values("total", ascending=False, kind="stable")
 

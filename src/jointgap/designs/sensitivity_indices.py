@@ -34,48 +34,21 @@ UNITS = {column.name: column.unit for column in ALL_MEASURES}
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """What decides the measures of a sweep.
+    """What decides the measures of a sweep."""
 
-    Attributes
-    ----------
-    inputs : Inputs
-        The parameters that vary.
-    number, failed : int
-        Designs, and those that failed.
-    surrogates, indices, effects : DataFrame
-        Tables `SENSITIVITY_SURROGATES`, `SENSITIVITY_INDICES` and `SENSITIVITY_EFFECTS` of `jointgap.tables`.
-    good : dict of str to Surrogate
-        Of the measures that have indices.
-    """
-
-    inputs: Inputs
-    number: int
-    failed: int
+    inputs: Inputs  # The parameters that vary
+    number: int  # Designs, and those that failed
+    failed: int  # Designs, and those that failed
     surrogates: pd.DataFrame
     indices: pd.DataFrame
     effects: pd.DataFrame
-    good: dict[str, Surrogate]
+    good: dict[str, Surrogate]  # Of the measures that have indices
 
 
 def what_decides(
     designs: Designs, dataset: Path, options: Sensitivity, settings: SensitivitySettings = SETTINGS
 ) -> SensitivityResult:
-    """Indices of the measures of a sweep.
-
-    Parameters
-    ----------
-    designs : Designs
-    dataset : Path
-        Folder that holds all of them, as `jointgap.designs.designs_to_parquet.check_dataset` wants it.
-    options : Sensitivity
-        Which measures.
-    settings : SensitivitySettings
-
-    Raises
-    ------
-    InputError
-        No parameter varies.
-    """
+    """Indices of the measures of a sweep."""
     names = options.measures or [column.name for column in designs.measured]
     columns = [*(axis.key for axis in designs.axes), "reason", *names]
     return decided(designs, tables.read_columns(dataset, columns).to_pandas(), names, options.seed, settings)
@@ -203,16 +176,7 @@ def _effect_rows(name: str, inputs: Inputs, found: Surrogate, settings: Sensitiv
 
 
 def conditional_terms(inputs: Inputs, terms: np.ndarray, given: dict[int, np.ndarray]) -> np.ndarray:
-    """Means (n, terms) of the terms where some inputs have given values and the others vary as in the sweep.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    terms : ndarray
-        Degree in each input, (terms, inputs).
-    given : dict of int to ndarray
-        Standard variable (n,) by the input's place.
-    """
+    """Means (n, terms) of the terms where some inputs have given values and the others vary as in the sweep."""
     others = [place for place in range(len(inputs.each)) if place not in given]
     standard = np.zeros((len(next(iter(given.values()))), len(inputs.each)))
     for place, values in given.items():

@@ -25,12 +25,7 @@ _FAR = 8.0
 
 @dataclass(frozen=True)
 class Input:
-    """One parameter that varies.
-
-    Attributes
-    ----------
-    axis : Axis
-    """
+    """One parameter that varies."""
 
     axis: Axis
 
@@ -114,17 +109,10 @@ class Input:
 
 @dataclass(frozen=True)
 class Inputs:
-    """All parameters that vary, in the order of the sweep.
-
-    Attributes
-    ----------
-    each : tuple of Input
-    norm : float
-        Of the hyperbolic truncation of the terms' degrees (Blatman and Sudret 2011).
-    """
+    """All parameters that vary, in the order of the sweep."""
 
     each: tuple[Input, ...]
-    norm: float
+    norm: float  # Of the hyperbolic truncation of the terms' degrees (Blatman and Sudret 2011)
 
     @cached_property
     def distribution(self) -> Any:
@@ -159,14 +147,7 @@ class Inputs:
         return np.column_stack([one.standard(columns[one.axis.key]) for one in self.each])
 
     def evaluated(self, terms: np.ndarray, standard: np.ndarray) -> np.ndarray:
-        """Values (n, terms) of products of polynomials at standard variables (n, inputs).
-
-        Parameters
-        ----------
-        terms : ndarray
-            Degree in each input, (terms, inputs), whole numbers.
-        standard : ndarray
-        """
+        """Values (n, terms) of products of polynomials at standard variables (n, inputs)."""
         product = np.ones((len(standard), len(terms)))
         for place, one in enumerate(self.each):
             if highest := int(terms[:, place].max(initial=0)):

@@ -14,16 +14,6 @@ def write_results(found: SensitivityResult, folder: Path) -> str:
     """Write tables, figures and page into a `folder`; gives the page as Markdown.
 
     Figures of an earlier run that are not drawn again, of measures that have no indices any more, are removed.
-
-    Parameters
-    ----------
-    found : SensitivityResult
-    folder : Path
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
     """
     places = {
         folder / Path(table.path).name: (table, frame)

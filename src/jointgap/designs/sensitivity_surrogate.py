@@ -34,57 +34,27 @@ _LEAST_LEFT = 0.1
 
 @dataclass(frozen=True)
 class Smoother:
-    """How coefficients of terms follow from the values of a measure.
-
-    Attributes
-    ----------
-    kind : str
-    terms : ndarray
-        Degree in each input, (terms, inputs); the first term is the constant.
-    designs : ndarray
-        Places of the designs that it uses, (n,).
-    matrix : ndarray
-        Coefficients are this (terms, n) times the measure's values (n,).
-    """
+    """How coefficients of terms follow from the values of a measure."""
 
     kind: str
-    terms: np.ndarray
-    designs: np.ndarray
-    matrix: np.ndarray
+    terms: np.ndarray  # Degree in each input, (terms, inputs); the first term is the constant
+    designs: np.ndarray  # Places of the designs that it uses, (n,)
+    matrix: np.ndarray  # Coefficients are this (terms, n) times the measure's values (n,)
 
 
 @dataclass(frozen=True)
 class Surrogate:
-    """A trained surrogate; values [SI of the measure].
-
-    Attributes
-    ----------
-    kind : str
-    terms : ndarray
-        Degree in each input, (terms, inputs); the first term is the constant.
-    coefficients : ndarray
-        Of the terms, (terms,).
-    replicates : ndarray
-        The same of bootstrap replicates, (terms, replicates).
-    q2 : float
-        Share of the variance of held-out designs that it explains.
-    q2_replicates : ndarray
-        The same of the replicates, each on designs drawn anew of those held out, (replicates,).
-    ends : (float, float)
-        Smallest and largest value of the designs, between which every mean lies.
-    trained, held_out : int
-        Numbers of designs.
-    """
+    """A trained surrogate; values [SI of the measure]."""
 
     kind: str
-    terms: np.ndarray
-    coefficients: np.ndarray
-    replicates: np.ndarray
-    q2: float
-    q2_replicates: np.ndarray
-    ends: tuple[float, float]
-    trained: int
-    held_out: int
+    terms: np.ndarray  # Degree in each input, (terms, inputs); the first term is the constant
+    coefficients: np.ndarray  # Of the terms, (terms,)
+    replicates: np.ndarray  # The same of bootstrap replicates, (terms, replicates)
+    q2: float  # Share of the variance of held-out designs that it explains
+    q2_replicates: np.ndarray  # The same of the replicates, each on designs drawn anew of those held out, (replicates,)
+    ends: tuple[float, float]  # Smallest and largest value of the designs, between which every mean lies
+    trained: int  # Numbers of designs
+    held_out: int  # Numbers of designs
 
     def mean(self, terms_at: np.ndarray) -> np.ndarray:
         """Mean (n,) of the measure where its terms have the means `terms_at` (n, terms)."""
@@ -98,17 +68,7 @@ class Surrogate:
 
 
 class Training:
-    """Designs for which surrogates of one measure after another are trained and judged.
-
-    Parameters
-    ----------
-    inputs : Inputs
-    standard : ndarray
-        Standard variables of the designs, (n, inputs).
-    seed : int
-        Of which designs are held out, and of the bootstrap.
-    settings : SensitivitySettings
-    """
+    """Designs for which surrogates of one measure after another are trained and judged."""
 
     def __init__(self, inputs: Inputs, standard: np.ndarray, seed: int, settings: SensitivitySettings):
         ot.TBB.Disable()  # one thread: a job has one core, and sums keep their order

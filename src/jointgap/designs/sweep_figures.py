@@ -19,17 +19,7 @@ _JITTER = 0.3  # of the distance between categories, to both sides
 
 
 def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measure: Column) -> Drawing:
-    """A panel for each parameter: a `measure` of the designs over it.
-
-    Parameters
-    ----------
-    designs : DataFrame
-        Columns of the parameters and of the measure, in SI units; designs that failed are left out.
-    axes : tuple of Axis
-        The parameters.
-    measure : Column
-        One of `jointgap.tables.sweep_tables.ALL_MEASURES`.
-    """
+    """A panel for each parameter: a `measure` of the designs over it."""
     shown = designs[np.isfinite(designs[measure.name].to_numpy(dtype=float))]
     unit, factor = reading_unit(measure.unit)
     values = factor * shown[measure.name].to_numpy(dtype=float)

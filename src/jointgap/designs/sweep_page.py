@@ -26,14 +26,7 @@ _QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 
 def page(designs: Designs, dataset: Path) -> Page:
-    """The page of a sweep.
-
-    Parameters
-    ----------
-    designs : Designs
-    dataset : Path
-        Folder that holds all of them.
-    """
+    """The page of a sweep."""
     failed = failures(dataset)
     introduction = (
         f"{designs.number} designs {_KINDS[designs.kind]}"

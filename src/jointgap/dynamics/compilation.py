@@ -69,15 +69,7 @@ _KEPT, _RECENT = 4, 24 * 3600.0  # the newest folders and those of the last day 
 
 
 def remove_old_folders(base: Path, digest: str) -> None:
-    """Remove the folders of other digests in `base` but the newest few and those used within the last day.
-
-    Parameters
-    ----------
-    base : Path
-        Where they lie.
-    digest : str
-        The folder that stays in any case.
-    """
+    """Remove the folders of other digests in `base` but the newest few and those used within the last day."""
     used = {}
     with contextlib.suppress(OSError):  # another process may be removing the same
         for folder in os.scandir(base):

@@ -75,20 +75,7 @@ def _announced_loading_or_compiling() -> Iterator[None]:
 
 @contextlib.contextmanager
 def locked(path: Path, patience: float = PATIENCE) -> Iterator[bool]:
-    """Hold the lock file `path`, which stays behind, empty; or go on without.
-
-    Parameters
-    ----------
-    path : Path
-        Its folder exists.
-    patience : float
-        Longest time [s] to wait for who holds it.
-
-    Yields
-    ------
-    bool
-        Whether it is held: not where it cannot be had in time, or where the file system or the platform has no locks.
-    """
+    """Hold the lock file `path`, which stays behind, empty; or go on without."""
     try:
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600) if fcntl else None
     except OSError:
@@ -117,15 +104,7 @@ def _taken(file: int, patience: float) -> bool:
 
 
 def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
-    """`compile_function`, called by one process at a time, and announced where it or the wait takes long.
-
-    Parameters
-    ----------
-    compile_function : callable
-        Loads compiled code from disk if it is there, else compiles and keeps it there.
-    lock : Path
-        The lock file of this function.
-    """
+    """`compile_function`, called by one process at a time, and announced where it or the wait takes long."""
 
     def compile_once(signature):
         with contextlib.ExitStack() as stack:

@@ -49,13 +49,7 @@ class _Part(CPUDispatcher):
 
 
 def linked_where_called(dispatcher: Dispatcher) -> Callable:
-    """`dispatcher`, which compiled code from now on calls in its linked form, and Python as ever.
-
-    Parameters
-    ----------
-    dispatcher : numba dispatcher
-        Of `numba.njit`, not compiled yet.
-    """
+    """`dispatcher`, which compiled code from now on calls in its linked form, and Python as ever."""
     if AVAILABLE:
         options = dispatcher.targetoptions | _NO_WRAPPERS
         part = _Part(dispatcher.py_func, targetoptions=options, pipeline_class=_ToLink)

@@ -29,47 +29,24 @@ _AHEAD = 8  # items per worker that may be finished or under way before the firs
 
 @dataclass(frozen=True)
 class Run:
-    """One motion to simulate.
+    """One motion to simulate."""
 
-    Attributes
-    ----------
-    mechanism, options, perturbation
-        What `jointgap.dynamics.simulation` takes.
-    crank_angle : (n,) array, optional
-        Samples [rad], growing, the first at the start; those of `options` by default.
-    values : mapping of str to float, int, str or bool
-        What distinguishes the run, by name; nothing is computed from it.
-    """
-
-    mechanism: Mechanism
-    options: Simulate
-    perturbation: ArrayLike | None = None
-    crank_angle: np.ndarray | None = None
-    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)
+    mechanism: Mechanism  # What `jointgap.dynamics.simulation` takes
+    options: Simulate  # What `jointgap.dynamics.simulation` takes
+    perturbation: ArrayLike | None = None  # What `jointgap.dynamics.simulation` takes
+    crank_angle: np.ndarray | None = None  # Samples [rad], growing, the first at the start
+    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)  # What distinguishes the run, by name
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a `Run`.
-
-    Attributes
-    ----------
-    run : Run
-    parameters : Parameters or None
-        Its numbers; None where the mechanism is impossible.
-    crank_angle : (n,) array
-        Of the samples [rad].
-    result : IntegrationResult or None
-        Samples and events; None where the run failed.
-    error : InputError or SimulationError or None
-        Why it failed.
-    """
+    """What became of a `Run`."""
 
     run: Run
-    parameters: Parameters | None
-    crank_angle: np.ndarray
-    result: IntegrationResult | None
-    error: Exception | None = None
+    parameters: Parameters | None  # Its numbers; None where the mechanism is impossible
+    crank_angle: np.ndarray  # Of the samples [rad]
+    result: IntegrationResult | None  # Samples and events; None where the run failed
+    error: Exception | None = None  # Why it failed
 
 
 @dataclass(frozen=True)
@@ -109,13 +86,6 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
 
     Only a few runs are held at a time: `runs` may be a generator of any length. A run that cannot be simulated comes
     out with its error, and the others go on.
-
-    Parameters
-    ----------
-    runs : iterable of Run
-        Runs of one mechanism and its options (the same objects) next to each other share their numbers.
-    workers : int, optional
-        Threads; as many as there are cores by default.
     """
     return side_by_side(lambda given: simulate_run(*given), _with_numbers(runs), workers)
 
@@ -123,18 +93,7 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
 def side_by_side(
     function: Callable[[Item], Found], items: Iterable[Item], workers: int | None = None
 ) -> Iterator[Found]:
-    """What a `function` makes of each of the `items`, in their order, only a few of which are held at a time.
-
-    Parameters
-    ----------
-    function : callable
-        Of one item; it may be under way for several at once.
-    items : iterable
-        Any length.
-    workers : int, optional
-        Threads; as many as there are cores by default. One is the caller's own: handing over to another costs more
-        than a millisecond's work gains.
-    """
+    """What a `function` makes of each of the `items`, in their order, only a few of which are held at a time."""
     workers = workers or cores()
     if workers == 1:
         yield from map(function, items)
@@ -187,16 +146,7 @@ def simulate_run(run: Run, numbers: Parameters | InputError) -> Outcome:
 
 
 def rod_and_slider(p: Parameters, crank_angle, states, auxiliary_states) -> tuple[np.ndarray, np.ndarray]:
-    """Rod angle [rad] and slider position [m] of samples.
-
-    Parameters
-    ----------
-    p : Parameters
-    crank_angle : (n,) array
-        [rad].
-    states, auxiliary_states : (n, 8), (n, 11) arrays
-        As `jointgap.dynamics.solver.integrate.integrate` leaves them.
-    """
+    """Rod angle [rad] and slider position [m] of samples."""
     b = p.bodies
     end_x = b.crank_length * np.cos(crank_angle) + states[:, 0] + auxiliary_states[:, 0]
     end_y = b.crank_length * np.sin(crank_angle) + states[:, 1] + auxiliary_states[:, 1]
@@ -206,14 +156,7 @@ def rod_and_slider(p: Parameters, crank_angle, states, auxiliary_states) -> tupl
 
 @compiled
 def prescribed_speeds(p, times):
-    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s].
-
-    Parameters
-    ----------
-    p : Parameters
-    times : (n,) array
-        [s].
-    """
+    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s]."""
     speeds = np.empty(times.size)
     for i in range(times.size):
         speeds[i] = crank_motion(p, times[i])[1]
@@ -221,39 +164,12 @@ def prescribed_speeds(p, times):
 
 
 def crank_speeds(p: Parameters, times, auxiliary_states) -> np.ndarray:
-    """Crank speeds [rad/s] at samples, (n,).
-
-    Parameters
-    ----------
-    p : Parameters
-    times : (n,) array
-        [s].
-    auxiliary_states : (n, 11) array
-    """
+    """Crank speeds [rad/s] at samples, (n,)."""
     return auxiliary_states[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
 
 
 def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None) -> Ensemble:
-    """Simulate one mechanism from many starts.
-
-    Parameters
-    ----------
-    mechanism, options
-        As in `jointgap.dynamics.simulation`.
-    perturbations : (runs, 4) or (runs, 6) array_like
-        The perturbation of each run [m].
-    workers : int, optional
-        As in `simulate_runs`; the result does not depend on it.
-
-    Returns
-    -------
-    Ensemble
-
-    Raises
-    ------
-    InputError, SimulationError
-        As in `jointgap.dynamics.simulation`, of the first run that fails.
-    """
+    """Simulate one mechanism from many starts."""
     times, states, rod_angles, positions = [], [], [], []
     forces: dict[str, list] = {joint: [] for joint in JOINTS}
     normal_forces: dict[str, list] = {joint: [] for joint in JOINTS}

@@ -60,21 +60,11 @@ _CREEPING = 1e-3
 
 @dataclass(frozen=True)
 class Trajectory:
-    """One simulated motion.
+    """One simulated motion."""
 
-    Attributes
-    ----------
-    samples : pandas.DataFrame
-        One row a sample, columns of the table ``trajectory``; NaN where undefined.
-    events : pandas.DataFrame
-        One row a beginning or end of contact, columns of the table ``events``.
-    steps : int
-        Integration steps taken, rejected ones included.
-    """
-
-    samples: pd.DataFrame
-    events: pd.DataFrame
-    steps: int
+    samples: pd.DataFrame  # One row a sample, columns of the table ``trajectory``; NaN where undefined
+    events: pd.DataFrame  # One row a beginning or end of contact, columns of the table ``events``
+    steps: int  # Integration steps taken, rejected ones included
 
 
 @dataclass(frozen=True)
@@ -105,26 +95,6 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     """Simulate a slider-crank, any of its joints loose.
 
     It starts with coincident joint centres and the velocities of the ideal mechanism.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    options : Simulate
-        Drive, start, samples, and the tolerance: the local error of one step [m]. Before chaos sets in, the error of
-        positions a quarter turn on is some 1 to 50 times as large.
-    perturbation : (4,) or (6,) array_like, optional
-        Clearance vectors at the start instead of zero: r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m].
-
-    Returns
-    -------
-    Trajectory
-
-    Raises
-    ------
-    InputError
-        A perturbation as large as a clearance, a rod that does not reach the slide, a drive that does not go so far.
-    SimulationError
-        The integration cannot go on; the message holds time, crank angle and state.
     """
     if options.speed < 0:
         return _clockwise(mechanism, options, perturbation)
@@ -174,26 +144,8 @@ def integrate_to_angles(
     tolerance: float,
     steps_per_revolution: int | None = None,
 ) -> IntegrationResult:
-    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start angle.
-
-    Parameters
-    ----------
-    p : Parameters
-    start : tuple of (8,) and (11,) array
-        Clearance state and auxiliary state.
-    angles : (n,) array
-        Samples [rad].
-    tolerance : float
-        Local error of a step [m].
-    steps_per_revolution : int, optional
-        Most steps that a revolution may take on average; `STEPS_PER_REVOLUTION` by default.
-
-    Raises
-    ------
-    InputError
-        A measured angle that ends before the last sample.
-    SimulationError
-        See `simulate`.
+    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start
+    angle.
     """
     progress = beginning(p, *start, crank_times(p, angles[:1])[0])
     return integrate_on(p, progress, angles, tolerance, steps_per_revolution)[0]
@@ -206,27 +158,7 @@ def integrate_on(
     tolerance: float,
     steps_per_revolution: int | None = None,
 ) -> tuple[IntegrationResult, Progress]:
-    """Integrate on from where another integration ended, as if it had never ended.
-
-    Parameters
-    ----------
-    p, tolerance, steps_per_revolution
-        As of `integrate_to_angles`.
-    progress : Progress
-        From where.
-    angles : (n,) array
-        Samples [rad], growing; none before the last of the other integration.
-
-    Returns
-    -------
-    tuple
-        Samples and events, and from where a further integration may go on.
-
-    Raises
-    ------
-    InputError, SimulationError
-        As of `integrate_to_angles`.
-    """
+    """Integrate on from where another integration ended, as if it had never ended."""
     n = angles.size
     times = crank_times(p, angles)
     if p.drive.kind == MEASURED:

@@ -23,19 +23,10 @@ _AT_SEPARATION = ("impulse", "peak_force", "maxima")
 
 @dataclass(frozen=True)
 class Periodicity:
-    """Whether a motion repeats after a number of revolutions.
+    """Whether a motion repeats after a number of revolutions."""
 
-    Attributes
-    ----------
-    distances : (m,) array
-        By number n of revolutions, from 1: largest distance of the clearance vectors over the last n revolutions from
-        those over the n before [m].
-    clearance : float
-        Smallest clearance [m].
-    """
-
-    distances: np.ndarray
-    clearance: float
+    distances: np.ndarray  # By number n of revolutions, from 1
+    clearance: float  # Smallest clearance [m]
 
     @property
     def period(self) -> int | None:
@@ -61,23 +52,14 @@ def _revolutions(number: int) -> str:
 
 @dataclass(frozen=True)
 class Cycles:
-    """Statistics of one motion.
-
-    Attributes
-    ----------
-    section, revolutions, impacts, eccentricity : DataFrame
-        Tables `jointgap.tables.POINCARE_SECTION`, `JOINT_REVOLUTIONS`, `IMPACT_DISTRIBUTION`, `ECCENTRICITY`.
-    periodicity : Periodicity
-    first : int
-        First revolution that counts as settled.
-    """
+    """Statistics of one motion."""
 
     section: pd.DataFrame
     revolutions: pd.DataFrame
     impacts: pd.DataFrame
     eccentricity: pd.DataFrame
     periodicity: Periodicity
-    first: int
+    first: int  # First revolution that counts as settled
 
     @property
     def summary(self) -> str:
@@ -102,25 +84,7 @@ def cycles(
     first: int = 2,
     angle: float = 0.0,
 ) -> Cycles:
-    """All statistics of one motion.
-
-    Parameters
-    ----------
-    samples, events : DataFrame
-        Tables `jointgap.tables.TRAJECTORY` and `jointgap.tables.EVENTS`.
-    mechanism : Mechanism
-    options : Simulate
-        Both as they were simulated with.
-    first : int
-        First revolution that counts as settled (1 = the first).
-    angle : float
-        Crank angle of the Poincaré section [rad].
-
-    Raises
-    ------
-    InputError
-        No joint is loose, or less than two revolutions count.
-    """
+    """All statistics of one motion."""
     applied, per_revolution = mechanism.applied(), options.samples_per_revolution
     if not applied.loose:
         raise InputError("statistics of clearances: all joints are ideal; make one loose")
@@ -139,21 +103,7 @@ def cycles(
 
 
 def contacts(events: pd.DataFrame, joint: str) -> pd.DataFrame:
-    """The contacts of one joint, in order.
-
-    Parameters
-    ----------
-    events : DataFrame
-        Table `jointgap.tables.EVENTS` of one run.
-    joint : str
-        crank_pin, piston_pin or crank_pivot.
-
-    Returns
-    -------
-    DataFrame
-        begin, end [s], crank_angle at the beginning [rad], approach_speed [m/s], impulse [N s], peak_force [N], maxima
-        of the penetration. A contact that lasts to the end of the run has no end and none of the last three (NaN).
-    """
+    """The contacts of one joint, in order."""
     own = events[events["joint"] == joint]
     begins, ends = (own[own["event"] == kind].reset_index(drop=True) for kind in ("impact", "separation"))
     frame = begins[["time", "crank_angle", "approach_speed"]].rename(columns={"time": "begin"})
@@ -165,13 +115,6 @@ def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[s
     """Shares of the time in which a joint is in flight, in an impact, in contact; 1 in all.
 
     An impact is a contact whose penetration has one maximum at most.
-
-    Parameters
-    ----------
-    contact_frame : DataFrame
-        From `contacts`.
-    begin, end : float
-        Of the time that counts [s].
     """
     start, stop = contact_frame["begin"].to_numpy(), contact_frame["end"].fillna(np.inf).to_numpy()
     length = np.clip(np.minimum(stop, end) - np.maximum(start, begin), 0.0, None) / (end - begin)
@@ -226,14 +169,6 @@ def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) ->
     """Clearance vector of a joint at the samples of a trajectory, (n, 2) [m], or its rate [m/s].
 
     Zero where the centres coincide; there the rate, whose direction the table does not hold, is NaN unless it is zero.
-
-    Parameters
-    ----------
-    samples : DataFrame
-        Table `jointgap.tables.TRAJECTORY`.
-    joint : str
-    rates : bool
-        Whether the rate is asked for.
     """
     number = JOINT_NUMBERS[joint]
     r, gamma = samples[f"r{number}"].to_numpy(), samples[f"gamma{number}"].to_numpy()
@@ -250,33 +185,13 @@ def journal_centre(samples: pd.DataFrame, mechanism: Mechanism, joint: str) -> n
     """Centre of the journal seen from the centre of its bearing, along the fixed x and y, (n, 2) [m].
 
     The clearance vector, turned round where the body at its end carries the bearing.
-
-    Parameters
-    ----------
-    samples : DataFrame
-        Table `jointgap.tables.TRAJECTORY`.
-    mechanism : Mechanism
-        Says which body carries the journal.
-    joint : str
     """
     carrier = mechanism.joint(joint).journal
     return (1.0 if carrier == JOINT[joint].body else -1.0) * clearance_vectors(samples, joint)
 
 
 def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, first: int) -> pd.DataFrame:
-    """Distance of the centres over revolutions, by crank angle: the table `jointgap.tables.ECCENTRICITY`.
-
-    Parameters
-    ----------
-    samples : DataFrame
-        Table `jointgap.tables.TRAJECTORY`.
-    joints : iterable of str
-        The loose joints.
-    per_revolution : int
-        Samples per revolution.
-    first : int
-        First revolution that counts (1 = the first).
-    """
+    """Distance of the centres over revolutions, by crank angle: the table `jointgap.tables.ECCENTRICITY`."""
     frames = []
     angle = samples["crank_angle"].to_numpy()[:per_revolution]
     for joint in joints:
@@ -290,26 +205,7 @@ def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_revoluti
 def poincare_section(
     samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, angle: float = 0.0, first: int = 1
 ) -> pd.DataFrame:
-    """Clearance vectors and their rates at one crank angle of every revolution: `jointgap.tables.POINCARE_SECTION`.
-
-    Parameters
-    ----------
-    samples : DataFrame
-        Table `jointgap.tables.TRAJECTORY`.
-    joints : iterable of str
-        The loose joints.
-    per_revolution : int
-        Samples per revolution.
-    angle : float
-        Crank angle of the section [rad], anywhere in a revolution; the sample nearest to it is taken.
-    first : int
-        First revolution that counts (1 = the first).
-
-    Raises
-    ------
-    InputError
-        No revolution is left.
-    """
+    """Clearance vectors and their rates at one crank angle of every revolution: `jointgap.tables.POINCARE_SECTION`."""
     offset = (angle - samples["crank_angle"].iloc[0]) % (2.0 * np.pi)
     row = round(offset / (2.0 * np.pi) * per_revolution) % per_revolution
     chosen = samples.iloc[row + (first - 1) * per_revolution : -1 : per_revolution]
@@ -329,22 +225,7 @@ def poincare_section(
 
 
 def periodicity(vectors: ArrayLike, per_revolution: int, clearance: float) -> Periodicity:
-    """Compare the last n revolutions with the n before, for every n that there is room for.
-
-    Parameters
-    ----------
-    vectors : (n, d) array_like
-        Clearance vectors of all loose joints at samples uniform in crank angle [m].
-    per_revolution : int
-        Samples per revolution; n - 1 is a multiple of it.
-    clearance : float
-        Smallest clearance [m].
-
-    Raises
-    ------
-    InputError
-        Less than two revolutions.
-    """
+    """Compare the last n revolutions with the n before, for every n that there is room for."""
     vectors = np.asarray(vectors)
     revolutions = (len(vectors) - 1) // per_revolution
     if revolutions < 2:

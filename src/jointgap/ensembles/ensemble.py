@@ -40,21 +40,7 @@ _STORED = {"bool": bool, "int": int, "float": float, "text": str}
 
 
 def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterator[Run]:
-    """Every combination of the varied values, each from several starts, which are the same for all combinations.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    options : Simulate
-        Both as they are where nothing is varied.
-    runs : Runs
-        What is varied; a run carries its values by these names.
-
-    Raises
-    ------
-    InputError
-        No such key to vary, or an impossible value.
-    """
+    """Every combination of the varied values, each from several starts, which are the same for all combinations."""
     base = DrivenMechanism(mechanism=mechanism.applied(), simulate=options)
     combinations = [
         (with_values(base, dict(zip(runs.vary, values, strict=True)), "ensemble.vary"), values)
@@ -71,16 +57,7 @@ def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterat
 
 
 def perturbed_starts(mechanism: Mechanism, members: int, size: float, seed: int) -> np.ndarray:
-    """Starting clearance vectors, (members, 6) [m]: zero first, then normally distributed in the loose joints.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    members : int
-    size : float
-        Standard deviation of a component [m].
-    seed : int
-    """
+    """Starting clearance vectors, (members, 6) [m]: zero first, then normally distributed in the loose joints."""
     starts = np.random.default_rng(seed).normal(0.0, size, (members, 6))
     starts[0] = 0.0
     return perturbed_start(starts, mechanism.loose)
@@ -88,20 +65,12 @@ def perturbed_starts(mechanism: Mechanism, members: int, size: float, seed: int)
 
 @dataclass(frozen=True)
 class Written:
-    """What was written of an ensemble.
+    """What was written of an ensemble."""
 
-    Attributes
-    ----------
-    runs, steps, events : int
-        Their numbers.
-    reasons : dict of int to str
-        Why runs failed, by number.
-    """
-
-    runs: int
-    steps: int
-    events: int
-    reasons: Mapping[int, str]
+    runs: int  # Their numbers
+    steps: int  # Their numbers
+    events: int  # Their numbers
+    reasons: Mapping[int, str]  # Why runs failed, by number
 
     @property
     def failed(self) -> int:
@@ -117,21 +86,6 @@ def write_ensemble(
     The files are `SAMPLES`, `EVENTS` and `RUNS`, tables as in `jointgap.tables.ensemble_tables`, rows in order of the
     runs whatever the number of workers. They appear when all is written. A run that fails is in the table of runs with
     its reason, and has no samples.
-
-    Parameters
-    ----------
-    runs : iterable of Run
-        All with the same names of `values`.
-    folder : path
-    workers : int, optional
-        See `jointgap.dynamics.parallel_runs.simulate_runs`.
-    total : int, optional
-        How many runs there are, for `jointgap.progress`.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
     """
     places = [Path(folder) / name for name in (SAMPLES, EVENTS, RUNS)]
     tables.check_writable(*places)

@@ -30,30 +30,14 @@ _SATURATED = 0.01  # share of the smallest clearance from which on growth ends b
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth of a small change over the crank angle.
+    """Growth of a small change over the crank angle."""
 
-    Attributes
-    ----------
-    crank_angle : (n,) array
-        [rad].
-    factors : (directions, n) array
-        Distance of the clearance vectors of the changed run and the unchanged one, over that at the start.
-    change : float
-        Size of the change at the start [m].
-    useful : float
-        Distance [m] up to which motions count as the same.
-    saturated : float
-        Distance [m] from which on a fit of the exponent leaves samples out.
-    tolerance : float
-        Local error of a step [m] that the runs were made with.
-    """
-
-    crank_angle: np.ndarray
+    crank_angle: np.ndarray  # [rad]
     factors: np.ndarray
-    change: float
-    useful: float
-    saturated: float
-    tolerance: float
+    change: float  # Size of the change at the start [m]
+    useful: float  # Distance [m] up to which motions count as the same
+    saturated: float  # Distance [m] from which on a fit of the exponent leaves samples out
+    tolerance: float  # Local error of a step [m] that the runs were made with
 
     @property
     def median(self) -> np.ndarray:
@@ -114,26 +98,6 @@ def measure_growth(
     """Simulate a motion again from starts that differ by `change` in random directions.
 
     The local error of a step is a thousandth of the change at most, so that it is the change that is seen to grow.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    options : Simulate
-    change : float
-        Length of the change of all clearance vectors together [m].
-    directions : int
-        How many changes.
-    seed : int
-        Of the directions.
-    workers : int, optional
-        See `jointgap.dynamics.parallel_runs.simulate_runs`.
-
-    Raises
-    ------
-    InputError
-        No joint is loose.
-    SimulationError
-        From the simulation.
     """
     applied = mechanism.applied()
     if not applied.loose:

@@ -8,15 +8,7 @@ from jointgap.tables.study_tables import NOISE_ORDER, ORDERS
 
 
 def orders(values: np.ndarray, revolutions: int) -> np.ndarray:
-    """Amplitudes of a quantity at orders 0 to `ORDERS` of the crank's speed, shape (ORDERS + 1,).
-
-    Parameters
-    ----------
-    values : (n,) array
-        Samples of whole revolutions, uniform, the last one's end left out.
-    revolutions : int
-        How many.
-    """
+    """Amplitudes of a quantity at orders 0 to `ORDERS` of the crank's speed, shape (ORDERS + 1,)."""
     amplitudes = 2.0 * np.abs(np.fft.rfft(values)) / len(values)
     amplitudes[0] /= 2.0
     return amplitudes[: ORDERS * revolutions + 1 : revolutions]

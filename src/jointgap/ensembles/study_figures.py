@@ -20,14 +20,7 @@ _COLOURS = ("sky", "simulation", "second surrogate", "paper", "network", "spline
 
 
 def draw_study(points: pd.DataFrame, scenario: Scenario) -> dict[str, Drawing]:
-    """All figures of the study by name.
-
-    Parameters
-    ----------
-    points : DataFrame
-        Table `jointgap.tables.STUDY`.
-    scenario : Scenario
-    """
+    """All figures of the study by name."""
     with style.matplotlib_style():
         maps = {f"study_{measure}": _study_map(points, measure) for measure in SHOWN}
         return maps | {"study_orders": _order_lines(points, scenario)}

@@ -29,14 +29,7 @@ def figures(place: str) -> list[FigureBlock]:
 
 
 def page(points: pd.DataFrame, scenario: Scenario) -> Page:
-    """What was varied, what it does, where only statistics hold.
-
-    Parameters
-    ----------
-    points : DataFrame
-        Table `jointgap.tables.STUDY`.
-    scenario : Scenario
-    """
+    """What was varied, what it does, where only statistics hold."""
     study, loose = scenario.study, joined(map(in_words, scenario.mechanism.applied().loose))
     introduction = (
         f"Loose joints: {loose}. Each of the {len(points)} points is simulated from {study.members} starts, all but "

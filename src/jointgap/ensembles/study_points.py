@@ -29,29 +29,7 @@ _FEWEST, _MOST = 720, 20_000  # samples per revolution: for the spectrum, and th
 def simulate_points(
     scenario: Scenario, first: int = 0, count: int | None = None, workers: int | None = None
 ) -> pd.DataFrame:
-    """Simulate the points of the map, or some of them.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Its section `study` says which clearances, speeds and frictions; all else is the mechanism's.
-    first, count : int
-        First point, counted from 0, and how many; all by default. The clearance changes from point to point, the
-        friction after that, and the speed last.
-    workers : int, optional
-        See `jointgap.dynamics.parallel_runs.simulate_runs`.
-
-    Returns
-    -------
-    DataFrame
-        Table `jointgap.tables.STUDY`, a row a point.
-
-    Raises
-    ------
-    InputError
-        No joint is loose, the drive does not keep a constant speed, a value is impossible for the mechanism, or there
-        is no such point.
-    """
+    """Simulate the points of the map, or some of them."""
     study = scenario.study
     if scenario.simulate.drive.kind != "constant":
         raise InputError(
@@ -77,20 +55,7 @@ def simulate_points(
 
 
 def join_points(parts: Iterable[pd.DataFrame], study: Study) -> pd.DataFrame:
-    """The map from its parts.
-
-    Parameters
-    ----------
-    parts : iterable of DataFrame
-        Tables `jointgap.tables.STUDY`, each of some points.
-    study : Study
-        Says which points there have to be.
-
-    Raises
-    ------
-    InputError
-        A point is missing, or there is one that the study does not ask for.
-    """
+    """The map from its parts."""
     points = pd.concat(list(parts), ignore_index=True)
     keys = ["speed", "friction", "clearance"]
     wanted = set(itertools.product(study.speed, study.friction, study.clearance))
@@ -159,16 +124,7 @@ def samples_per_revolution(mechanism: Mechanism, speed: float) -> int:
 
 
 def sampled_angles(mechanism: Mechanism, options: Simulate, study: Study) -> np.ndarray:
-    """The start, then samples of the settled revolutions, both of their ends included (n,) [rad].
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    options : Simulate
-        Speed and start angle.
-    study : Study
-        Which revolutions count.
-    """
+    """The start, then samples of the settled revolutions, both of their ends included (n,) [rad]."""
     per_turn = samples_per_revolution(mechanism, options.speed)
     settled = np.arange(study.settled_revolutions * per_turn + 1) * (2.0 * math.pi / per_turn)
     begin = options.start_angle + 2.0 * math.pi * study.transient_revolutions
@@ -176,15 +132,7 @@ def sampled_angles(mechanism: Mechanism, options: Simulate, study: Study) -> np.
 
 
 def measure(outcome: Outcome, study: Study) -> dict[str, float | np.ndarray]:
-    """The numbers `jointgap.tables.study_tables.MEASURES` of one run [SI], and amplitudes by order, ``orders``.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        Of a run that did not fail.
-    study : Study
-        Which revolutions count.
-    """
+    """The numbers `jointgap.tables.study_tables.MEASURES` of one run [SI], and amplitudes by order, ``orders``."""
     mechanism, result = outcome.run.mechanism, outcome.result
     signals = {name: values[1:] for name, values in result.observed(outcome.parameters).items()}
     angle, times = outcome.crank_angle[1:], result.times[1:]

@@ -132,23 +132,7 @@ TABLES = tuple(dict.fromkeys(table for spec in CATALOGUE.values() for table in s
 
 
 def draw(name: str, tables: Mapping[str, pd.DataFrame | None], verdict: Mapping[str, Any]) -> "Drawing":
-    """Draw one figure of a campaign.
-
-    Parameters
-    ----------
-    name : str
-        One of `CATALOGUE`.
-    tables : mapping of str to DataFrame
-        Tables by name. One that is absent, None or empty gives a figure that says so: without a named effect there is
-        no force to show, without loose joints no optimum.
-    verdict : mapping
-        Content of ``verdict.json``; of a preflight the key ``preflight`` is enough.
-
-    Raises
-    ------
-    InputError
-        No such figure.
-    """
+    """Draw one figure of a campaign."""
     if name not in CATALOGUE:
         raise InputError(f"no figure '{name}' of a campaign; {did_you_mean(name, CATALOGUE)}")
     from jointgap.figures import style

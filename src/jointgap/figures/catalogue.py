@@ -13,33 +13,14 @@ from jointgap.errors import InputError, did_you_mean
 
 @dataclass(frozen=True)
 class FigureSpec:
-    """One figure of a scenario or a campaign.
+    """One figure of a scenario or a campaign."""
 
-    Attributes
-    ----------
-    title : str
-        For lists of figures.
-    category : str
-        Section of the report.
-    function : str
-        ``module:function`` within `jointgap.figures`: tables, and scenario or verdict, in, `Drawing` out. A name, as
-        the functions import matplotlib, which the rules do without.
-    tables : tuple of str
-        Names of the tables it needs; ``predictions`` is the frame that `jointgap.figures.figure_data.predictions` makes
-        of the fits, ``fit_history`` and ``fit_errors`` are those of all outputs below each other, with a column
-        ``output``.
-    caption : str
-        What it shows and how to read it.
-    nothing : str
-        What a campaign's figure says where there is nothing to draw.
-    """
-
-    title: str
-    category: str
-    function: str
-    tables: tuple[str, ...]
-    caption: str
-    nothing: str = ""
+    title: str  # For lists of figures
+    category: str  # Section of the report
+    function: str  # ``module:function`` within `jointgap.figures`: tables, and scenario or verdict, in, `Drawing` out
+    tables: tuple[str, ...]  # Names of the tables it needs
+    caption: str  # What it shows and how to read it
+    nothing: str = ""  # What a campaign's figure says where there is nothing to draw
 
     def load(self) -> Callable:
         """The function that draws it."""
@@ -290,13 +271,7 @@ SPECS = CATALOGUE | {"animation": ANIMATION}
 
 
 def spec_of(name: str) -> FigureSpec:
-    """A figure of a scenario by its name.
-
-    Raises
-    ------
-    InputError
-        No such figure.
-    """
+    """A figure of a scenario by its name."""
     if name not in SPECS:
         raise InputError(f"no figure '{name}'; {did_you_mean(name, SPECS)}")
     return SPECS[name]

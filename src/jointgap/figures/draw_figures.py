@@ -13,22 +13,7 @@ from jointgap.figures.style import Drawing
 
 
 def draw(name: str, tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Draw one figure.
-
-    Parameters
-    ----------
-    name : str
-        One of `jointgap.figures.catalogue.CATALOGUE`, or ``'animation'``.
-    tables : mapping of str to DataFrame
-        The tables that the figure needs, by their names; more are left alone.
-    scenario : Scenario
-        What the tables were made from.
-
-    Raises
-    ------
-    InputError
-        No such figure, or a table it needs is not given.
-    """
+    """Draw one figure."""
     spec = spec_of(name)
     for table in spec.tables:
         if table not in tables:
@@ -43,10 +28,5 @@ def draw_all(
     """Draw the figures `names` (all still ones by default) and save them in `folder`; the files written.
 
     `tables` and `scenario` as in `draw`.
-
-    Raises
-    ------
-    InputError
-        As `draw`, or the folder cannot be written.
     """
     return tuple(path for name in names for path in style.save(draw(name, tables, scenario), Path(folder) / name))

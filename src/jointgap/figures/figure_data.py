@@ -22,17 +22,7 @@ def round_number(value: float) -> float:
 
 
 def revolution(trajectory: pd.DataFrame, scenario: Scenario, number: int) -> pd.DataFrame:
-    """The samples of one revolution, both ends included.
-
-    Parameters
-    ----------
-    trajectory : DataFrame
-        Table `jointgap.tables.TRAJECTORY`.
-    scenario : Scenario
-        Says how many samples a revolution has.
-    number : int
-        1 for the first.
-    """
+    """The samples of one revolution, both ends included."""
     samples = scenario.simulate.samples_per_revolution
     return trajectory.iloc[(number - 1) * samples : number * samples + 1].reset_index(drop=True)
 
@@ -56,21 +46,7 @@ def degrees(crank_angle: pd.Series) -> np.ndarray:
 def predictions(
     surrogates: Mapping[str, Mapping[str, Fit]], trajectory: pd.DataFrame, scenario: Scenario
 ) -> pd.DataFrame:
-    """What surrogates say at the samples of the first revolution: the frame ``predictions`` that some figures need.
-
-    Parameters
-    ----------
-    surrogates : mapping of str to mapping of str to Fit
-        By surrogate (``networks`` must be among them) and output.
-    trajectory : DataFrame
-        Table `jointgap.tables.TRAJECTORY`.
-    scenario : Scenario
-
-    Returns
-    -------
-    DataFrame
-        surrogate, output, crank_angle [rad], value [SI] and rate (the fit's own time derivative) [SI per s].
-    """
+    """What surrogates say at the samples of the first revolution: the frame ``predictions`` that some figures need."""
     first = revolution(trajectory, scenario, 1)
     angle, speed = first["crank_angle"].to_numpy(), first["crank_speed"].to_numpy()
     frames = []

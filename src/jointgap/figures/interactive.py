@@ -44,24 +44,7 @@ contact begins, at its peak force, tells approach speed, impulse and duration. B
 
 
 def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scenario, name: str) -> str:
-    """The page as HTML, complete in itself: it needs neither a network nor a file beside it.
-
-    Parameters
-    ----------
-    trajectory : DataFrame
-        Table `jointgap.tables.TRAJECTORY`.
-    events : DataFrame
-        Table `jointgap.tables.EVENTS`.
-    scenario : Scenario
-        What these were made from.
-    name : str
-        Of the scenario, for the title.
-
-    Raises
-    ------
-    MissingPackage
-        Without plotly.
-    """
+    """The page as HTML, complete in itself: it needs neither a network nor a file beside it."""
     figure = _figure(trajectory, events, scenario)
     drawn = figure.to_html(
         full_html=False,

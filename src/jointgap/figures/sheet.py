@@ -20,21 +20,11 @@ from jointgap.figures.style import COLOURS, WIDTH, Drawing
 
 @dataclass(frozen=True)
 class Quantity:
-    """What an axis shows.
+    """What an axis shows."""
 
-    Attributes
-    ----------
-    name : str
-        In words.
-    unit : str
-        Unit of the numbers on the axis; ``'1'`` for pure numbers, ``''`` for categories.
-    symbol : str
-        Symbol for the label, as mathtext; may be empty.
-    """
-
-    name: str
-    unit: str
-    symbol: str = ""
+    name: str  # In words
+    unit: str  # Unit of the numbers on the axis; ``'1'`` for pure numbers, ``''`` for categories
+    symbol: str = ""  # Symbol for the label, as mathtext; may be empty
 
     @property
     def label(self) -> str:

@@ -150,18 +150,6 @@ def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
     """Write a drawing and the data it shows.
 
     Neither file carries a date or the name of the software: the same drawing gives the same bytes.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        From a figure function.
-    stem : path
-        Path without suffix.
-
-    Returns
-    -------
-    tuple of Path
-        The files written: ``.svg``, ``.png`` and ``.parquet`` (``.gif`` and ``.parquet`` for an animation).
     """
     stem = Path(stem)
     paths = []

@@ -15,15 +15,7 @@ _DATE = Quantity("date", "d since 1970-01-01")
 
 
 def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
-    """Sizes over dates, a panel for each: 90 % intervals, and the line where one was fitted.
-
-    Parameters
-    ----------
-    sizes : DataFrame
-        Table `jointgap.tables.TREND`.
-    growth : DataFrame
-        Table `jointgap.tables.TREND_GROWTH`.
-    """
+    """Sizes over dates, a panel for each: 90 % intervals, and the line where one was fitted."""
     sheet = Sheet(0.8 + 2.4 * len(growth), len(growth), 1)
     above = None
     days = date2num(pd.to_datetime(sizes["date"]).to_numpy())

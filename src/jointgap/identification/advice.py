@@ -23,36 +23,15 @@ from jointgap.report.plain_words import size_for_the_eye
 
 @dataclass(frozen=True)
 class Preflight:
-    """What a campaign can tell.
+    """What a campaign can tell."""
 
-    Attributes
-    ----------
-    effects : DataFrame
-        Per candidate: label; parameter that a verdict states first; smallest_detectable: its value [SI] where the
-        effect is found with a probability of 90 %; unit, empty where the parameter is no coordinate; typical: its value
-        where the gap after recalibration is 1.5; falls: whether the value falls as the effect grows; detectable. NaN
-        where no size shows it.
-    cosines : DataFrame
-        Labels by labels [1]: largest cosine between what two effects change beyond what nuisances can.
-    merged : list of lists of str
-        Effects that cannot be told apart at a gap of 1.5.
-    undetectable : list of str
-        Effects that no size within their bounds shows.
-    failed : dict of label to str
-        Effects of which nothing is known since they could not be simulated, and why.
-    sizes : dict of label to float
-        As smallest_detectable, of the first coordinate [SI]; infinite where the effect cannot be seen.
-    assumed : tuple of str
-        Noise that was assumed where none is stated, by run and channel.
-    """
-
-    effects: pd.DataFrame
-    cosines: pd.DataFrame
-    merged: list[list[str]]
-    undetectable: list[str]
-    failed: dict[str, str]
-    sizes: dict[str, float]
-    assumed: tuple[str, ...] = ()
+    effects: pd.DataFrame  # Per candidate
+    cosines: pd.DataFrame  # Labels by labels [1]
+    merged: list[list[str]]  # Effects that cannot be told apart at a gap of 1.5
+    undetectable: list[str]  # Effects that no size within their bounds shows
+    failed: dict[str, str]  # Effects of which nothing is known since they could not be simulated, and why
+    sizes: dict[str, float]  # As smallest_detectable, of the first coordinate [SI]
+    assumed: tuple[str, ...] = ()  # Noise that was assumed where none is stated, by run and channel
 
 
 def preflight(
@@ -62,25 +41,7 @@ def preflight(
     counts: Mapping[Key, int] | None = None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Preflight:
-    """Detectability and confusability of every candidate about the nominal model, as far as all is linear.
-
-    Parameters
-    ----------
-    model : Model
-        Values of its series are not looked at.
-    noise : mapping of (run, channel) to Noise, optional
-        As stated where absent, or assumed (`assumed_noise`), with what other numerics predict added.
-    rate : float
-        [1] False alarms allowed over all candidates.
-    counts : mapping of (run, channel) to int, optional
-        How many samples there will be, where they are not as many as the model's: these then stand for them.
-    settings : IdentificationSettings
-
-    Raises
-    ------
-    SimulationError
-        The model cannot be simulated as it stands.
-    """
+    """Detectability and confusability of every candidate about the nominal model, as far as all is linear."""
     _, detectability, assumed = _detectability(model, noise, rate, counts or {}, settings)
     return _preflight(model, detectability, tuple(assumed.values()))
 
@@ -93,25 +54,7 @@ def advise(
     counts: Mapping[Key, int] | None = None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> tuple[Preflight, pd.DataFrame]:
-    """Which one further run or channel helps a planned campaign most.
-
-    Parameters
-    ----------
-    model : Model
-        With all runs and channels that could be had.
-    planned : collection of (run, channel)
-        Those that the campaign has.
-    noise, rate, counts, settings
-        As in `preflight`.
-
-    Returns
-    -------
-    preflight : Preflight
-        Of the campaign as planned.
-    changes : DataFrame
-        Most helpful first: change; newly_detectable: labels; separated: merged pairs that it tells apart, as ``a | b``;
-        gain: by how much the smallest detectable sizes shrink (median over effects).
-    """
+    """Which one further run or channel helps a planned campaign most."""
     counts = counts or {}
     problem, detectability, assumed = _detectability(model, noise, rate, counts, settings)
     keys = [part.series.key for part in problem.parts]
@@ -142,18 +85,7 @@ def advise(
 def assumed_noise(
     model: Model, settings: DetectabilitySettings = DEFAULT_SETTINGS.detectability
 ) -> tuple[dict[Key, Noise], dict[Key, str]]:
-    """Noise as stated, or assumed where it is not, and in words what was assumed of which run and channel.
-
-    Parameters
-    ----------
-    model : Model
-    settings : DetectabilitySettings
-
-    Raises
-    ------
-    InputError
-        A channel whose noise is not stated is predicted to be 0 throughout.
-    """
+    """Noise as stated, or assumed where it is not, and in words what was assumed of which run and channel."""
     noise, assumptions = {}, {}
     for run in runs_of(model):
         predicted = model.simulate(run, {p.name: p.nominal for p in model.nuisances if p.run in (None, run)})

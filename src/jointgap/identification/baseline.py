@@ -20,42 +20,18 @@ from jointgap.identification.whitening import Noise
 
 @dataclass(frozen=True)
 class Baseline:
-    """The model as it stands, that every hypothesis is compared with.
+    """The model as it stands, that every hypothesis is compared with."""
 
-    Attributes
-    ----------
-    problem : Problem
-        With the noise of the numerics in it.
-    differences : FiniteDifferences
-    nominal : Fit
-        All shared nuisances at nominal; only what belongs to single runs (speed, first angle) is fitted.
-    base : Fit
-        All nuisances fitted.
-    """
-
-    problem: Problem
+    problem: Problem  # With the noise of the numerics in it
     differences: FiniteDifferences
-    nominal: Fit
-    base: Fit
+    nominal: Fit  # All shared nuisances at nominal; only what belongs to single runs (speed, first angle) is fitted
+    base: Fit  # All nuisances fitted
 
 
 def recalibrate(
     model: Model, noise: Mapping[tuple[str, str], Noise], settings: IdentificationSettings = DEFAULT_SETTINGS
 ) -> Baseline:
-    """Fit the nuisances; then count in what equally good numerics would predict, and fit again.
-
-    Parameters
-    ----------
-    model : Model
-    noise : mapping of (run, channel) to Noise
-        Of the measurement.
-    settings : IdentificationSettings
-
-    Raises
-    ------
-    SimulationError
-        The model cannot be simulated as it stands.
-    """
+    """Fit the nuisances; then count in what equally good numerics would predict, and fit again."""
     first = Problem(model, noise, settings=settings)
     start = multistart_fit(first, probed_differences(first, {p.key: p.nominal for p in first.nuisances}))
     if start.status == FAILED:
@@ -87,16 +63,6 @@ def multistart_fit(
     Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first go from
     coarsely smoothed residuals to the samples, where these can be smoothed. One that ends in the same minimum as the
     best before it ends the search too.
-
-    Parameters
-    ----------
-    problem : Problem
-    differences : FiniteDifferences
-    hypothesis : tuple of Candidate
-    start : mapping of str to float
-        Where the first fit starts [SI], and what is no shared nuisance always does; nominal where absent.
-    max_starts : int, optional
-        From how many values of the nuisances, at most; as the settings say by default.
     """
     settings = problem.settings.baseline
     count = settings.max_starts if max_starts is None else max_starts
@@ -122,47 +88,20 @@ def _enough(problem: Problem, fit: Fit) -> float:
 
 
 def is_same_minimum(fit: Fit, other: Fit, differences: FiniteDifferences) -> bool:
-    """Whether two fits ended in the same minimum, as far as chi2 says and its numerical noise lets it.
-
-    Parameters
-    ----------
-    fit, other : Fit
-        To one problem.
-    differences : FiniteDifferences
-        Of that, which know the numerical noise.
-    """
+    """Whether two fits ended in the same minimum, as far as chi2 says and its numerical noise lets it."""
     least = differences.problem.settings.baseline.same_minimum * other.chi2
     return abs(fit.chi2 - other.chi2) < max(least, differences.numerical_noise_chi2)
 
 
 def shared_nuisances(problem: Problem, hypothesis: Hypothesis) -> list[Parameter]:
-    """The bounded nuisances that runs share.
-
-    Parameters
-    ----------
-    problem : Problem
-    hypothesis : tuple of Candidate
-        Nuisances that it replaces are left out.
-    """
+    """The bounded nuisances that runs share."""
     shared = [p for p in problem.parameters(hypothesis) if p.run is None and p in problem.nuisances]
     return [p for p in shared if np.isfinite(p.high - p.low)]
 
 
 def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> list[dict[str, float]]:
-    """Values of the nuisances that runs share, drawn evenly from their ranges; none where there are no such nuisances.
-
-    Parameters
-    ----------
-    problem : Problem
-    hypothesis : tuple of Candidate
-        Nuisances that it replaces are left out.
-    count : int
-        How many sets of values.
-
-    Returns
-    -------
-    list of mapping of str to float
-        By key [SI]; the same ones at each call.
+    """Values of the nuisances that runs share, drawn evenly from their ranges; none where there are no such
+    nuisances.
     """
     bounded = shared_nuisances(problem, hypothesis)
     generator = np.random.default_rng(0)

@@ -16,18 +16,10 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, IntervalSettings
 
 @dataclass(frozen=True)
 class BoundedNormal:
-    """A normal distribution of k parameters within bounds.
+    """A normal distribution of k parameters within bounds."""
 
-    Attributes
-    ----------
-    covariance : (k, k) array
-        [SI] Within the bounds; zero rows of parameters of which nothing is known.
-    draws : (s, k) array or None
-        Drawn from the distribution [SI]; None where the bounds cut nothing off, so that it is normal.
-    """
-
-    covariance: np.ndarray
-    draws: np.ndarray | None = None
+    covariance: np.ndarray  # [SI] Within the bounds; zero rows of parameters of which nothing is known
+    draws: np.ndarray | None = None  # Drawn from the distribution [SI]
 
 
 def bounded_normal(
@@ -40,28 +32,7 @@ def bounded_normal(
     shifts: np.ndarray,
     settings: IntervalSettings = DEFAULT_SETTINGS.intervals,
 ) -> BoundedNormal:
-    """The distribution around the minimum of ``|residual|^2`` within bounds, of residuals that are linear there.
-
-    Parameters
-    ----------
-    jacobian : (n, k) array
-        Of the whitened residuals [1/SI]; its inner products alone count.
-    slope : (k,) array
-        Half the derivative of chi2 [1/SI]. It counts where a parameter is at a bound and chi2 falls beyond: else it is
-        what a fit that has ended left over.
-    inflation : float
-        [1] Factor of the variance: chi2 over its degrees of freedom, where the residual is more than noise.
-    values, low, high : (k,) array
-        The minimum and the bounds [SI].
-    shifts : (m, k) array
-        [SI] What changes of a normal number's size, such as other numerics, do to the values.
-    settings : IntervalSettings
-
-    Returns
-    -------
-    BoundedNormal
-        The same for the same arguments.
-    """
+    """The distribution around the minimum of ``|residual|^2`` within bounds, of residuals that are linear there."""
     length, width = np.linalg.norm(jacobian, axis=0), high - low
     live = (width > 0) & ((length > 0) | np.isfinite(width))
     covariance = np.zeros((values.size, values.size))

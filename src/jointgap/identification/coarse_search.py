@@ -54,17 +54,6 @@ def search_pairs(
     The single effects that explain most to the first smoother to which the base leaves something visible are paired
     with what would explain most of the rest: with one of two effects there, neither nuisances nor signatures are the
     base's.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    fits : sequence of Fit
-        Of the single effects.
-    limits : Thresholds
-    smoothers : sequence of Smoother
-        Coarsest first; none where the fits can be followed on samples.
-    until : float
-        Once the problem has been simulated more often, nothing new begins.
     """
     settings = baseline.problem.settings.coarse_search
     visible = (smoother for smoother in smoothers if _is_visible(baseline.base, smoother, baseline))
@@ -127,17 +116,6 @@ def successive_elimination(
     """Fits of hypotheses by way of all smoothers to the samples, best first, the failed ones last.
 
     After each smoother the worst are eliminated.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    chosen : sequence of (LinearizedFit, Signatures)
-        Hypotheses, each with the signatures that it was screened by.
-    smoothers : sequence of Smoother
-        Coarsest first; none to begin with the samples.
-    limits : Thresholds
-    until : float
-        Once the problem has been simulated more often no fit begins: the best of each smoother go on first.
     """
     problem, differences = baseline.problem, baseline.differences
     settings = problem.settings.coarse_search

@@ -31,28 +31,13 @@ CANNOT_TELL, NOT_SIMULATED, NOTHING_HELD_OUT = "cannot_tell", "not_simulated", "
 
 @dataclass(frozen=True)
 class HeldOutTest:
-    """What becomes of the gap of the held-out data once the effects of a verdict are in the model.
+    """What becomes of the gap of the held-out data once the effects of a verdict are in the model."""
 
-    Attributes
-    ----------
-    outcome : str
-        ``falls`` or ``rises``: by more than the bootstrap leaves open; ``stays``: neither, though the effects should
-        let it fall by more than that; ``cannot_tell``: the fall that they foretell and none at all are both within what
-        the bootstrap leaves open; ``not_simulated``: the effects cannot be simulated in any held-out run;
-        ``nothing_held_out``.
-    before, after : float
-        Gaps [1] of the runs that could be simulated; NaN where none could.
-    features : (float, float), optional
-        Misfits [1] of the features of the cycle before and after, where these decide since samples cannot be followed.
-    after_low : float
-        Lower end [1] of the 90 % interval of the gap after.
-    """
-
-    outcome: str
-    before: float = np.nan
-    after: float = np.nan
+    outcome: str  # ``falls`` or ``rises``
+    before: float = np.nan  # Gaps [1] of the runs that could be simulated; NaN where none could
+    after: float = np.nan  # Gaps [1] of the runs that could be simulated; NaN where none could
     features: tuple[float, float] | None = None
-    after_low: float = np.nan
+    after_low: float = np.nan  # Lower end [1] of the 90 % interval of the gap after
 
     @property
     def words(self) -> str:
@@ -76,36 +61,19 @@ class HeldOutTest:
 
 @dataclass(frozen=True)
 class Rest:
-    """What the effects leave in one channel.
-
-    Attributes
-    ----------
-    channel : str
-    gap : float
-        [1] Root mean square over the runs.
-    """
+    """What the effects leave in one channel."""
 
     channel: str
-    gap: float
+    gap: float  # [1] Root mean square over the runs
 
 
 @dataclass(frozen=True)
 class Confirmed:
-    """Residuals and gaps of all runs.
+    """Residuals and gaps of all runs."""
 
-    Attributes
-    ----------
-    residuals : DataFrame
-        Table `jointgap.tables.RESIDUALS`.
-    gaps : DataFrame
-        Table `jointgap.tables.GAPS`.
-    variation : mapping of (run, channel) to float
-        What each series varies by, as of `Series.variation` [unit].
-    """
-
-    residuals: pd.DataFrame
-    gaps: pd.DataFrame
-    variation: Mapping[tuple[str, str], float]
+    residuals: pd.DataFrame  # Table `jointgap.tables.RESIDUALS`
+    gaps: pd.DataFrame  # Table `jointgap.tables.GAPS`
+    variation: Mapping[tuple[str, str], float]  # What each series varies by, as of `Series.variation` [unit]
 
     @property
     def test(self) -> HeldOutTest:
@@ -144,11 +112,6 @@ def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
     If the effects are true, the squared gap falls by the mean square of what they change there (`fall_expected`): the
     residual before is that change, and noise. Where a run cannot be simulated the others count, each by itself: one
     that contradicts the effects outweighs those that do not.
-
-    Parameters
-    ----------
-    gaps : DataFrame
-        Table `jointgap.tables.GAPS`.
     """
     held_out = gaps.query("role == 'confirm' and channel == 'all'")
     if held_out.empty:
@@ -183,13 +146,7 @@ def _outcome(row: Mapping[str, float]) -> str:
 
 
 def share_closed(before: float, after: float) -> float:
-    """Share of what exceeds the noise that is gone, in squares; NaN where nothing exceeded it.
-
-    Parameters
-    ----------
-    before, after : float
-        Gaps [1]: root mean squares of the residual over its noise, so that noise alone makes 1.
-    """
+    """Share of what exceeds the noise that is gone, in squares; NaN where nothing exceeded it."""
     return 1.0 - (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 else np.nan
 
 
@@ -208,23 +165,6 @@ def confirm(
     a joint whose contact shows at another speed, it is the `likeliest` of that. A held-out run that cannot be simulated
     with the named effects has no prediction and no gap after, with the reason as a remark of its gaps; all runs
     together have none either.
-
-    Parameters
-    ----------
-    model : Model
-    noise : mapping of (run, channel) to Noise
-    base : Fit
-        With no effect added: the base that the verdict rests on, or the nominal model where that is enough.
-    named : Fit, optional
-        With the effects of the verdict; the base where there are none.
-    seed : int
-        Of the bootstrap.
-    settings : IdentificationSettings
-
-    Raises
-    ------
-    InputError, SimulationError
-        A held-out run cannot be simulated with the base.
     """
     named = base if named is None else named
     used = Problem(model, noise, settings=settings)
@@ -294,13 +234,6 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     do not. The fit is as it was where it has no such draws, where its own values leave noise alone, or where motion is
     chaotic: among many realisations one is always luckier. Choices of a held-out run are tried in turn, one at each
     draw beside the one that was fitted; at the best draws all of them.
-
-    Parameters
-    ----------
-    problems : collection of Problem
-        One for each held-out run; one that cannot be simulated does not count.
-    fit : Fit
-        To the runs for fitting.
     """
     if fit.draws is None or any(problem.has_statistics for problem in problems):
         return fit
@@ -359,13 +292,6 @@ def fit_run_parameters(problem: Problem, fit: Fit) -> dict[str, float]:
     """Values [SI] of a fit by key, with those that a held-out run has for itself fitted to that run.
 
     These are nominal where the run cannot be simulated.
-
-    Parameters
-    ----------
-    problem : Problem
-        Of the held-out run.
-    fit : Fit
-        To the runs for fitting.
     """
     return _with_run_parameters(problem, fit)[0]
 

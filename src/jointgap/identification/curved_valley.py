@@ -20,20 +20,6 @@ def draws_along_valley(problem: Problem, fit: Fit, numerical_noise_chi2: float =
     """Draws of all that a fit varies, from exp(-chi2 / 2) within the bounds.
 
     chi2 counts less where the residual is more than noise, as in `Fit.distribution`.
-
-    Parameters
-    ----------
-    problem : Problem
-        That was fitted.
-    fit : Fit
-        With its Jacobian made at its end.
-    numerical_noise_chi2 : float
-        [chi2] What next to nothing changes (`jointgap.identification.finite_differences.FiniteDifferences`).
-
-    Returns
-    -------
-    (s, k) array or None
-        [SI] None where chi2 is quadratic as far as it counts, or where nothing can be simulated about the fit.
     """
     settings, known = problem.settings.valley, fit.distribution
     errors = np.sqrt(np.diag(known.covariance))

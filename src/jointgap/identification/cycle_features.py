@@ -18,14 +18,6 @@ class CycleFeatures:
 
     For each run, channel and bin of the cycle: log(mean w^2 + a) and arcsinh(mean w), w the residual. Statistics over
     cycles, and series of which no angle is known, have none.
-
-    Parameters
-    ----------
-    problem : Problem
-    residual : (n,) array
-        Of the fit [1].
-    channels : collection of str, optional
-        Only these have features; all by default.
     """
 
     def __init__(self, problem: Problem, residual: np.ndarray, channels: Collection[str] | None = None):
@@ -76,24 +68,11 @@ class CycleFeatures:
         """How far the features of a simulated change in a run are from the residual's.
 
         Minus the logarithm of a Student likelihood, but for a constant: a bin that is far off does not decide.
-
-        Parameters
-        ----------
-        change : (n,) array
-            What a hypothesis predicts beyond the fit, whitened [1]; without noise.
-        run : str
-            Bins of this run alone count.
         """
         return sum(self.misfit_by_channel(change, run).values())
 
     def misfit_by_channel(self, change: np.ndarray, run: str) -> dict[str, float]:
-        """The parts of which `misfit` is the sum.
-
-        Parameters
-        ----------
-        change, run
-            As of `misfit`.
-        """
+        """The parts of which `misfit` is the sum."""
         energy, mean = self._energy_and_mean(change)
         squares = (self._features - self._transformed(energy + 1.0, mean)) ** 2 / self._variance
         freedom = self._settings.degrees_of_freedom

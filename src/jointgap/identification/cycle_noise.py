@@ -17,44 +17,17 @@ _FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 
 @dataclass(frozen=True)
 class Scatter:
-    """Noise of one series as its cycles or samples show it.
+    """Noise of one series as its cycles or samples show it."""
 
-    Attributes
-    ----------
-    sd : float
-        Marginal standard deviation [unit of the series].
-    spectrum : (m,) array or None
-        [unit^2] Of its variance over the frequencies from 0 to Nyquist's, evenly; the mean is ``sd**2``. None where
-        data are too few.
-    count : int
-        Differences that it rests on.
-    """
-
-    sd: float
-    spectrum: np.ndarray | None
-    count: int
+    sd: float  # Marginal standard deviation [unit of the series]
+    spectrum: np.ndarray | None  # [unit^2] Of its variance over the frequencies from 0 to Nyquist's, evenly
+    count: int  # Differences that it rests on
 
 
 def scatter_between_cycles(
     residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings, resolution: float = 0.0
 ) -> Scatter | None:
-    """Noise from the differences of neighbouring cycles.
-
-    Parameters
-    ----------
-    residual : (n,) array
-        Measured minus predicted [unit]; NaN gaps. What repeats from cycle to cycle may be left in it.
-    angle : (n,) array
-        Rising [rad]; NaN where not known.
-    settings : NoiseSettings
-    resolution : float
-        Step in which the sensor reads [unit]: a difference of one is no outlier.
-
-    Returns
-    -------
-    Scatter or None
-        None where the cycles do not overlap enough.
-    """
+    """Noise from the differences of neighbouring cycles."""
     compared = compared_cycles(residual, angle, settings)
     if compared is None:
         return None
@@ -83,19 +56,6 @@ def growth_with_rate(residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, 
     """How the variance of the noise grows with a channel's squared rate: by the factor 1 + growth rate^2.
 
     The growth that makes the differences of neighbouring cycles most likely, as those of independent normal numbers.
-
-    Parameters
-    ----------
-    residual, angle : (n,) array
-        As for `scatter_between_cycles`.
-    rate : (n,) array
-        Of the channel over time [unit/s].
-    settings : NoiseSettings
-
-    Returns
-    -------
-    float
-        [s^2/unit^2]; 0 where differences are too few, or do not tell that it grows.
     """
     compared = _differences(residual, angle, 1)
     difference, share = compared.difference, compared.share
@@ -116,19 +76,7 @@ def growth_with_rate(residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, 
 
 
 def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Scatter | None:
-    """White noise from fourth differences, in which a motion that is smooth over five samples leaves nothing.
-
-    Parameters
-    ----------
-    residual : (n,) array
-        Measured minus predicted [unit]; NaN gaps.
-    settings : NoiseSettings
-
-    Returns
-    -------
-    Scatter or None
-        None where samples are too few.
-    """
+    """White noise from fourth differences, in which a motion that is smooth over five samples leaves nothing."""
     differences = np.convolve(residual, _FOURTH_DIFFERENCE, mode="valid")
     differences = differences[np.isfinite(differences)]
     few = differences.size < settings.max_ar_order
@@ -138,21 +86,6 @@ def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Sc
 def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None = None) -> tuple[float, ...]:
     """Autocorrelation at lags of 1, 2, ... of the autoregressive process that the Bayesian information criterion
     chooses.
-
-    Parameters
-    ----------
-    scatter : Scatter
-        With a spectrum.
-    max_order : int
-        Of the process.
-    stated_sd : float, optional
-        Standard deviation that the noise has [unit]. What the cycles differ by beyond it, where the spectrum is
-        highest, is not noise: a force out of step with the crank, or a drift.
-
-    Returns
-    -------
-    tuple of float
-        Empty for white noise.
     """
     spectrum = scatter.spectrum
     if stated_sd is not None:
@@ -167,36 +100,19 @@ def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None
 
 
 def effective_samples(count: int, autocorrelation: tuple[float, ...]) -> float:
-    """How many independent samples determine a mean as well as `count` correlated ones, `count` at most.
-
-    Parameters
-    ----------
-    count : int
-    autocorrelation : tuple of float
-        [1] At lags of 1, 2, ... samples.
-    """
+    """How many independent samples determine a mean as well as `count` correlated ones, `count` at most."""
     weights, sd = autoregression(autocorrelation)[-1]
     return float(count * min((1.0 - weights.sum()) ** 2 / sd**2, 1.0))
 
 
 @dataclass(frozen=True)
 class ComparedCycles:
-    """Samples of a residual beside those some cycles later at the same phase, between two samples interpolated.
+    """Samples of a residual beside those some cycles later at the same phase, between two samples interpolated."""
 
-    Attributes
-    ----------
-    difference : (n,) array
-        Sample minus later value [unit]; NaN where there is none, or none that can be compared.
-    share : (n,) array
-        Of the second of the two later samples [1]; NaN where there is none.
-    before, after : (n,) array of int
-        Places of the two later samples.
-    """
-
-    difference: np.ndarray
-    share: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
+    difference: np.ndarray  # Sample minus later value [unit]; NaN where there is none, or none that can be compared
+    share: np.ndarray  # Of the second of the two later samples [1]; NaN where there is none
+    before: np.ndarray  # Places of the two later samples
+    after: np.ndarray  # Places of the two later samples
 
 
 def compared_cycles(residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings) -> ComparedCycles | None:
@@ -204,17 +120,6 @@ def compared_cycles(residual: np.ndarray, angle: np.ndarray, settings: NoiseSett
 
     Where a residual rings as fast as it is sampled, a value interpolated between two samples is none of the noise's:
     such differences are left out.
-
-    Parameters
-    ----------
-    residual, angle : (n,) array
-        As for `scatter_between_cycles`.
-    settings : NoiseSettings
-
-    Returns
-    -------
-    ComparedCycles or None
-        None of too few differences.
     """
     best, most = None, 0
     for cycles in range(1, settings.max_cycles_apart + 1):
@@ -316,16 +221,6 @@ def rounding_that_repeats(compared: ComparedCycles, predicted: np.ndarray, resol
     Noise of standard deviation s before the rounding leaves, of the error's k-th harmonic over the steps, the share
     exp(-(2 pi k s / step)^2) to what repeats; how far it does is told by how many steps lie between the values that
     are compared.
-
-    Parameters
-    ----------
-    compared : ComparedCycles
-    predicted : (n,) array
-        What the sensor should read [unit].
-    resolution : float
-        Its step [unit], > 0.
-    variance : float
-        Of what cycles differ by [unit^2].
     """
     known = np.isfinite(compared.difference)
     k = np.arange(1, 41)[:, None]

@@ -33,23 +33,8 @@ _Decided = TypeVar("_Decided")
 
 
 def leaders_by_features(problem: Problem, base: Fit, fits: Sequence[Fit], matched: Sequence[Fit]) -> list[Fit]:
-    """Explanations whose features are met, and so much better than those of all others that one of them must be true.
-
-    Parameters
-    ----------
-    problem : Problem
-    base : Fit
-        With no effect.
-    fits : sequence of Fit
-        To samples: rivals, each with its features.
-    matched : sequence of Fit
-        To features.
-
-    Returns
-    -------
-    list of Fit
-        Of those `matched`, best first; none where a fit to samples has features that are as good, or where samples can
-        be followed at one of them: these are not met there. None holds all effects of another and more.
+    """Explanations whose features are met, and so much better than those of all others that one of them must be
+    true.
     """
     features, misfit = _misfits_of(problem, base)
     settings = problem.settings.rough_search
@@ -74,16 +59,6 @@ def refitted_to_features(baseline: Baseline, decision: _Decided, test: HeldOutTe
 
     A fit of samples that the held-out samples contradict was led by chance: its intervals are as narrow as the valley
     where it ended, which need not be that of the truth. The verdict stays; so do changes of what was loose already.
-
-    Parameters
-    ----------
-    baseline : Baseline
-        With the base that the decision rests on.
-    decision : Decision, or another record with its attributes verdict, because and chosen
-        With the held-out data heard.
-    test : HeldOutTest
-        Of the decision. The decision stays where the gap of samples falls, or where the features of the data used for
-        fitting are not met.
     """
     chosen, problem = decision.chosen, baseline.problem
     is_named = decision.verdict in (NAMED, NAMED_WITH_REMAINING_MISFIT) and len(chosen.hypothesis) == 1
@@ -98,13 +73,7 @@ def refitted_to_features(baseline: Baseline, decision: _Decided, test: HeldOutTe
 
 
 def with_feature_gains(problem: Problem, decision: Decision) -> Decision:
-    """The decision with the `feature_gain` of each explanation in its ranking.
-
-    Parameters
-    ----------
-    problem : Problem
-    decision : Decision
-    """
+    """The decision with the `feature_gain` of each explanation in its ranking."""
     features, misfit = _misfits_of(problem, decision.base)
     if not features.size:
         return decision
@@ -131,16 +100,6 @@ def decided_by_features(
     It stays that of samples where a leader changes no more than a parameter within its range: then nothing need be
     missing. Of two leaders of which one is a special case of the other the special one counts, unless features ask for
     more.
-
-    Parameters
-    ----------
-    problem : Problem
-    decision : Decision
-        Of fits to samples.
-    leaders : sequence of Fit
-        As of `leaders_by_features`.
-    is_special_case : function
-        Whether the first of two hypotheses is a special case of the second.
     """
     if decision.verdict != UNEXPLAINED or not leaders:
         return decision

@@ -91,66 +91,29 @@ AMBIGUOUS, UNEXPLAINED = "ambiguous", "unexplained"
 
 @dataclass(frozen=True)
 class Ranked:
-    """One explanation beside the others.
-
-    Attributes
-    ----------
-    fit : Fit
-    delta_bic : float
-        BIC of the base less its own: larger is better.
-    share : float
-        [1] Explained share, (chi2_base - chi2) / (chi2_base - n); NaN where the base leaves no more than noise.
-    passes : bool
-        Whether it leaves noise alone, as the table of the module has it.
-    admissible : bool
-        Whether all its effects are there and none is a nuisance within its range.
-    remark : str
-        Why it is not admissible, or what the fit says.
-    feature_gain : float
-        [1] By how much the log likelihood of the features of the cycle (`jointgap.identification.cycle_features`) is
-        above the base's; NaN where nothing has such features.
-    """
+    """One explanation beside the others."""
 
     fit: Fit
-    delta_bic: float
-    share: float
-    passes: bool
-    admissible: bool
-    remark: str = ""
+    delta_bic: float  # BIC of the base less its own: larger is better
+    share: float  # [1] Explained share, (chi2_base - chi2) / (chi2_base - n)
+    passes: bool  # Whether it leaves noise alone, as the table of the module has it
+    admissible: bool  # Whether all its effects are there and none is a nuisance within its range
+    remark: str = ""  # Why it is not admissible, or what the fit says
     feature_gain: float = np.nan
 
 
 @dataclass(frozen=True)
 class Decision:
-    """The verdict as far as the fits carry it.
+    """The verdict as far as the fits carry it."""
 
-    Attributes
-    ----------
-    verdict : str
-        As in the table of the module.
-    chosen : Fit
-        The explanation named; the base where none is, or the nominal model where that is enough.
-    base : Fit
-        The model as it stands, nuisances fitted, that explanations were compared with.
-    equivalent : list of Fit
-        Explanations that the data cannot tell apart, best first; empty unless ``ambiguous``.
-    ranking : list of Ranked
-        All explanations, best first.
-    thresholds : Thresholds
-    because : str
-        The reason in a sentence.
-    best_known : Fit or None
-        Where the verdict is ``unexplained``: the best explanation that gains enough over the base, which is not proven.
-    """
-
-    verdict: str
-    chosen: Fit
-    base: Fit
-    equivalent: list[Fit] = field(default_factory=list)
-    ranking: list[Ranked] = field(default_factory=list)
+    verdict: str  # As in the table of the module
+    chosen: Fit  # The explanation named; the base where none is, or the nominal model where that is enough
+    base: Fit  # The model as it stands, nuisances fitted, that explanations were compared with
+    equivalent: list[Fit] = field(default_factory=list)  # Explanations that the data cannot tell apart, best first
+    ranking: list[Ranked] = field(default_factory=list)  # All explanations, best first
     thresholds: Thresholds | None = None
-    because: str = ""
-    best_known: Fit | None = None
+    because: str = ""  # The reason in a sentence
+    best_known: Fit | None = None  # Where the verdict is ``unexplained``
 
     @property
     def proposed(self) -> Fit | None:
@@ -167,14 +130,8 @@ def proposal(chosen: Fit, equivalent: Sequence[Fit], best_known: Fit | None) -> 
 
 
 def certain_effects(equivalent: Sequence[Fit], close: Collection[Collection[str]] = ()) -> list[Candidate]:
-    """Effects that all of several explanations hold, in the order of the first: what is certain though the rest is not.
-
-    Parameters
-    ----------
-    equivalent : sequence of Fit
-        Explanations that the data cannot tell apart.
-    close : collection of collections of str
-        Labels of the effects of all others that are as near to the best.
+    """Effects that all of several explanations hold, in the order of the first: what is certain though the rest is
+    not.
     """
     if not equivalent:
         return []
@@ -195,28 +152,7 @@ def decide(
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
     order_in_words: Callable[[float], str] = lambda _: "",
 ) -> Decision:
-    """Choose among fitted explanations, by lines 1 to 8 of the table of the module.
-
-    Parameters
-    ----------
-    base, nominal : Fit
-        The model as it stands, nuisances fitted and at nominal.
-    fits : sequence of Fit
-        Explanations of one, two ... effects.
-    limits : Thresholds
-    similarity : mapping of label to float
-        [1] Squared cosine of each explanation's signature with that of the candidate most like it.
-    nuisance_bounds : mapping of name to (nominal, low, high)
-        Ranges [SI] of the nuisances that effects may replace.
-    is_special_case : function
-        Whether an explanation is a special case of another, which is then no rival but an addition.
-    second_effect_gain : float
-        [BIC] What a second effect has to gain over the best single one, where that is more than
-        `limits.max_gain_threshold`.
-    settings : DecisionSettings
-    order_in_words : function
-        Of which crank a frequency [Hz] is an order; empty where it is none.
-    """
+    """Choose among fitted explanations, by lines 1 to 8 of the table of the module."""
     ranking = rank(base, fits, limits, nuisance_bounds, settings, order_in_words)
     # The base is a rival too, and the best of many candidates gains something by chance alone.
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
@@ -295,22 +231,6 @@ def final_verdict(
 ) -> _Decided:
     """The verdict with the held-out data heard, by lines 9 to 16 of the table of the module; its fits know the gap that
     they leave there (`Fit.gap_left`).
-
-    Parameters
-    ----------
-    decision : Decision, or another record with its attributes verdict, because, chosen, base, equivalent, best_known
-        What the fits say.
-    confirmed : Confirmed
-        What all runs say of the model with `Decision.proposed`.
-    doubted_channels : collection of str
-        Channels that contradict others, and would without the faults of sensors that the decision names: their readings
-        are no evidence of physics.
-    settings : DecisionSettings
-
-    Returns
-    -------
-    Decision
-        Or a record as `decision` is.
     """
     return _with_gap_left(_heard(decision, confirmed, doubted_channels, settings), confirmed.gap("confirm"))
 
@@ -424,14 +344,6 @@ def decide_rough(
 ) -> Decision:
     """The decision, or the name of an effect on which motion depends roughly where lines 5 or 8 leave ``unexplained``
     what rings.
-
-    Parameters
-    ----------
-    decision : Decision
-        As of `decide`.
-    leaves_rough_motion : bool
-        Whether what the base leaves rings.
-    settings : DecisionSettings
     """
     if decision.verdict != UNEXPLAINED or not leaves_rough_motion:
         return decision
@@ -468,19 +380,7 @@ def rank(
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
     order_in_words: Callable[[float], str] = lambda _: "",
 ) -> list[Ranked]:
-    """All explanations, best BIC first, the failed ones last.
-
-    Parameters
-    ----------
-    base : Fit
-    fits : sequence of Fit
-    limits : Thresholds
-    nuisance_bounds : mapping of name to (nominal, low, high)
-        Ranges [SI] of the nuisances that effects may replace.
-    settings : DecisionSettings
-    order_in_words : function
-        Of which crank a frequency [Hz] is an order; empty where it is none.
-    """
+    """All explanations, best BIC first, the failed ones last."""
 
     def objection(fit: Fit) -> str:
         if fit.status == FAILED:
@@ -498,16 +398,7 @@ def weigh(
     objection: str = "",
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
 ) -> Ranked:
-    """One explanation beside the base.
-
-    Parameters
-    ----------
-    base, fit : Fit
-    limits : Thresholds
-    objection : str
-        Why the explanation is not admissible; empty where it is.
-    settings : DecisionSettings
-    """
+    """One explanation beside the base."""
     left, share = reduced_chi2(fit), explained_share(base, fit)
     # null campaigns leave much where the noise is known poorly: that says little of what is explained
     explains = left <= settings.tolerated_reduced_chi2 or not share < settings.min_explained_share
@@ -517,12 +408,7 @@ def weigh(
 
 
 def explained_share(base: Fit, fit: Fit) -> float:
-    """Share [1] that an explanation takes of what exceeds the noise in the base; NaN where that may be noise itself.
-
-    Parameters
-    ----------
-    base, fit : Fit
-    """
+    """Share [1] that an explanation takes of what exceeds the noise in the base; NaN where that may be noise itself."""
     excess = base.chi2 - (base.residual.size - len(base.parameters))
     # within a standard deviation of chi2 it may be noise
     return (base.chi2 - fit.chi2) / excess if excess > np.sqrt(2 * base.residual.size) else np.nan
@@ -568,16 +454,7 @@ def _swings_with_a_crank(fit: Fit, order_in_words: Callable[[float], str]) -> st
 
 
 def is_within_range(fit: Fit, candidate: Candidate, nuisance_bounds: Mapping[str, tuple[float, float, float]]) -> bool:
-    """Whether an effect is no more than nuisances that it replaces, within their ranges.
-
-    Parameters
-    ----------
-    fit : Fit
-    candidate : Candidate
-        One of its effects.
-    nuisance_bounds : mapping of name to (nominal, low, high)
-        Ranges [SI] of the nuisances that effects may replace.
-    """
+    """Whether an effect is no more than nuisances that it replaces, within their ranges."""
     # Where it leaves the rest of a shared nuisance to be fitted, the effect is that the two differ.
     if not candidate.replaces or candidate.replaces.keys() & {p.name for p in candidate.coordinates}:
         return False

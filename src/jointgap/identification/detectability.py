@@ -17,20 +17,7 @@ _Blocks = tuple[np.ndarray, dict[int, np.ndarray]]
 
 
 class Detectability:
-    """What is detectable, and what alike, over the samples of some channels of some runs.
-
-    Parameters
-    ----------
-    signatures : Signatures
-        Of all candidates, about the nominal model.
-    lengths : sequence of int
-        Samples of each channel of each run, in order.
-    counts : sequence of int
-        How many samples there will be of each: those at hand repeat.
-    rate : float
-        [1] False alarms allowed over all candidates.
-    settings : IdentificationSettings
-    """
+    """What is detectable, and what alike, over the samples of some channels of some runs."""
 
     def __init__(
         self,
@@ -60,15 +47,7 @@ class Detectability:
         }
 
     def part(self, rows: np.ndarray, lengths: Sequence[int], counts: Sequence[int]) -> "Detectability":
-        """The same over some of the samples.
-
-        Parameters
-        ----------
-        rows : (m,) int array
-            Of the signatures.
-        lengths, counts : sequence of int
-            As of the class, for these rows.
-        """
+        """The same over some of the samples."""
         signatures = self.signatures
         entries = [
             replace(signature, columns=signature.columns[rows], origin=signature.origin[rows])
@@ -103,13 +82,7 @@ class Detectability:
         return float(min(sizes) if finite else np.median(sizes))
 
     def cosine(self, label: str, other: str) -> float:
-        """Largest cosine [1] of anything that the two effects change, beyond what nuisances can.
-
-        Parameters
-        ----------
-        label, other : str
-            Of two candidates.
-        """
+        """Largest cosine [1] of anything that the two effects change, beyond what nuisances can."""
         both = self._beyond_nuisances(label, other)
         return max((both.cosine(space, other) for space in both.of[label]), default=0.0)
 

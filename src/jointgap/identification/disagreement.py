@@ -16,42 +16,18 @@ from jointgap.identification.whitening import Noise, autoregression, unwhiten, w
 
 @dataclass(frozen=True)
 class DisagreementMap:
-    """Where the residual is more than noise.
+    """Where the residual is more than noise."""
 
-    Attributes
-    ----------
-    chi2, p : float
-        [1] Sum of the squared whitened residuals of all samples, and its probability by noise alone.
-    samples : int
-    tests : DataFrame
-        Per run and channel: samples, chi2, p_chi2, p_ljung_box (whether whitened residuals are correlated).
-    bins : DataFrame
-        Per run, channel and bin of the crank angle: start_deg, end_deg, samples, mean and rms [standard deviations of
-        the noise], p, p_adjusted (of the surest span that holds it; Benjamini-Hochberg over all spans), flagged.
-    windows : DataFrame
-        Neighbouring flagged bins as one: run, channel, start_deg, end_deg (smaller than the start where 0 lies
-        between), mean, rms, p_adjusted; the surest first.
-    orders : DataFrame
-        Spectrum of the whitened residual over orders of the crank: run, channel, order, amplitude, p.
-    standout : DataFrame
-        Whole orders of the crank that hold most of what a channel of a run misses: run, channel, unit, order,
-        amplitude [unit], share, p.
-    scaling : DataFrame
-        Per channel, how the disagreement grows with speed: exponent, low, high (90 % interval), runs.
-    remark : str
-        Of which runs and channels there is no map, since no phase is known of them; empty where there is one of all.
-    """
-
-    chi2: float
-    p: float
+    chi2: float  # [1] Sum of the squared whitened residuals of all samples, and its probability by noise alone
+    p: float  # [1] Sum of the squared whitened residuals of all samples, and its probability by noise alone
     samples: int
-    tests: pd.DataFrame
-    bins: pd.DataFrame
-    windows: pd.DataFrame
-    orders: pd.DataFrame
-    standout: pd.DataFrame
-    scaling: pd.DataFrame
-    remark: str = ""
+    tests: pd.DataFrame  # Per run and channel
+    bins: pd.DataFrame  # Per run, channel and bin of the crank angle
+    windows: pd.DataFrame  # Neighbouring flagged bins as one
+    orders: pd.DataFrame  # Spectrum of the whitened residual over orders of the crank
+    standout: pd.DataFrame  # Whole orders of the crank that hold most of what a channel of a run misses
+    scaling: pd.DataFrame  # Per channel, how the disagreement grows with speed
+    remark: str = ""  # Of which runs and channels there is no map, since no phase is known of them
 
 
 def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01) -> DisagreementMap:
@@ -62,19 +38,6 @@ def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: fl
     bins are flagged that disagree together with their neighbours; such a window begins and ends with bins that do so by
     themselves. It has to be sure itself, too: where much disagrees, spans that overlap are many, and the share of false
     ones among them says little of windows.
-
-    Parameters
-    ----------
-    problem : Problem
-    residual : (size,) array
-        [1] Whitened, as `Problem.residual` gives it.
-    false_discovery : float
-        [1] Probability that noise alone makes any window.
-
-    Returns
-    -------
-    DisagreementMap
-        Channels without crank angle have tests but no bins, which its remark says.
     """
     settings = problem.settings.disagreement
     tests = pd.DataFrame([_test(part, residual[part.place], settings.ljung_box_lags) for part in problem.parts])
@@ -129,21 +92,7 @@ def _test(part: Part, residual: np.ndarray, lags: int) -> dict:
 def ljung_box(
     residual: np.ndarray, index: np.ndarray, lags: int = DEFAULT_SETTINGS.disagreement.ljung_box_lags
 ) -> float:
-    """Probability that independent numbers are as correlated over the first lags (Ljung and Box 1978).
-
-    Parameters
-    ----------
-    residual : (n,) array
-        [1] Whitened.
-    index : (n,) int array
-        Of each among all samples: across gaps nothing is compared.
-    lags : int
-
-    Returns
-    -------
-    float
-        NaN where there are too few samples.
-    """
+    """Probability that independent numbers are as correlated over the first lags (Ljung and Box 1978)."""
     lags = min(lags, residual.size // 5)
     if lags < 1:
         return float("nan")
@@ -227,25 +176,7 @@ def flag_bins(
     sure: float,
     correlations: Mapping[tuple[str, str], np.ndarray] | None = None,
 ) -> pd.DataFrame:
-    """Which bins disagree: within a sure span, likely beside their neighbours, and in a window that is sure itself.
-
-    Parameters
-    ----------
-    bins : DataFrame
-        run, channel, start_deg, p and size [standard deviations of the noise] of each; those of one run and channel
-        follow each other around the circle.
-    settings : DisagreementSettings
-    sure : float
-        [1] Probability by noise alone up to which a span is sure, adjusted by Benjamini and Hochberg, and a window, by
-        Bonferroni among all spans.
-    correlations : mapping of (run, channel) to (n,) array, optional
-        [1] Of the means of noise in bins 1, 2, ... apart; 0 by default.
-
-    Returns
-    -------
-    DataFrame
-        The same with the columns p_adjusted, of the surest span that holds a bin, and flagged.
-    """
+    """Which bins disagree: within a sure span, likely beside their neighbours, and in a window that is sure itself."""
     bins = bins.reset_index(drop=True)
     groups = list(bins.groupby(["run", "channel"], sort=False))
     circles = [
@@ -269,19 +200,7 @@ def flag_bins(
 
 
 class _ChannelBins:
-    """The bins of one channel of one run, and spans of them.
-
-    Attributes
-    ----------
-    p : (m,) array
-        [1] Probability of each bin by noise alone.
-    held : (k, m) array
-        Which bins each span holds; those of one bin come first.
-    spans : (k,) array
-        [1] Probability of each span by noise alone.
-    around : (m,) array
-        [1] Probability of each bin and its neighbours, in which none counts more than the settings say.
-    """
+    """The bins of one channel of one run, and spans of them."""
 
     def __init__(self, p: np.ndarray, settings: DisagreementSettings, correlations: np.ndarray):
         self.p, self._least, self._squares = p, settings.least_of_one, np.square(correlations)
@@ -318,12 +237,6 @@ def bin_correlations(part: Part, count: int) -> np.ndarray:
     """Correlations (count - 1,) of the means of a part's noise in bins 1, 2, ... apart [1].
 
     None (0,) of white noise, or where no angle is known.
-
-    Parameters
-    ----------
-    part : Part
-    count : int
-        Bins of the crank angle.
     """
     if not part.noise.autocorrelation:
         return np.empty(0)

@@ -55,14 +55,6 @@ def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> 
     than explanations differ. The base too, from the nuisances of the best fit as well: it must not lose by having
     worse ones. All others that are better than the base leave the mean of as many realisations, so that all are
     measured alike.
-
-    Parameters
-    ----------
-    problem : Problem
-        With statistics.
-    base : Fit
-    fits : sequence of Fit
-        One of each hypothesis.
     """
     settings = problem.settings.ensemble
     single = base if base.draws is None else _with_single_residual(problem, base)
@@ -112,15 +104,7 @@ def _drawn_parameters(fit: Fit) -> np.ndarray:
 
 
 def fit_over_ensembles(problem: Problem, fit: Fit, sufficient_chi2: float) -> Fit:
-    """The fit after as many regressions, each from the minimum of the one before, as make it markedly better.
-
-    Parameters
-    ----------
-    problem, fit
-        As of `regressed_over_ensemble`; the Jacobian of the fit may be coarse.
-    sufficient_chi2 : float
-        A fit that leaves no more ends it.
-    """
+    """The fit after as many regressions, each from the minimum of the one before, as make it markedly better."""
     for _ in range(problem.settings.ensemble.passes):
         if fit.chi2 <= sufficient_chi2:
             break
@@ -133,21 +117,7 @@ def fit_over_ensembles(problem: Problem, fit: Fit, sufficient_chi2: float) -> Fi
 
 
 def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
-    """The fit where the regression has its minimum, if that leaves less than its own values, with draws.
-
-    Parameters
-    ----------
-    problem : Problem
-        That was fitted, with statistics.
-    fit : Fit
-        With its Jacobian made at its end.
-
-    Returns
-    -------
-    Fit
-        Its residual is the mean of some realisations. As it was, without draws, where it has no parameter to regress on
-        or where too few members can be simulated.
-    """
+    """The fit where the regression has its minimum, if that leaves less than its own values, with draws."""
     settings, generator = problem.settings.ensemble, np.random.default_rng(0)
     (low, high), live = bounds_of(fit.parameters), _drawn_parameters(fit)
     if not live.any():

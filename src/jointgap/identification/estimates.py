@@ -31,10 +31,6 @@ CHANGES_NOTHING = "changes nothing in what was measured"
 def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
     """Nuisances of a fit, each with its estimate as `coordinate_estimate` gives it; what changes nothing, or was not
     fitted with the effects, has none.
-
-    Parameters
-    ----------
-    fit : Fit
     """
     of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
     active = fit.active
@@ -63,12 +59,6 @@ def determined_values(fit: Fit) -> dict[str, float]:
 def is_taken_over(parameter: Parameter, estimate: dict[str, Any]) -> bool:
     """Whether a model that others use takes over a nuisance: what the data determine, fitted within its range with an
     interval that is narrower; and what is adapted to features of the cycle.
-
-    Parameters
-    ----------
-    parameter : Parameter
-    estimate : dict
-        As of `coordinate_estimate`.
     """
     if "remark" in estimate:
         return estimate["remark"] == NOT_ESTIMATED
@@ -101,12 +91,6 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
     Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from
     these linearly, as they do draws along a curved valley; where a bound cuts off a coordinate on which they depend
     their intervals are from draws, each followed through.
-
-    Parameters
-    ----------
-    fit : Fit
-    candidate : Candidate
-        One of the fit's effects.
     """
     keys = [p.key for p in fit.parameters]
     own = [p for p in candidate.coordinates if f"{candidate.label}.{p.key}" in keys]
@@ -185,15 +169,7 @@ def _from_draws(value: float, draws: np.ndarray, sd: float, at_bound: bool) -> d
 
 
 def estimate_with_interval(value: float, sd: float, low: float, high: float) -> dict[str, Any]:
-    """Value, standard error and intervals (`LEVELS`), cut at the bounds; where there is no error, a remark why.
-
-    Parameters
-    ----------
-    value, sd : float
-        Estimate and standard error [unit of the parameter]; 0 where the fit gives no error.
-    low, high : float
-        Bounds of the parameter [unit of the parameter].
-    """
+    """Value, standard error and intervals (`LEVELS`), cut at the bounds; where there is no error, a remark why."""
     if not sd > 0.0:
         return _no_estimate(value, NOT_ESTIMATED if low < value < high else AT_BOUND)
     estimate: dict[str, Any] = {"value": float(value), "sd": float(sd)}

@@ -10,15 +10,7 @@ from jointgap.identification.protocol import Parameter
 
 
 class FiniteDifferences:
-    """Derivatives of a problem's residuals; remembers which steps were good.
-
-    Attributes
-    ----------
-    numerical_noise : float
-        Length of the change of the whitened residuals that means nothing (`probe`) [1]; 0 until it is found.
-    target : float
-        Length of the whitened change that a step is to make [1].
-    """
+    """Derivatives of a problem's residuals; remembers which steps were good."""
 
     def __init__(self, problem: Problem):
         self.problem = problem
@@ -38,15 +30,6 @@ class FiniteDifferences:
 
         Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from
         smaller changes than that, and no fit is better than it.
-
-        Parameters
-        ----------
-        parameters : sequence of Parameter
-            The first ones that all runs share are changed.
-        values : mapping of str to float
-            By key [SI].
-        residual : (n,) array
-            Whitened, at `values`.
         """
         count = self.settings.probed_parameters
         shared = [p for p in parameters if p.run is None][:count] or list(parameters[:count])
@@ -76,27 +59,7 @@ class FiniteDifferences:
         known_derivatives: Mapping[str, np.ndarray] | None = None,
         fine: bool = False,
     ) -> np.ndarray:
-        """Derivatives of the residuals.
-
-        Parameters
-        ----------
-        parameters : sequence of Parameter
-            k of them.
-        values : mapping of str to float
-            By key [SI].
-        residual : (n,) array
-            Whitened, at `values`.
-        hypothesis : tuple of Candidate
-        known_derivatives : mapping of str to (n,) array
-            Columns by key that are taken as they are [1/SI].
-        fine : bool
-            Whether to take steps that noise could just hide, however large the residuals are.
-
-        Returns
-        -------
-        (n, k) array
-            [1/SI]
-        """
+        """Derivatives of the residuals."""
         columns = [
             known_derivatives[p.key]
             if known_derivatives and p.key in known_derivatives
@@ -113,19 +76,7 @@ class FiniteDifferences:
         hypothesis: Hypothesis,
         fine: bool = False,
     ) -> np.ndarray:
-        """Derivative with respect to one parameter, (n,) [1/SI]; zero of a choice.
-
-        Parameters
-        ----------
-        parameter : Parameter
-        values, residual, hypothesis, fine
-            As in `jacobian`.
-
-        Raises
-        ------
-        InputError, SimulationError
-            The model cannot be simulated to either side.
-        """
+        """Derivative with respect to one parameter, (n,) [1/SI]; zero of a choice."""
         if parameter.choices:
             return np.zeros(residual.size)  # flat but for its steps
         settings, target = self.settings, self.target

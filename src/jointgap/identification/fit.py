@@ -21,51 +21,21 @@ _ROUGH = "steps that should help do not: the motion depends on its parameters ro
 
 @dataclass(frozen=True)
 class Fit:
-    """One hypothesis fitted.
-
-    Attributes
-    ----------
-    hypothesis : tuple of Candidate
-    parameters : tuple of Parameter
-        What was varied, k of them.
-    values : (k,) array
-        [SI]
-    residual : (n,) array
-        Whitened.
-    jacobian : (n, k) array
-        Derivatives of the residual [1/SI].
-    simulations : int
-        Runs simulated.
-    status : str
-        ``converged``; ``stopped``: no further step helps, though one should; ``failed``: see `reason`; ``matched``: to
-        features of the cycle, since samples cannot be followed (`jointgap.identification.rough_search`).
-    reason : str
-        What to know of the status; empty where all is well.
-    slope : (k,) array, optional
-        Half the derivative of chi2 by the values [1/SI]: of a fit that no longer has its whole Jacobian.
-    shifts : (m, k) array, optional
-        What m other numerics, or other starts, change in the values [SI]; none where they were not asked.
-    draws : (s, k) array, optional
-        Of the values [SI], where chi2 is not quadratic (`jointgap.identification.curved_valley`).
-    settings : IdentificationSettings
-        Those of the problem that was fitted.
-    gap_left : float
-        [1] Gap on the held-out data, where these were predicted: errors are at least so many times those of noise.
-    """
+    """One hypothesis fitted."""
 
     hypothesis: Hypothesis
-    parameters: tuple[Parameter, ...]
-    values: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
-    simulations: int
-    status: str
-    reason: str = ""
-    slope: np.ndarray | None = None
-    shifts: np.ndarray | None = None
+    parameters: tuple[Parameter, ...]  # What was varied, k of them
+    values: np.ndarray  # [SI]
+    residual: np.ndarray  # Whitened
+    jacobian: np.ndarray  # Derivatives of the residual [1/SI]
+    simulations: int  # Runs simulated
+    status: str  # ``converged``
+    reason: str = ""  # What to know of the status; empty where all is well
+    slope: np.ndarray | None = None  # Half the derivative of chi2 by the values [1/SI]
+    shifts: np.ndarray | None = None  # What m other numerics, or other starts, change in the values [SI]
     draws: np.ndarray | None = None
-    settings: IdentificationSettings = DEFAULT_SETTINGS
-    gap_left: float = 1.0
+    settings: IdentificationSettings = DEFAULT_SETTINGS  # Those of the problem that was fitted
+    gap_left: float = 1.0  # [1] Gap on the held-out data, where these were predicted
 
     @property
     def label(self) -> str:
@@ -161,11 +131,6 @@ class Fit:
 
         Flat bounds count as what they say of a parameter by themselves, a twelfth of the squared width, so that what
         the data do not determine is no more uncertain than that.
-
-        Parameters
-        ----------
-        released : sequence of int
-            Places of parameters that are not held, though they are at a bound.
         """
         if self.status == FAILED:  # nothing is known
             return np.zeros((self.values.size, self.values.size))
@@ -213,32 +178,6 @@ def fit_hypothesis(
     by what the step found, and made anew where that no longer helps (`jointgap.identification.gauss_newton`). Of whole
     numbers of a run, which no step leads from one to another, all are tried before the first step and after the last
     one.
-
-    Parameters
-    ----------
-    problem : Problem
-    hypothesis : tuple of Candidate
-        () for the model as it stands.
-    start : mapping of str to float
-        Values by key to start from [SI]; nominal where absent.
-    known_derivatives : mapping of str to (n,) array
-        Derivatives by key [1/SI] that were found near the start: they save simulations.
-    differences : FiniteDifferences
-        Shared with other fits of the problem, so that good steps are found once.
-    refresh : bool
-        Whether to make the Jacobian anew at the end, for intervals.
-    vary : sequence of Parameter
-        Vary these alone, the others stay at `start`. All that belong to the hypothesis by default.
-    sufficient_chi2 : float
-        chi2 of another hypothesis that leaves noise alone: a fit far above it that improves slowly ends early.
-    smoother : function
-        Linear, from residuals or a Jacobian to what of them is to be small (`jointgap.identification.smoother`): such a
-        fit is a start for another, and takes less care.
-
-    Returns
-    -------
-    Fit
-        A fit that cannot be simulated at its start comes out as failed, with the reason.
     """
     parameters = tuple(problem.parameters(hypothesis) if vary is None else vary)
     differences = differences or FiniteDifferences(problem)
@@ -311,21 +250,7 @@ def _descend(descent: "_Descent", stopping: StoppingRule, damping: DampingSettin
 
 
 class _Descent:
-    """Where a fit stands, and how it moves.
-
-    Attributes
-    ----------
-    values : (k,) array
-        Of the parameters [SI].
-    residual, jacobian : (n,) array, (n, k) array
-        Whitened residuals there, and their derivatives.
-    fresh : bool
-        Whether the Jacobian was made at `values`.
-    trusted : bool
-        Whether it predicted the last step well, so that it may say that the end is reached.
-    damping : float
-        Of the next step [1].
-    """
+    """Where a fit stands, and how it moves."""
 
     def __init__(
         self,

@@ -30,25 +30,13 @@ COEFFICIENTS = ("c1", "c2")
 
 @dataclass(frozen=True)
 class Law:
-    """A sum of terms of a library.
+    """A sum of terms of a library."""
 
-    Attributes
-    ----------
-    effect, site : str
-        Such as ``discovered_slider_force`` and ``slider``.
-    terms : mapping of str to str
-        Of each coefficient its term in the syntax of `jointgap.formula`, SI.
-    coefficients : mapping of str to float
-        Their values.
-    keys : mapping of str to str
-        Key of each coefficient among the parameters of a fit.
-    """
-
-    effect: str
-    site: str
-    terms: Mapping[str, str]
-    coefficients: Mapping[str, float]
-    keys: Mapping[str, str]
+    effect: str  # Such as ``discovered_slider_force`` and ``slider``
+    site: str  # Such as ``discovered_slider_force`` and ``slider``
+    terms: Mapping[str, str]  # Of each coefficient its term in the syntax of `jointgap.formula`, SI
+    coefficients: Mapping[str, float]  # Their values
+    keys: Mapping[str, str]  # Key of each coefficient among the parameters of a fit
 
     @property
     def formula(self) -> str:
@@ -64,33 +52,15 @@ class Law:
 
 @dataclass(frozen=True)
 class ForceLawResult:
-    """What the search proposes.
+    """What the search proposes."""
 
-    Attributes
-    ----------
-    fit : Fit or None
-        The best sum, simulated and fitted together with the nuisances; None where no sum could be simulated.
-    accepted : bool
-        Whether it may be reported: it passes the gate of the effects on the list, with a larger share asked of it.
-    because : str
-        The reason in a sentence.
-    rivals : list of Fit
-        Other laws that the data cannot tell from it, best first; the same force in another form is none.
-    others : list of Fit
-        The rest that was simulated, best first, the failed ones last.
-    failed : mapping of label to reason
-        Terms that could not be simulated.
-    ranking : list of Ranked
-        All laws that were simulated beside the base: the best one, its rivals, the others.
-    """
-
-    fit: Fit | None
-    accepted: bool
-    because: str
-    rivals: list[Fit] = field(default_factory=list)
-    others: list[Fit] = field(default_factory=list)
-    failed: Mapping[str, str] = field(default_factory=dict)
-    ranking: list[Ranked] = field(default_factory=list)
+    fit: Fit | None  # The best sum, simulated and fitted together with the nuisances
+    accepted: bool  # Whether it may be reported
+    because: str  # The reason in a sentence
+    rivals: list[Fit] = field(default_factory=list)  # Other laws that the data cannot tell from it, best first
+    others: list[Fit] = field(default_factory=list)  # The rest that was simulated, best first, the failed ones last
+    failed: Mapping[str, str] = field(default_factory=dict)  # Terms that could not be simulated
+    ranking: list[Ranked] = field(default_factory=list)  # All laws that were simulated beside the base
 
     @property
     def named(self) -> bool:
@@ -134,22 +104,6 @@ def find_force_law(
     in proportion). They are compared by BIC with the number of sums that were open to choice counted in (the extended
     criterion of Chen and Chen, Biometrika 95 (2008) 759-771); a second term must improve it by as much as tells two
     explanations apart.
-
-    Parameters
-    ----------
-    problem : Problem
-    base : Fit
-        The model as it stands, nuisances fitted.
-    library : sequence of Candidate
-        See the module.
-    limits : Thresholds
-        Of the campaign: the law passes where it leaves no more than they allow, or explains 99 % of the misfit.
-    differences : Differences, optional
-        Shared with other fits of the problem.
-
-    Returns
-    -------
-    ForceLawResult
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
@@ -200,15 +154,7 @@ def find_force_law(
 
 
 def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:
-    """Terms of a library as one formula.
-
-    Parameters
-    ----------
-    hypothesis : tuple of Candidate
-        Of one effect.
-    values : mapping of str to float
-        [SI] By key, as in `Fit.mapping`.
-    """
+    """Terms of a library as one formula."""
     named = dict(zip(COEFFICIENTS, hypothesis, strict=False))
     keys = {name: f"{candidate.label}.{candidate.amplitudes[0]}" for name, candidate in named.items()}
     terms = {name: term_of(candidate) for name, candidate in named.items()}

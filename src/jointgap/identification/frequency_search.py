@@ -22,20 +22,6 @@ def likely_frequencies(
     A periodogram by least squares: at each frequency the carrier times a cosine and a sine, of each run its own, are
     fitted beside the nuisances. It is exact where the motion does not respond to the force (a prescribed motion, of
     which forces are read).
-
-    Parameters
-    ----------
-    parts : sequence of Part
-        Series with times; others take no part.
-    residual : (n,) array
-        [1] Whitened.
-    jacobian : (n, k) array
-        [1/unit] Derivatives with respect to the nuisances.
-    carrier : (n,) array
-        [1/unit] Derivative with respect to the steady effect's amplitude.
-    frequency : Parameter
-        Its bounds [Hz] are the range that is searched.
-    settings : ScreeningSettings
     """
     time, run = np.full(residual.size, np.nan), np.empty(residual.size, dtype=object)
     for part in parts:
@@ -72,20 +58,6 @@ def likely_orders(
 
     As `likely_frequencies`, over those that the parameter says; an effect in step with the crank has one phase in all
     runs. Orders that the samples of a series do not resolve are not looked for.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-        Series with crank angles; others take no part.
-    residual : (n,) array
-        [1] Whitened.
-    jacobian : (n, k) array
-        [1/unit] Derivatives with respect to the nuisances.
-    carrier : (n,) array
-        [1/unit] Derivative with respect to the steady effect's amplitude.
-    order : Parameter
-        With those to try [cycles per revolution].
-    settings : ScreeningSettings
     """
     angle = np.full(residual.size, np.nan)
     finest = np.inf
@@ -107,12 +79,6 @@ def likely_orders(
 def orders_of_cranks(parts: Sequence[Part], settings: ScreeningSettings) -> Callable[[float], str]:
     """What tells of a frequency [Hz] whether it is an order or half an order of a run's crank, in words; empty where it
     is none.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-        Series with times and crank angles; others take no part.
-    settings : ScreeningSettings
     """
     rates = {}
     for series in (part.series for part in parts if not part.series.statistic):

@@ -10,17 +10,7 @@ from jointgap.identification.settings import DampingSettings, StoppingSettings
 
 
 def compress_rows(*blocks: np.ndarray) -> list[np.ndarray]:
-    """The blocks' columns in fewer rows, with all inner products between them kept.
-
-    Parameters
-    ----------
-    blocks : (n, k) or (n,) arrays
-
-    Returns
-    -------
-    list of arrays
-        As many, with at most as many rows as there are columns in all.
-    """
+    """The blocks' columns in fewer rows, with all inner products between them kept."""
     wide = [block[:, None] if block.ndim == 1 else block for block in blocks]
     small = np.linalg.qr(np.hstack(wide), mode="r")
     ends = np.cumsum([block.shape[1] for block in wide])[:-1]
@@ -33,24 +23,7 @@ def compress_rows(*blocks: np.ndarray) -> list[np.ndarray]:
 def bounded_step(
     jacobian: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float = 0.0
 ) -> tuple[np.ndarray, float]:
-    """The step within bounds that makes ``residual + jacobian @ step`` smallest, and the square of what remains.
-
-    Parameters
-    ----------
-    jacobian : (n, k) array
-    residual : (n,) array
-    low, high : (k,) array
-        Bounds of the step; 0 lies between them.
-    damping : float
-        Weight of the squared step, measured by the columns' lengths [1].
-
-    Returns
-    -------
-    step : (k,) array
-        0 where a column is empty.
-    chi2 : float
-        ``|residual + jacobian @ step|^2``, without the damping.
-    """
+    """The step within bounds that makes ``residual + jacobian @ step`` smallest, and the square of what remains."""
     length = np.linalg.norm(jacobian, axis=0)
     live = (length > 0) & (high > low)
     step = np.zeros(jacobian.shape[1])
@@ -71,20 +44,7 @@ def bounded_step(
 
 
 def broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """The Jacobian made to agree with one step (Broyden 1965), in units of the columns' lengths: none is preferred.
-
-    Parameters
-    ----------
-    jacobian : (n, k) array
-    step : (k,) array
-        Of the parameters.
-    change : (n,) array
-        Of the residuals over the step.
-
-    Returns
-    -------
-    (n, k) array
-    """
+    """The Jacobian made to agree with one step (Broyden 1965), in units of the columns' lengths: none is preferred."""
     weight = step * np.sum(jacobian**2, axis=0)
     if not (inner := weight @ step) > 0:
         return jacobian
@@ -96,16 +56,6 @@ def next_damping(damping: float, gain_ratio: float, fresh: bool, settings: Dampi
 
     A corrected Jacobian is blamed for a bad step first; only where one made at this point predicts badly is it
     curvature.
-
-    Parameters
-    ----------
-    damping : float
-        Of the last step [1].
-    gain_ratio : float
-        Measured over predicted decrease of chi2 [1]; -inf where the trial could not be simulated.
-    fresh : bool
-        Whether the Jacobian was made at this point.
-    settings : DampingSettings
     """
     if gain_ratio > settings.good_gain_ratio:
         return damping / settings.factor if damping > settings.negligible else 0.0
@@ -113,20 +63,7 @@ def next_damping(damping: float, gain_ratio: float, fresh: bool, settings: Dampi
 
 
 class StoppingRule:
-    """When a descent ends, from the course of its chi2.
-
-    Parameters
-    ----------
-    settings : StoppingSettings
-    size : int
-        Number of residuals.
-    numerical_noise_chi2 : float
-        Change of chi2 that numerical noise alone causes: less is never worth a step.
-    sufficient_chi2 : float
-        chi2 of another hypothesis that leaves noise alone; infinite where none does.
-    smoothed : bool
-        Whether residuals are smoothed: such a fit is a start for another, and takes less care.
-    """
+    """When a descent ends, from the course of its chi2."""
 
     def __init__(
         self,

@@ -53,15 +53,6 @@ def fit_singles(
     A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the
     same part that stay far behind it end early: they are no rivals, but their chi2 depends on how fits are shared out.
     Those that are never small, such as films, take long and come last.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    signatures : Signatures
-        Of all candidates.
-    limits : Thresholds
-    part, parts : int
-        Which of how many parts, counted from 0.
     """
     shortlist = shortlist_singles(signatures, limits, baseline.problem.settings)
     shortlist.sort(key=lambda single: _is_never_small(single.hypothesis))  # these take long, but not if they are beaten
@@ -90,15 +81,6 @@ def fit_pairs(
     The first two and the last two are not tried on doubted data, which would lead anywhere. No step of it begins once
     it has simulated as many runs as the settings say, the first two apart. How far each one goes depends on all others,
     so it is not shared out. Single effects that it finds are among the fits then.
-
-    Parameters
-    ----------
-    baseline, signatures, limits, part, parts
-        As of `fit_singles`.
-    alone : sequence of Fit
-        Of single effects, from all parts.
-    doubted : bool
-        Whether a channel contradicts others or the mechanism.
     """
     if _insufficient(baseline, alone, limits):
         return _search(baseline, signatures, limits, alone, doubted) if part == 0 else ([], [])

@@ -27,23 +27,6 @@ def fit_screened(
 
     A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be
     several times as large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer.
-
-    Parameters
-    ----------
-    problem : Problem
-    differences : FiniteDifferences
-    signatures : Signatures
-        About the base.
-    screened : LinearizedFit
-    part_fit : Fit, optional
-        The fit of a part of the hypothesis that the rest is added to.
-    sufficient_chi2, smoother
-        As of `jointgap.identification.fit.fit_hypothesis`.
-
-    Returns
-    -------
-    Fit
-        Failed, with the reason, where its start cannot be simulated.
     """
     derivatives = (signatures if part_fit is None else signatures.about(part_fit)).derivatives(screened.signatures)
     try:

@@ -33,18 +33,10 @@ from jointgap.identification.thresholds import Thresholds
 
 @dataclass(frozen=True)
 class ShapeProfile:
-    """chi2 along the shape of a law.
+    """chi2 along the shape of a law."""
 
-    Attributes
-    ----------
-    shapes : (m,) array
-        [1] Values at which all else was fitted, growing.
-    chi2 : (m,) array
-        Of those fits, over their variance: 1 per degree of freedom where more than noise remains.
-    """
-
-    shapes: np.ndarray
-    chi2: np.ndarray
+    shapes: np.ndarray  # [1] Values at which all else was fitted, growing
+    chi2: np.ndarray  # Of those fits, over their variance: 1 per degree of freedom where more than noise remains
 
     def interval(self, rise: float) -> tuple[float, float]:
         """The shapes [1] between which chi2 is above its lowest by less than `rise`; an end of the profile where it is
@@ -74,18 +66,6 @@ def fit_shape(
 
     It begins at the effect's own shape, or at the next one in use where something of the law is idle at that; there at
     each of the law's initial guesses. Where no fit converges, at the next shape.
-
-    Parameters
-    ----------
-    problem : Problem
-    found : Fit
-        An explanation.
-    member : Candidate
-        The effect of it that is one shape of the family.
-    family : LawFamily
-        One of the effect's.
-    differences : FiniteDifferences, optional
-        Shared with other fits of the problem.
     """
     prefix = f"{member.label}."
     hypothesis = tuple(family.law if candidate is member else candidate for candidate in found.hypothesis)
@@ -109,18 +89,6 @@ def profile_shape(
     """Hold the shape of a law, and fit all else at each of its values from the best one outward.
 
     To either side until chi2 is so high that the interval ends, or the range does.
-
-    Parameters
-    ----------
-    problem, family, differences
-        As of `fit_shape`.
-    free : Fit
-        What that found.
-
-    Returns
-    -------
-    ShapeProfile or None
-        None where a motion with the law could not be simulated.
     """
     settings, place = problem.settings.family, _place(free, family)
     shape = free.parameters[place]
@@ -148,14 +116,6 @@ def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tu
     chi2 rises to its ends as of one parameter. Where the shape is the effect's own, what is idle there is fitted to
     noise beside it: chi2 falls as with so many degrees of freedom more (R. B. Davies, Biometrika 74 (1987) 33-43, has
     the exact law, a little above that).
-
-    Parameters
-    ----------
-    profile : ShapeProfile
-        As far as `rise_to_exclude`.
-    family : LawFamily
-    level : float
-        [1] Of the interval.
     """
     low, high = profile.interval(float(chi_squared.ppf(level, 1)))
     least, most = profile.interval(rise_to_exclude(family, level))
@@ -165,13 +125,7 @@ def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tu
 
 
 def rise_to_exclude(family: LawFamily, level: float) -> float:
-    """By which chi2 has to rise where the shape is the effect's own, for the data to exclude it at a `level` [1].
-
-    Parameters
-    ----------
-    family : LawFamily
-    level : float
-    """
+    """By which chi2 has to rise where the shape is the effect's own, for the data to exclude it at a `level` [1]."""
     return float(chi_squared.ppf(level, 1 + family.idle_at_own))
 
 
@@ -183,32 +137,16 @@ def _place(free: Fit, family: LawFamily) -> int:
 
 @dataclass(frozen=True)
 class FamilyInterval:
-    """What the data leave of a family.
+    """What the data leave of a family."""
 
-    Attributes
-    ----------
-    effect : str
-        Label of the effect of the list that was found.
-    law, shape : str
-        Label of the family's law, and what its shape is called.
-    value : float
-        [1] The shape as fitted.
-    low, high : float
-        [1] 99 % interval.
-    fits : bool
-        Whether it holds the shape of the effect.
-    alone : bool
-        Whether it holds no other shape in use besides: the effect is named, not the family.
-    """
-
-    effect: str
-    law: str
-    shape: str
-    value: float
-    low: float
-    high: float
-    fits: bool
-    alone: bool
+    effect: str  # Label of the effect of the list that was found
+    law: str  # Label of the family's law, and what its shape is called
+    shape: str  # Label of the family's law, and what its shape is called
+    value: float  # [1] The shape as fitted
+    low: float  # [1] 99 % interval
+    high: float  # [1] 99 % interval
+    fits: bool  # Whether it holds the shape of the effect
+    alone: bool  # Whether it holds no other shape in use besides: the effect is named, not the family
 
 
 def with_families(
@@ -223,14 +161,6 @@ def with_families(
     left out if it gains no more than chance then. Where all that is equally good is of one family, this is named. Two
     laws of one family beside each other are left as they are: their sum has no shape of it. Where an effect fits in
     none of several families, the law that fits best takes its place.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    decision : Decision
-        As `jointgap.identification.model_selection.select_hypothesis` takes it.
-    limits : Thresholds
-        For single effects.
     """
     problem = baseline.problem
     if any(fit.status == MATCHED for fit in (decision.chosen, *decision.equivalent)):
@@ -280,13 +210,6 @@ def is_law_of_family(baseline: Baseline, alone: Sequence[Fit], pairs: Sequence[F
     """Whether the law of a family leaves noise alone where no effect of the list does, and is better than all of them.
 
     Asked of the best single effect, and of the best one of each family that explains the settings' `least_share`.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    alone, pairs : sequence of Fit
-        Of single effects and of pairs.
-    limits : Thresholds
     """
     problem, base = baseline.problem, baseline.base
     best = min(fit.bic for fit in (base, *alone, *pairs) if fit.status != FAILED)

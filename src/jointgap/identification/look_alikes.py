@@ -28,25 +28,7 @@ def look_alikes(
     noise: Mapping[Key, Noise],
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> pd.DataFrame:
-    """How far each two effects that are searched by features are apart, and which further channels would part them.
-
-    Parameters
-    ----------
-    model : Model
-        With all channels that could be had.
-    planned : collection of (run, channel)
-        Those that the campaign has.
-    noise : mapping of (run, channel) to Noise
-    settings : IdentificationSettings
-
-    Returns
-    -------
-    DataFrame
-        A row for each effect that is taken as true, at each size at which it would be searched, and each other one:
-        true, other: labels; size, unit: of the true one's amplitude, SI; lead_share: by how much less of the features
-        the other explains, as a part of what the true one does [1]; alike; parted_by: further channels with each of
-        which the two are not alike, the best first.
-    """
+    """How far each two effects that are searched by features are apart, and which further channels would part them."""
     rehearsal, rows = _Rehearsal(model, planned, noise, settings), []
     for truth in rehearsal.truths:
         rehearsal.search(truth, truth.label)

@@ -101,14 +101,6 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
     part of what the effect explains; of more than that, the small part is what a second effect has to gain. Where the
     single one is sufficient, a second effect has to gain more than fits gain by ending on either side of a jump
     (`nonlinearity`).
-
-    Parameters
-    ----------
-    baseline : Baseline
-    fits : sequence of Fit
-        Those of single effects count.
-    limits : Thresholds
-        For single effects.
     """
     alone = [fit for fit in fits if fit.status != FAILED and len(fit.hypothesis) == 1]
     best = min(alone, key=lambda fit: fit.chi2, default=None)
@@ -341,14 +333,6 @@ def without_repetitions(
     """The fits but those that predict what a simpler one does that is a limit of theirs: both are one explanation.
 
     A spring so soft that its force hardly changes is a constant force.
-
-    Parameters
-    ----------
-    best : mapping of labels to Fit
-    is_special_case : function
-        Whether one hypothesis is a special case of another.
-    apart : float
-        [chi2] Squared length of the difference of two predictions, in standard deviations, that the data cannot decide.
     """
     sound = [fit for fit in best.values() if fit.status != FAILED]
 
@@ -416,15 +400,6 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
 
     Where more than noise is left, errors of what is stated hold another end of its fits that is as good: chi2 has
     valleys, and the deepest one that was found need not be that of the truth.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    signatures : Signatures
-        Of all candidates.
-    fits : sequence of Fit
-        Of single effects and pairs.
-    limits : Thresholds
     """
     by_features, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
     fits = [*fits, *fits_beyond_bounds(baseline, fits)]

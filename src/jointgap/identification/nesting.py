@@ -24,14 +24,7 @@ def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
 
 
 def lowest_of_each(fits: Iterable[Fit], chi2: Callable[[Fit], float] = lambda fit: fit.chi2) -> list[Fit]:
-    """Of each hypothesis, in whatever order its effects stand, the fit with the least `chi2`; lowest first.
-
-    Parameters
-    ----------
-    fits : iterable of Fit
-    chi2 : function
-        By which they are compared.
-    """
+    """Of each hypothesis, in whatever order its effects stand, the fit with the least `chi2`; lowest first."""
     lowest: dict[frozenset[str], Fit] = {}
     for fit in sorted(fits, key=chi2):
         lowest.setdefault(labels_of(fit.hypothesis), fit)
@@ -43,13 +36,6 @@ def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> 
 
     Where a bound of an effect forbids that, it is at the bound. The amplitude of an effect that replaces a nuisance is
     then what the fit has of the nuisance beyond nominal.
-
-    Parameters
-    ----------
-    problem : Problem
-    hypothesis : tuple of Candidate
-    part : Fit
-        Of some of these effects, or none; what it has beside them is left out.
     """
     parameters = problem.parameters(hypothesis)
     values, fitted = {p.key: p.nominal for p in parameters}, part.mapping
@@ -75,18 +61,6 @@ def not_above_its_parts(
     """The `fit`; where the fit of a part of its hypothesis is lower, one that starts from there if that is lower.
 
     It starts as near to the part as the bounds of the further effects let it.
-
-    Parameters
-    ----------
-    problem : Problem
-    differences : FiniteDifferences
-    fit : Fit
-    parts : sequence of Fit
-        Of the model as it stands and of other hypotheses. Passed over are those that are no part of this one, and those
-        that lack an effect that is `jointgap.identification.screening.only_searched`: no slope leads from its absence
-        to where it explains something.
-    sufficient_chi2 : float
-        As of `jointgap.identification.fit.fit_hypothesis`.
     """
     own = labels_of(fit.hypothesis)
     searched = {candidate.label for candidate in fit.hypothesis if only_searched(problem, candidate)}
@@ -101,12 +75,8 @@ def not_above_its_parts(
 
 
 def with_nuisances_of(problem: Problem, fit: Fit, other: Fit) -> dict[str, float]:
-    """Values of a fit by key [SI], its nuisances as another fit has them: what an effect replaces is in its amplitude.
-
-    Parameters
-    ----------
-    problem : Problem
-    fit, other : Fit
+    """Values of a fit by key [SI], its nuisances as another fit has them: what an effect replaces is in its
+    amplitude.
     """
     nominal = {p.name: p.nominal for p in problem.nuisances}
     nuisances = {key: value for key, value in other.mapping.items() if "." not in key}
@@ -120,13 +90,6 @@ def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
     """What some effects of a fit would leave with the others absent, if residuals were linear in their amplitudes.
 
     All else is as the fit has it: no minimum of these effects alone.
-
-    Parameters
-    ----------
-    problem : Problem
-    fit : Fit
-    kept : tuple of Candidate
-        Of its effects.
     """
     columns = {p.key: column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True)}
     parameters, residual, values = problem.parameters(kept), fit.residual.copy(), fit.mapping
@@ -146,16 +109,7 @@ def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
 
 
 def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, sufficient_chi2: float = np.inf) -> Fit:
-    """The `fit` or, if it is lower, one of the same hypothesis that starts from the nuisances of the fit `to`.
-
-    Parameters
-    ----------
-    problem : Problem
-    differences : FiniteDifferences
-    fit, to : Fit
-    sufficient_chi2 : float
-        As of `jointgap.identification.fit.fit_hypothesis`.
-    """
+    """The `fit` or, if it is lower, one of the same hypothesis that starts from the nuisances of the fit `to`."""
     start = with_nuisances_of(problem, fit, to)
     again = fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2)
     return again if again.chi2 < fit.chi2 else fit
@@ -165,11 +119,6 @@ def chi2_without_effects(problem: Problem, fit: Fit) -> float:
     """chi2 that the model as it stands would leave in the valley of a fit, if residuals were linear there.
 
     Its effects are absent, and the nuisances take up what they can within their bounds.
-
-    Parameters
-    ----------
-    problem : Problem
-    fit : Fit
     """
     keys = [p.key for p in fit.parameters]
     low, high = bounds_of(fit.parameters)
@@ -192,11 +141,8 @@ def chi2_without_effects(problem: Problem, fit: Fit) -> float:
 
 
 def derivatives_of(fit: Fit) -> dict[str, np.ndarray]:
-    """Derivatives of a fit's residuals by key, each (n,) [1/SI]; none where it comes from a file, which has fewer rows.
-
-    Parameters
-    ----------
-    fit : Fit
+    """Derivatives of a fit's residuals by key, each (n,) [1/SI]; none where it comes from a file, which has fewer
+    rows.
     """
     if fit.jacobian.shape[0] != fit.residual.size:
         return {}

@@ -29,21 +29,11 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True)
 class NoiseEstimate(Noise):
-    """Noise with what is to be known of it.
+    """Noise with what is to be known of it."""
 
-    Attributes
-    ----------
-    estimated_sd : float
-        Standard deviation [unit] that the data show, NaN where they cannot tell.
-    effective_samples : float
-        How many independent samples would determine a mean as well.
-    remarks : tuple of str
-        What a reader should know; empty where all is well.
-    """
-
-    estimated_sd: float = np.nan
-    effective_samples: float = np.nan
-    remarks: tuple[str, ...] = ()
+    estimated_sd: float = np.nan  # Standard deviation [unit] that the data show, NaN where they cannot tell
+    effective_samples: float = np.nan  # How many independent samples would determine a mean as well
+    remarks: tuple[str, ...] = ()  # What a reader should know; empty where all is well
 
 
 def noise_of_model(model: Model, settings: IdentificationSettings = DEFAULT_SETTINGS) -> dict[Key, NoiseEstimate]:
@@ -51,18 +41,6 @@ def noise_of_model(model: Model, settings: IdentificationSettings = DEFAULT_SETT
 
     The model as it stands is fitted with noise as stated or guessed; what its residuals do not repeat from cycle to
     cycle is noise.
-
-    Parameters
-    ----------
-    model : Model
-    settings : IdentificationSettings
-
-    Raises
-    ------
-    InputError
-        The noise of a series is neither stated nor to be found.
-    SimulationError
-        The model as it stands cannot be simulated.
     """
     guess = {series.key: _guess(series, settings.noise.guessed_share) for series in model.series}
     problem = Problem(model, guess, settings=settings)
@@ -96,23 +74,6 @@ def estimate_noise(
     taken as it is; the correlation from sample to sample is always estimated, from the
     differences of neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of
     step with the crank and is not taken for noise. Of a run that is held out in part, the part for fitting is used.
-
-    Parameters
-    ----------
-    model : Model
-    residuals : mapping of (run, channel) to (n,) array
-        Measured minus predicted by the best model so far [unit]; NaN gaps. Prediction takes sharp features away, so
-        that interpolation between samples does not take them for noise.
-    settings : NoiseSettings
-
-    Returns
-    -------
-    dict of (run, channel) to NoiseEstimate
-
-    Raises
-    ------
-    InputError
-        The noise of a series is neither stated nor to be found.
     """
     return {series.key: _noise_of(series, residuals[series.key], settings) for series in model.series}
 
@@ -298,27 +259,8 @@ def numerics_noise(
     noise: Mapping[Key, Noise],
     settings: NoiseSettings = DEFAULT_SETTINGS.noise,
 ) -> dict[Key, Noise]:
-    """The noise together with what equally good numerics predict differently, and with the errors of what drives runs.
-
-    Parameters
-    ----------
-    model : Model
-    values : mapping of str to float
-        Nuisances by key [SI]; nominal where absent.
-    noise : mapping of (run, channel) to Noise
-    settings : NoiseSettings
-
-    Returns
-    -------
-    dict of (run, channel) to Noise
-        ``numerics`` is the root mean square, over the other numerics and neighbouring samples, of their difference from
-        the usual ones; 0 where it is negligible. Statistics of chaotic motion scatter by about their noise with any
-        change: of theirs, what is beyond it. ``drive`` is as of `Driven.drive_errors`.
-
-    Raises
-    ------
-    InputError, SimulationError
-        The usual numerics fail at these values. Others that fail are left out.
+    """The noise together with what equally good numerics predict differently, and with the errors of what drives
+    runs.
     """
     changed, statistics = dict(noise), {series.key for series in model.series if series.statistic}
     for run in runs_of(model):

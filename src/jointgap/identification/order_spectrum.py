@@ -9,18 +9,8 @@ from jointgap.identification.whitening import unwhiten
 
 
 def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
-    """Amplitudes of the whitened residual over orders, cycles per turn of the crank; whole ones keep in step with it.
-
-    Parameters
-    ----------
-    problem : Problem
-    residual : (size,) array
-        [1] Whitened.
-
-    Returns
-    -------
-    DataFrame
-        run, channel, order, amplitude, p: probability that noise alone has a larger one at that order.
+    """Amplitudes of the whitened residual over orders, cycles per turn of the crank; whole ones keep in step with
+    it.
     """
     tables = []
     for part in problem.parts:
@@ -53,22 +43,7 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
 
 
 def standout_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.DataFrame:
-    """Whole orders of the crank that hold most of what a channel of a run misses, such as a motor's cogging.
-
-    Parameters
-    ----------
-    problem : Problem
-    residual : (size,) array
-        [1] Whitened.
-    rate : float
-        [1] Probability that noise alone makes any such order in a channel of a run.
-
-    Returns
-    -------
-    DataFrame
-        run, channel, unit, order [cycles per turn], amplitude [unit], share [1, of the squared excess over the noise],
-        p: probability that noise alone has a larger one at that order.
-    """
+    """Whole orders of the crank that hold most of what a channel of a run misses, such as a motor's cogging."""
     settings, rows = problem.settings.disagreement, []
     spectrum = order_spectrum(problem, residual)
     lowest = settings.lowest_standout_order
@@ -114,19 +89,8 @@ def _missed(part: Part, white: np.ndarray) -> np.ndarray:
 
 
 def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
-    """The power of the speed with which the disagreement of each channel grows: 0 for a constant force, 2 for inertia.
-
-    Parameters
-    ----------
-    problem : Problem
-    residual : (size,) array
-        [1] Whitened.
-
-    Returns
-    -------
-    DataFrame
-        channel, exponent, low, high (90 % interval), runs: how many disagree clearly; channels with two such runs or
-        more.
+    """The power of the speed with which the disagreement of each channel grows: 0 for a constant force, 2 for
+    inertia.
     """
     rows = []
     for channel in dict.fromkeys(part.series.channel for part in problem.parts):

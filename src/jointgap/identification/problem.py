@@ -24,21 +24,7 @@ def label_of(hypothesis: Hypothesis) -> str:
 def values_in_run(
     model: Model, run: str, values: Mapping[str, float], hypothesis: Hypothesis = ()
 ) -> tuple[dict[str, float], list[tuple[Candidate, dict[str, float]]]]:
-    """What `Model.simulate` asks for: values [SI] of a run's nuisances by name, and effects with theirs.
-
-    Parameters
-    ----------
-    model : Model
-    run : str
-    values : mapping of str to float
-        By key, as of `Problem.parameters`; nuisances that are absent, or that an effect replaces, are at nominal.
-    hypothesis : tuple of Candidate
-
-    Raises
-    ------
-    KeyError
-        No value of an effect in this run.
-    """
+    """What `Model.simulate` asks for: values [SI] of a run's nuisances by name, and effects with theirs."""
     replaced = {name for candidate in hypothesis for name in candidate.replaces}
     here = [p for p in model.nuisances if p.run in (None, run)]
     nuisances = {p.name: p.nominal if p.name in replaced else values.get(p.key, p.nominal) for p in here}
@@ -60,20 +46,7 @@ class Part:
 
 
 class Problem:
-    """The samples of one role, and how a model with an explanation misses them.
-
-    Parameters
-    ----------
-    model : Model
-    noise : mapping of (run, channel) to Noise
-    held_out : bool
-        Whether to take the held-out samples instead of those for fitting.
-    planned : bool
-        Whether the samples are yet to be measured: every sample counts, and what the nominal model
-        predicts stands for its value.
-    settings : IdentificationSettings
-        The tuned numbers of everything that works on this problem.
-    """
+    """The samples of one role, and how a model with an explanation misses them."""
 
     def __init__(
         self,
@@ -136,22 +109,7 @@ class Problem:
     def predict(
         self, run: str, values: Mapping[str, float], hypothesis: Hypothesis = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
-        """What the sensors would read in one run.
-
-        Parameters
-        ----------
-        run : str
-        values : mapping of str to float
-            By key of `parameters` [SI]; absent nuisances are at nominal.
-        hypothesis : tuple of Candidate
-        numerics : int
-            As in `Model.simulate`.
-
-        Returns
-        -------
-        mapping of str to (n,) array
-            By channel [unit of the channel].
-        """
+        """What the sensors would read in one run."""
         self.simulations += 1
         tell("simulated runs of the rig", self.simulations)
         return self.model.simulate(run, *values_in_run(self.model, run, values, hypothesis), numerics)
@@ -164,25 +122,7 @@ class Problem:
         out: np.ndarray | None = None,
         numerics: int = 0,
     ) -> np.ndarray:
-        """Whitened residuals, shape (size,); independent and of variance 1 where the model is true.
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            By key of `parameters` [SI].
-        hypothesis : tuple of Candidate
-        runs : sequence of str, optional
-            Simulate these alone; the others' residuals stay as in `out`.
-        out : (size,) array, optional
-            Residuals of the other runs; not changed.
-        numerics : int
-            As in `Model.simulate`.
-
-        Raises
-        ------
-        InputError, SimulationError
-            These values cannot be simulated.
-        """
+        """Whitened residuals, shape (size,); independent and of variance 1 where the model is true."""
         residual = np.empty(self.size) if out is None else out.copy()
         for run in self.runs if runs is None else runs:
             predicted = self.predict(run, values, hypothesis, numerics)

@@ -13,20 +13,7 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, ValleySettings
 
 
 class ResidualSurrogate:
-    """Residuals about a fit of k parameters to n samples.
-
-    Parameters
-    ----------
-    values : (k,) array
-        Of the fit [SI].
-    residual : (n,) array
-        Whitened, of the fit.
-    jacobian : (n, k) array
-        Its derivatives [1/SI].
-    errors : (k,) array
-        Standard errors of the values [SI], > 0: unit of the lengths over which is interpolated.
-    settings : ValleySettings
-    """
+    """Residuals about a fit of k parameters to n samples."""
 
     def __init__(
         self,

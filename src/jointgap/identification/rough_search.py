@@ -43,20 +43,6 @@ class Box:
     """The ranges of a candidate's coordinates, each from 0 to 1; others than the amplitude as they are.
 
     The amplitude counts from `Candidate.vanishing_amplitude`, by its logarithm.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        One with a `search_range`.
-    parameters : sequence of Parameter
-        Of a hypothesis that holds it.
-
-    Attributes
-    ----------
-    choices : mapping of str to range
-        By key, whole numbers of runs: these are no coordinates of a place.
-    held : mapping of str to float
-        By key, the nominal values of what is not searched (`Candidate.unsearched`): a search begins with them.
     """
 
     def __init__(self, candidate: Candidate, parameters: Sequence[Parameter]):
@@ -73,24 +59,11 @@ class Box:
         self._low, self._width = ends[:, 0], ends[:, 1] - ends[:, 0]
 
     def spread(self, settings: RoughSearchSettings, generator: np.random.Generator) -> np.ndarray:
-        """Places (points, dimensions) spread evenly over the box: the first ones of a search.
-
-        Parameters
-        ----------
-        settings : RoughSearchSettings
-        generator : numpy Generator
-        """
+        """Places (points, dimensions) spread evenly over the box: the first ones of a search."""
         return qmc.Sobol(len(self._keys), seed=generator).random_base2(settings.first_points_log2)
 
     def values(self, place: np.ndarray, factor: float = 1.0) -> dict[str, float]:
-        """By key [SI], what the amplitude is beyond `Candidate.vanishing_amplitude` times a `factor`.
-
-        Parameters
-        ----------
-        place : (dimensions,) array
-            Each from 0 to 1.
-        factor : float
-        """
+        """By key [SI], what the amplitude is beyond `Candidate.vanishing_amplitude` times a `factor`."""
         plain = self._low + self._width * place
         sizes = self._vanishing + factor * np.exp(plain)
         return dict(zip(self._keys, np.where(self._logarithmic, sizes, plain).tolist(), strict=True))
@@ -107,13 +80,6 @@ def drawn_about(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places (points, dimensions) about the `elite`, normally distributed with parts of their spread, from a small one
     to all of it; and about which of these each one is, (points,) int.
-
-    Parameters
-    ----------
-    elite : sequence of (dimensions,) array
-        Places in a `Box`.
-    settings : RoughSearchSettings
-    generator : numpy Generator
     """
     count, dimensions = settings.points, len(elite[0])
     covariance = np.cov(np.transpose(elite)).reshape(dimensions, -1)
@@ -129,16 +95,6 @@ class _LinearAdaptation:
     """Adapts nuisances, and the effects of a fit, to a point by what small changes of them do, without another fit.
 
     Where no derivatives can be had nothing is adapted.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    origin : Fit
-
-    Attributes
-    ----------
-    rows : mapping of str to (m,) int array
-        Places of each run's samples in the residual.
     """
 
     def __init__(self, baseline: Baseline, origin: Fit):
@@ -164,17 +120,7 @@ class _LinearAdaptation:
     def adapted(
         self, residual: np.ndarray, runs: Sequence[str], values: Mapping[str, float]
     ) -> tuple[np.ndarray, dict[str, float]]:
-        """The residual (n,) and the values by key [SI] of what is left to fit, where those of some runs are least.
-
-        Parameters
-        ----------
-        residual : (n,) array
-            Whitened, of a simulation with `values`.
-        runs : sequence of str
-            Residuals of others stay.
-        values : mapping of str to float
-            By key [SI]; those that are not there are not adapted, as an effect replaces them.
-        """
+        """The residual (n,) and the values by key [SI] of what is left to fit, where those of some runs are least."""
         keys = [key for key in self._derivatives if key in values]
         if not keys:
             return residual, {}
@@ -482,11 +428,6 @@ def can_be_followed(problem: Problem, fit: Fit) -> bool:
     Motion that never quite repeats can be met by parameters that are wrong, if they are tuned finely enough: in the
     example campaign a clearance 3 % off left what noise does, and other numerics changed nine times as much there.
     Where a model has no other numerics they are taken as followed.
-
-    Parameters
-    ----------
-    problem : Problem
-    fit : Fit
     """
     try:
         changes = other_numerics(problem, fit)
@@ -522,12 +463,6 @@ def depends_roughly(problem: Problem, fit: Fit) -> bool:
 def fit_to_features(baseline: Baseline, fit: Fit) -> Fit | None:
     """The effect of a fit, fitted to the features of the cycle alone, from points of which one is where the samples
     led; None where the features are not met.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    fit : Fit
-        Of one effect with a `search_range`.
     """
     problem, (candidate,) = baseline.problem, fit.hypothesis
     settings, features = problem.settings.rough_search, CycleFeatures(problem, baseline.base.residual)
@@ -567,36 +502,7 @@ def search_rough(
     others: Sequence[Fit] = (),
     least_share: float | None = None,
 ) -> list[Fit]:
-    """Fits of candidates on which motion depends roughly, each beside the effects of fits that are there.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    origins : sequence of Fit
-        The base, fits whose effects hypotheses have too, or both; the last one leaves least. Candidates beside one
-        compete with those beside another.
-    candidates : sequence of Candidate
-        Those with a `search_range`.
-    sufficient : float
-        [1] Reduced chi2 of a fit that ends the search, if it can be followed.
-    populations : int
-        How often it begins at most, until features are met where samples cannot be followed.
-    until : float
-        Once the problem has been simulated more often no further round begins, and the best candidate alone is fitted.
-    others : sequence of Fit
-        Of effects that may be there in place of those of an origin. Which of them it is samples do not tell where they
-        cannot be followed, so the features of candidates are asked beside each.
-    least_share : float, optional
-        [1] Of the misfit of the features, what the first points of one candidate at least have to explain for a search
-        to go on; the settings' by default.
-
-    Returns
-    -------
-    list of Fit
-        One for each candidate whose features are among the best, and for each valley that was reached before. Where
-        none of these is sufficient and can be followed, but features are met, one to the features of each candidate
-        that was not dropped; of one beside an effect, beside each of the others too.
-    """
+    """Fits of candidates on which motion depends roughly, each beside the effects of fits that are there."""
     problem, fits = baseline.problem, []
     settings, reference = problem.settings.rough_search, origins[-1]
     features = CycleFeatures(problem, reference.residual)

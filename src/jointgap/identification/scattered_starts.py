@@ -18,17 +18,7 @@ from jointgap.identification.protocol import FAST
 
 
 def fit_from_scattered_starts(baseline: Baseline, fit: Fit, sufficient_chi2: float) -> Fit:
-    """The best of the fits of a hypothesis from the best of many points, and the `fit` that is there.
-
-    Parameters
-    ----------
-    baseline : Baseline
-    fit : Fit
-        Of one effect. Its sizes are scattered about those of this fit by a common factor, the nuisances that runs share
-        over their ranges; all else starts as it has it.
-    sufficient_chi2 : float
-        A fit that leaves no more ends the search.
-    """
+    """The best of the fits of a hypothesis from the best of many points, and the `fit` that is there."""
     problem, differences = baseline.problem, baseline.differences
     best = fit
     for start in _best_points(baseline, fit):

@@ -19,32 +19,13 @@ from jointgap.progress import followed
 
 @dataclass(frozen=True)
 class Signature:
-    """What one candidate, from one start of its shape parameters, changes in the whitened residuals.
-
-    Attributes
-    ----------
-    candidate : Candidate
-    shape_parameters : mapping of str to float
-        Shapes by name [SI], and amplitudes that are not small.
-    columns : (n, m) array
-        [1/unit] Derivatives with respect to its amplitudes: at 0, or secants from there to amplitudes among
-        `shape_parameters`.
-    origin : (n,) array
-        [1] Residuals at zero amplitude: the base's, unless the candidate replaces a nuisance.
-    runs : tuple of str
-        The runs that residuals are of.
-    secant_factor : float
-        [1] A secant holds from this part of its amplitude to this multiple of it.
-    only_searched : bool
-        Whether the motion depends so roughly on its amplitude that `columns` say nothing of where a fit should start,
-        so that it is searched (`jointgap.identification.rough_search`).
-    """
+    """What one candidate, from one start of its shape parameters, changes in the whitened residuals."""
 
     candidate: Candidate
-    shape_parameters: Mapping[str, float]
-    columns: np.ndarray
-    origin: np.ndarray
-    runs: tuple[str, ...]
+    shape_parameters: Mapping[str, float]  # Shapes by name [SI], and amplitudes that are not small
+    columns: np.ndarray  # [1/unit] Derivatives with respect to its amplitudes
+    origin: np.ndarray  # [1] Residuals at zero amplitude: the base's, unless the candidate replaces a nuisance
+    runs: tuple[str, ...]  # The runs that residuals are of
     secant_factor: float = DEFAULT_SETTINGS.screening.secant_factor
     only_searched: bool = False
 
@@ -74,29 +55,14 @@ class Signature:
 
 @dataclass(frozen=True)
 class Signatures:
-    """Signatures of all candidates about a fit of the model as it stands.
+    """Signatures of all candidates about a fit of the model as it stands."""
 
-    Attributes
-    ----------
-    parameters : tuple of Parameter
-        The nuisances, k of them.
-    values : (k,) array
-        [SI]
-    jacobian : (n, k) array
-        [1/SI]
-    residual : (n,) array
-        [1] Whitened.
-    entries : list of Signature
-    failed : mapping of label to reason
-        Candidates that could not be simulated.
-    """
-
-    parameters: tuple[Parameter, ...]
-    values: np.ndarray
-    jacobian: np.ndarray
-    residual: np.ndarray
+    parameters: tuple[Parameter, ...]  # The nuisances, k of them
+    values: np.ndarray  # [SI]
+    jacobian: np.ndarray  # [1/SI]
+    residual: np.ndarray  # [1] Whitened
     entries: list[Signature]
-    failed: Mapping[str, str]
+    failed: Mapping[str, str]  # Candidates that could not be simulated
 
     def about(self, fit: Fit) -> "Signatures":
         """The other candidates' signatures beside the effects of a fit, as they are about the base.
@@ -135,29 +101,14 @@ class Signatures:
 
 @dataclass(frozen=True)
 class LinearizedFit:
-    """What a hypothesis would explain if all were linear.
+    """What a hypothesis would explain if all were linear."""
 
-    Attributes
-    ----------
-    signatures : tuple of Signature
-        One of each effect that is new.
-    chi2 : float
-        What would be left.
-    start : mapping of str to float
-        Values by key [SI] at which it would be.
-    bic : float
-    fitted_effects : tuple of Candidate
-        Effects that are fitted already; `start` holds their values.
-    near : mapping of str to float
-        Values by key [SI] about which the signatures were taken.
-    """
-
-    signatures: tuple[Signature, ...]
-    chi2: float
-    start: Mapping[str, float]
+    signatures: tuple[Signature, ...]  # One of each effect that is new
+    chi2: float  # What would be left
+    start: Mapping[str, float]  # Values by key [SI] at which it would be
     bic: float
-    fitted_effects: Hypothesis = ()
-    near: Mapping[str, float] = field(default_factory=dict)
+    fitted_effects: Hypothesis = ()  # Effects that are fitted already; `start` holds their values
+    near: Mapping[str, float] = field(default_factory=dict)  # Values by key [SI] about which the signatures were taken
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -173,17 +124,7 @@ class LinearizedFit:
 def simulate_signatures(
     problem: Problem, base: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
 ) -> Signatures:
-    """Simulate every candidate at a small amplitude about the fitted base.
-
-    Parameters
-    ----------
-    problem : Problem
-    base : Fit
-        May have effects itself: those, their alternatives, and what replaces the same nuisances, are left out.
-    differences : FiniteDifferences
-    candidates : sequence of Candidate
-        All of the model's by default.
-    """
+    """Simulate every candidate at a small amplitude about the fitted base."""
     entries: list[Signature] = []
     failed: dict[str, str] = {}
     candidates = problem.model.candidates if candidates is None else candidates
@@ -269,16 +210,7 @@ def _signature(
 
 
 class SignatureRegression:
-    """Linear least squares over a set of signatures, in few rows.
-
-    Parameters
-    ----------
-    signatures : Signatures
-    fitted_effects : tuple of Candidate
-        Effects among whose parameters and values `signatures` are.
-    smoother : function, optional
-        What of the residuals is to be small, as in `jointgap.identification.fit.fit_hypothesis`.
-    """
+    """Linear least squares over a set of signatures, in few rows."""
 
     def __init__(
         self,
@@ -352,12 +284,6 @@ class SignatureRegression:
 def shortlist(screened: Sequence[LinearizedFit], count: int) -> list[LinearizedFit]:
     """The first `count` hypotheses; those that differ only in the effect that they hold of an `exclusion_group` count
     once, since their signatures are the same.
-
-    Parameters
-    ----------
-    screened : sequence of LinearizedFit
-        Best first.
-    count : int
     """
     groups = [frozenset(candidate.exclusion_group for candidate in one.hypothesis) for one in screened]
     kept = list(dict.fromkeys(groups))[:count]

@@ -14,52 +14,39 @@ class FiniteDifferenceSettings:
     """Steps over which derivatives of the whitened residuals are taken.
 
     Lengths are Euclidean lengths of a change of all whitened residuals, in standard deviations of the noise.
-
-    Attributes
-    ----------
-    target_length : float
-        [1] Length of the change over one step, so a step is about five standard errors of its parameter. Smaller
-        steps meet the numerical noise of impacts, larger ones curvature (experience).
-    target_share_of_residual : float
-        [1] The target is at least this share of the residual's length: far from the solution, impacts that pass
-        samples make the motion rough on a small scale. With much larger shares the fit of a film does not converge
-        (experience).
-    target_per_statistic : float
-        [1] The target is at least this times the root of the number of statistics of chaotic motion: each scatters by
-        about 1, and half as much again keeps the derivative above that.
-    target_over_numerical_noise : float
-        [1] The target is at least this times the numerical noise: an error of a fifth in a derivative still gives a
-        descent.
-    probe_step : float
-        [1, of a parameter's step] A change so small that what it changes in the motion is numerical noise: its true
-        effect is about a millionth of what noise could hide.
-    probed_parameters : int
-        How many parameters are changed so; the largest change counts. Two, because a single one may not move any
-        contact.
-    accepted_factor : float
-        [1] A change within this factor of the target is good enough: another simulation would buy little accuracy.
-    min_step_ratio, max_step_ratio : float
-        [1] A step is shortened or lengthened by at most this factor at once: beyond, the extrapolation says nothing.
-    min_step_change : float
-        [1] A new step has to differ from the old one by this factor to be worth a simulation.
-    negligible_change : float
-        [1] A parameter that changes all residuals over its whole range by this length changes nothing: noise changes
-        each of them by 1.
-    max_share_of_range : float
-        [1] A step is at most this share of a bounded parameter's range, so that one of the two directions always fits.
     """
 
+    # [1] Length of the change over one step, so a step is about five standard errors of its parameter. Smaller
+    # steps meet the numerical noise of impacts, larger ones curvature (experience)
     target_length: float = 5.0
+    # [1] The target is at least this share of the residual's length: far from the solution, impacts that pass
+    # samples make the motion rough on a small scale. With much larger shares the fit of a film does not converge
+    # (experience)
     target_share_of_residual: float = 0.05
+    # [1] The target is at least this times the root of the number of statistics of chaotic motion: each scatters by
+    # about 1, and half as much again keeps the derivative above that
     target_per_statistic: float = 1.5
+    # [1] The target is at least this times the numerical noise: an error of a fifth in a derivative still gives a
+    # descent
     target_over_numerical_noise: float = 5.0
+    # [1, of a parameter's step] A change so small that what it changes in the motion is numerical noise: its true
+    # effect is about a millionth of what noise could hide
     probe_step: float = 1e-6
+    # How many parameters are changed so; the largest change counts. Two, because a single one may not move any
+    # contact
     probed_parameters: int = 2
+    # [1] A change within this factor of the target is good enough: another simulation would buy little accuracy
     accepted_factor: float = 4.0
+    # [1] A step is shortened or lengthened by at most this factor at once: beyond, the extrapolation says nothing
     min_step_ratio: float = 1e-4
+    # [1] A step is shortened or lengthened by at most this factor at once: beyond, the extrapolation says nothing
     max_step_ratio: float = 1e4
+    # [1] A new step has to differ from the old one by this factor to be worth a simulation
     min_step_change: float = 1.5
+    # [1] A parameter that changes all residuals over its whole range by this length changes nothing: noise changes
+    # each of them by 1
     negligible_change: float = 0.01
+    # [1] A step is at most this share of a bounded parameter's range, so that one of the two directions always fits
     max_share_of_range: float = 0.5
 
 
@@ -68,907 +55,607 @@ class DampingSettings:
     """When a step is accepted, trusted, or damped (Levenberg-Marquardt).
 
     The gain ratio is the measured decrease of chi2 over the decrease that the linear model predicts.
-
-    Attributes
-    ----------
-    trusted_gain_ratio : float
-        [1] Above it the Jacobian predicts well enough to declare convergence with; half of a perfect prediction.
-    good_gain_ratio : float
-        [1] Above it damping is reduced, below it the Jacobian is made anew or damping is raised; the usual quarter
-        (Fletcher 1971).
-    factor : float
-        [1] By which damping is raised and lowered; the usual ten (Marquardt 1963).
-    first : float
-        [1, of the squared column lengths] The first damping after a bad step.
-    negligible : float
-        [1] Damping at or below it becomes 0 at the next good step: it no longer shortens a step noticeably.
-    rough : float
-        [1] Steps damped more are so short that a decrease predicted and not found is numerical noise: the fit stops,
-        not converged.
     """
 
+    # [1] Above it the Jacobian predicts well enough to declare convergence with; half of a perfect prediction
     trusted_gain_ratio: float = 0.5
+    # [1] Above it damping is reduced, below it the Jacobian is made anew or damping is raised; the usual quarter
+    # (Fletcher 1971)
     good_gain_ratio: float = 0.25
-    factor: float = 10.0
-    first: float = 1e-3
+    factor: float = 10.0  # [1] By which damping is raised and lowered; the usual ten (Marquardt 1963)
+    first: float = 1e-3  # [1, of the squared column lengths] The first damping after a bad step
+    # [1] Damping at or below it becomes 0 at the next good step: it no longer shortens a step noticeably
     negligible: float = 1e-4
+    # [1] Steps damped more are so short that a decrease predicted and not found is numerical noise: the fit stops,
+    # not converged
     rough: float = 10.0
 
 
 @dataclass(frozen=True)
 class StoppingSettings:
-    """When a fit ends.
+    """When a fit ends."""
 
-    Attributes
-    ----------
-    min_decrease : float
-        [chi2] A predicted decrease below this is not worth a step where the fit is good: a two-hundredth of the 10
-        that tell two hypotheses apart in BIC; no parameter is then farther than 0.22 standard errors from the end. It
-        grows with the square of chi2 per sample, because poor fits need less care, up to what one sample leaves: so far
-        no parameter is farther from the end than its standard error, which grows with the misfit.
-    max_steps : int
-        Valleys of loose joints may be long; this is a guard, not the usual end (experience).
-    stalled_window : int
-        Steps over which progress is measured.
-    poor_chi2_per_sample : float
-        [1] Above it a fit is poor, and ends where it improves by less than `poor_progress` in the window: it will not
-        be named.
-    poor_progress : float
-        [1, of chi2] As above; at 2 % in four steps it takes more than a hundred to halve chi2.
-    creeping_after : int
-        Steps after which a fit with a corrected Jacobian that creeps has its Jacobian made anew: Broyden's
-        corrections wear out.
-    creeping_decrease : float
-        [chi2] A decrease below this over the window is creeping; below what a BIC decides on, above `min_decrease`.
-    beaten_factor : float
-        [1] A fit whose chi2 is this times that of a sufficient hypothesis is beaten: no rival any more, so it may end
-        early.
-    beaten_window, beaten_progress : int, float
-        As `stalled_window` and `poor_progress` for beaten fits, which get less patience (experience).
-    smoothed_decrease : float
-        [1, of chi2] What a step has to predict in smoothed residuals: such a fit is a start for another.
-    smoothed_max_steps : int
-        The most steps there, for the same reason.
-    met_sigmas : float
-        [standard deviations of chi2] A run each channel of which leaves no more than this beyond its samples is met:
-        none of its other choices is tried. Noise alone leaves more in one channel of 40.
-    least_fall_by_choice : float
-        [chi2] Another choice is taken if chi2 falls by more. The same motion from another start has settled to a length
-        of 1, which changes chi2 by 2 or 3; another motion changes it by hundreds.
-    """
-
+    # [chi2] A predicted decrease below this is not worth a step where the fit is good: a two-hundredth of the 10
+    # that tell two hypotheses apart in BIC; no parameter is then farther than 0.22 standard errors from the end. It
+    # grows with the square of chi2 per sample, because poor fits need less care, up to what one sample leaves: so
+    # far no parameter is farther from the end than its standard error, which grows with the misfit
     min_decrease: float = 0.05
-    max_steps: int = 80
-    stalled_window: int = 4
+    max_steps: int = 80  # Valleys of loose joints may be long; this is a guard, not the usual end (experience)
+    stalled_window: int = 4  # Steps over which progress is measured
+    # [1] Above it a fit is poor, and ends where it improves by less than `poor_progress` in the window: it will not
+    # be named
     poor_chi2_per_sample: float = 2.0
+    # [1, of chi2] As above; at 2 % in four steps it takes more than a hundred to halve chi2
     poor_progress: float = 0.02
+    # Steps after which a fit with a corrected Jacobian that creeps has its Jacobian made anew: Broyden's
+    # corrections wear out
     creeping_after: int = 10
+    # [chi2] A decrease below this over the window is creeping; below what a BIC decides on, above `min_decrease`
     creeping_decrease: float = 2.0
+    # [1] A fit whose chi2 is this times that of a sufficient hypothesis is beaten: no rival any more, so it may end
+    # early
     beaten_factor: float = 3.0
+    # As `stalled_window` and `poor_progress` for beaten fits, which get less patience (experience)
     beaten_window: int = 2
+    # As `stalled_window` and `poor_progress` for beaten fits, which get less patience (experience)
     beaten_progress: float = 0.2
+    # [1, of chi2] What a step has to predict in smoothed residuals: such a fit is a start for another
     smoothed_decrease: float = 0.01
-    smoothed_max_steps: int = 10
+    smoothed_max_steps: int = 10  # The most steps there, for the same reason
+    # [standard deviations of chi2] A run each channel of which leaves no more than this beyond its samples is met:
+    # none of its other choices is tried. Noise alone leaves more in one channel of 40
     met_sigmas: float = 2.0
+    # [chi2] Another choice is taken if chi2 falls by more. The same motion from another start has settled to a
+    # length of 1, which changes chi2 by 2 or 3; another motion changes it by hundreds
     least_fall_by_choice: float = 10.0
 
 
 @dataclass(frozen=True)
 class BaselineSettings:
-    """How the model as it stands is fitted.
+    """How the model as it stands is fitted."""
 
-    Attributes
-    ----------
-    max_starts : int
-        Values of the shared nuisances that a fit starts from where it does not leave noise alone: the given ones, and
-        drawn ones. (Experience; each costs a fit.)
-    same_minimum : float
-        [1, of chi2] Two fits that differ by less, or by less than the numerical noise of chi2, have reached the same
-        minimum.
-    noise_sigmas : float
-        [standard deviations of chi2] A fit within this of its degrees of freedom leaves noise alone (one in a
-        thousand by chance).
-    """
-
+    # Values of the shared nuisances that a fit starts from where it does not leave noise alone: the given ones, and
+    # drawn ones. (Experience; each costs a fit.)
     max_starts: int = 3
+    # [1, of chi2] Two fits that differ by less, or by less than the numerical noise of chi2, have reached the same
+    # minimum
     same_minimum: float = 1e-3
+    # [standard deviations of chi2] A fit within this of its degrees of freedom leaves noise alone (one in a
+    # thousand by chance)
     noise_sigmas: float = 3.0
 
 
 @dataclass(frozen=True)
 class SmoothingSettings:
-    """Residuals smoothed over the cycle, and the scans of coordinates that they leave undetermined.
+    """Residuals smoothed over the cycle, and the scans of coordinates that they leave undetermined."""
 
-    Attributes
-    ----------
-    widths_deg : tuple of float
-        [deg of the cycle] Standard deviations of the Gaussian weights, coarsest first: the residual then counts what
-        an impact does to the motion rather than at which sample it comes (experience).
-    kernel_reach : float
-        [standard deviations] Where the weights are cut off: 0.3 % of a Gaussian lies beyond.
-    undetermined_error : float
-        [1, of the parameter's range] A standard error beyond it leaves a parameter undetermined; a flat range by
-        itself has 0.29.
-    min_influence : float
-        [1, of the noise, over all samples] A parameter that changes less over its whole range is not scanned.
-    scan_points : int
-        Values over the range of a scanned nuisance or shape: steps of a tenth, as fine as `undetermined_error`.
-    perturbation_scan_factor : float
-        [1] A perturbation of a known quantity is scanned from this part of the quantity to this multiple of it.
-    perturbation_scan_points : int
-        Values of such a scan, evenly in the logarithm: some 10 % apart (experience).
-    """
-
+    # [deg of the cycle] Standard deviations of the Gaussian weights, coarsest first: the residual then counts what
+    # an impact does to the motion rather than at which sample it comes (experience)
     widths_deg: tuple[float, ...] = (24.0, 6.0)
-    kernel_reach: float = 3.0
+    kernel_reach: float = 3.0  # [standard deviations] Where the weights are cut off: 0.3 % of a Gaussian lies beyond
+    # [1, of the parameter's range] A standard error beyond it leaves a parameter undetermined; a flat range by
+    # itself has 0.29
     undetermined_error: float = 0.1
+    # [1, of the noise, over all samples] A parameter that changes less over its whole range is not scanned
     min_influence: float = 0.2
+    # Values over the range of a scanned nuisance or shape: steps of a tenth, as fine as `undetermined_error`
     scan_points: int = 11
+    # [1] A perturbation of a known quantity is scanned from this part of the quantity to this multiple of it
     perturbation_scan_factor: float = 3.0
-    perturbation_scan_points: int = 25
+    perturbation_scan_points: int = 25  # Values of such a scan, evenly in the logarithm: some 10 % apart (experience)
 
 
 @dataclass(frozen=True)
 class InitialGuessSettings:
-    """From where the fit of a screened hypothesis starts.
+    """From where the fit of a screened hypothesis starts."""
 
-    Attributes
-    ----------
-    max_multiple : float
-        [1, of the linear answer] How far an amplitude is doubled: a loose joint answers a small force more than in
-        proportion, so an effect may be several times as large as small steps say.
-    """
-
+    # [1, of the linear answer] How far an amplitude is doubled: a loose joint answers a small force more than in
+    # proportion, so an effect may be several times as large as small steps say
     max_multiple: float = 16.0
 
 
 @dataclass(frozen=True)
 class CycleFeatureSettings:
-    """Energy and mean of residuals by angle of the cycle.
+    """Energy and mean of residuals by angle of the cycle."""
 
-    Attributes
-    ----------
-    bins : int
-        Of a cycle: 10 deg each, about the width of what an impact leaves.
-    energy_floor : float
-        [1, of the noise's variance] Added to an energy before its logarithm is taken, so that bins with noise alone do
-        not scatter far.
-    model_variance : float
-        [1] Variance of a feature by what the model cannot tell, beside that by noise: impacts that come as hard but
-        ring in another phase (experience).
-    degrees_of_freedom : float
-        [1] Of the Student likelihood: a bin that is far off does not decide.
-    least_deviations : float
-        [1, standard deviations of the chi2 of noise] Energy beyond noise from which on it says whether it rings.
-    """
-
-    bins: int = 36
+    bins: int = 36  # Of a cycle: 10 deg each, about the width of what an impact leaves
+    # [1, of the noise's variance] Added to an energy before its logarithm is taken, so that bins with noise alone
+    # do not scatter far
     energy_floor: float = 0.3
+    # [1] Variance of a feature by what the model cannot tell, beside that by noise: impacts that come as hard but
+    # ring in another phase (experience)
     model_variance: float = 0.02
-    degrees_of_freedom: float = 4.0
+    degrees_of_freedom: float = 4.0  # [1] Of the Student likelihood: a bin that is far off does not decide
+    # [1, standard deviations of the chi2 of noise] Energy beyond noise from which on it says whether it rings
     least_deviations: float = 3.0
 
 
 @dataclass(frozen=True)
 class RoughSearchSettings:
-    """The search for effects on which motion depends roughly.
+    """The search for effects on which motion depends roughly."""
 
-    Attributes
-    ----------
-    min_rough_share : float
-        [1, of the energy beyond noise] What has to ring within a bin of the cycle: of a residual, for such an effect to
-        be searched; of what small changes of a nuisance do, for scattered starts. Of the roughest of these it was 0.86
-        to 0.99 in seven rigs with loose joints, and 0.00 in three with ideal ones.
-    enlarged_change : float
-        [1, of noise] How large these changes are made before it is asked whether they ring.
-    first_points_log2 : int
-        Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 128 in five dimensions.
-    rounds, points : int
-        How often points are drawn about the best ones at most, each time it begins, and how many (experience).
-    rounds_for_all : int
-        So many before the first candidate is dropped for being behind the best one.
-    stalled_rounds : int
-        After so many in which the best features of no candidate became better the search begins anew, or ends.
-    populations : int
-        How often the search begins at most, until features are met where samples cannot be followed: in five dimensions
-        a population may end in a valley that is none of the truth.
-    populations_alone : int
-        The same where nothing rings, or something else explains the data.
-    matched_misfit : float
-        [1, for each feature] A misfit below which the features are met: of the truth 0.5 to 0.65.
-    elite : int
-        The best points, from which the next ones are drawn: twice as many as there are coordinates.
-    kernel_widths : (float, float)
-        [1, of the spread of the best points] Between which the spread lies of the next ones about each of them, evenly
-        in its logarithm: there are several valleys, and how wide they are is not known. Eight searches for one that is
-        5 % of the clearance wide found it after 260 points in the mean; with a quarter of the spread for all points
-        seven of eight did, after 310: no worse, at least.
-    least_spread : float
-        [1, of a coordinate's range] By which points are spread at least.
-    eliminated_share : float
-        [1, of what the features of the best candidate explain] One that explains so much less is dropped
-        (experience).
-    least_explained_share : float
-        [1, of the misfit of features] Candidates that all explain less are dropped after the first points already:
-        before nuisances were adapted to each, the best of these explained 0.15 and more where a joint is loose, and 0.1
-        or less where nothing rings.
-    least_share_of_perturbations : float
-        [1] The same, of changes of known quantities before other ways are tried: a hidden one explained 0.57, and the
-        best explained 0.31 where a force was hidden.
-    beside_share : float
-        [1, of what the base leaves beyond noise] A single effect that explains so much may be there beside another:
-        both alone and beside it candidates are searched then, at twice the cost. Friction beside a loose crank pin
-        explained 0.13; where a clearance alone was hidden the best other effect explained up to 0.07.
-    min_behind : float
-        [1] By which the misfit of a candidate has to be above that of the best one for it to be dropped: twice what a
-        name asks. One that was 31 behind after two rounds was 5 ahead in the end.
-    reached_share : float
-        [1, of the misfit of samples that the effect beside which joints are searched leaves, or the base] A point that
-        explains so much of it lies in a valley: it is fitted at once.
-    as_much_share : float
-        [1, of what the best effect that is there explains] Beside the base it has to explain this much too: at the best
-        first point a pin that slides in its clearance all the time explained 0.98 of what friction of an ideal pin did.
-    deeper : float
-        [1, of chi2] A candidate is fitted once more from a point that leaves less than this part of what the point
-        before left.
-    max_numerics_change : float
-        [1, of the variance of noise] What other numerics change in a fit, mean square, up to which samples can be
-        followed: beyond it they are met by chance, and features say more.
-    refinements : int
-        How often points are drawn about a fit that ended in a valley, but not at its bottom.
-    nearby_spreads : (float, float)
-        [1, of a coordinate's range] Between which the spread of these lies, evenly in its logarithm: valleys are 0.1 to
-        2 % of a clearance wide, and 1 % of its range is 7 % of a clearance. In one trial five refinements left 1.7 for
-        each sample so, and 6.5 with 1 % for all points.
-    min_misfit_ahead : float
-        [1] By which the misfit of features has to be below that of any other explanation, for a name: right names lead
-        by 40 to 370, the one wrong name that was seen by 10.
-    drawn_choices : float
-        [1] Part of the runs whose choices, such as the start of a motion, are drawn anew at a point; of the others it
-        has those of the point that it is drawn about.
-    size_error : float
-        [1, of the size] Standard error of a size by features from what is not searched with it: before nuisances were
-        adapted to each point sizes were 0.4 to 3.2 % off.
-    draws : int
-        Of the coordinates, for intervals.
-    seed : int
-        Of what is drawn.
-    """
-
+    # [1, of the energy beyond noise] What has to ring within a bin of the cycle: of a residual, for such an effect
+    # to be searched; of what small changes of a nuisance do, for scattered starts. Of the roughest of these it was
+    # 0.86 to 0.99 in seven rigs with loose joints, and 0.00 in three with ideal ones
     min_rough_share: float = 0.3
-    enlarged_change: float = 10.0
+    enlarged_change: float = 10.0  # [1, of noise] How large these changes are made before it is asked whether they ring
+    # Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 128 in five dimensions
     first_points_log2: int = 7
+    # How often points are drawn about the best ones at most, each time it begins, and how many (experience)
     rounds: int = 8
-    rounds_for_all: int = 2
+    rounds_for_all: int = 2  # So many before the first candidate is dropped for being behind the best one
+    # After so many in which the best features of no candidate became better the search begins anew, or ends
     stalled_rounds: int = 3
+    # How often the search begins at most, until features are met where samples cannot be followed: in five
+    # dimensions a population may end in a valley that is none of the truth
     populations: int = 2
-    populations_alone: int = 1
+    populations_alone: int = 1  # The same where nothing rings, or something else explains the data
+    # [1, for each feature] A misfit below which the features are met: of the truth 0.5 to 0.65
     matched_misfit: float = 0.75
+    # How often points are drawn about the best ones at most, each time it begins, and how many (experience)
     points: int = 32
-    elite: int = 12
+    elite: int = 12  # The best points, from which the next ones are drawn: twice as many as there are coordinates
+    # [1, of the spread of the best points] Between which the spread lies of the next ones about each of them,
+    # evenly in its logarithm: there are several valleys, and how wide they are is not known. Eight searches for one
+    # that is 5 % of the clearance wide found it after 260 points in the mean; with a quarter of the spread for all
+    # points seven of eight did, after 310: no worse, at least
     kernel_widths: tuple[float, float] = (0.02, 1.0)
-    least_spread: float = 0.01
+    least_spread: float = 0.01  # [1, of a coordinate's range] By which points are spread at least
+    # [1, of what the features of the best candidate explain] One that explains so much less is dropped (experience)
     eliminated_share: float = 0.3
+    # [1, of the misfit of features] Candidates that all explain less are dropped after the first points already:
+    # before nuisances were adapted to each, the best of these explained 0.15 and more where a joint is loose, and
+    # 0.1 or less where nothing rings
     least_explained_share: float = 0.1
+    # [1] The same, of changes of known quantities before other ways are tried: a hidden one explained 0.57, and the
+    # best explained 0.31 where a force was hidden
     least_share_of_perturbations: float = 0.4
+    # [1, of what the base leaves beyond noise] A single effect that explains so much may be there beside another:
+    # both alone and beside it candidates are searched then, at twice the cost. Friction beside a loose crank pin
+    # explained 0.13; where a clearance alone was hidden the best other effect explained up to 0.07
     beside_share: float = 0.1
+    # [1] By which the misfit of a candidate has to be above that of the best one for it to be dropped: twice what a
+    # name asks. One that was 31 behind after two rounds was 5 ahead in the end
     min_behind: float = 40.0
+    # [1, of the misfit of samples that the effect beside which joints are searched leaves, or the base] A point
+    # that explains so much of it lies in a valley: it is fitted at once
     reached_share: float = 0.5
+    # [1, of what the best effect that is there explains] Beside the base it has to explain this much too: at the
+    # best first point a pin that slides in its clearance all the time explained 0.98 of what friction of an ideal
+    # pin did
     as_much_share: float = 0.9
+    # [1, of chi2] A candidate is fitted once more from a point that leaves less than this part of what the point
+    # before left
     deeper: float = 0.7
+    # [1, of the variance of noise] What other numerics change in a fit, mean square, up to which samples can be
+    # followed: beyond it they are met by chance, and features say more
     max_numerics_change: float = 1.0
-    refinements: int = 5
+    refinements: int = 5  # How often points are drawn about a fit that ended in a valley, but not at its bottom
+    # [1, of a coordinate's range] Between which the spread of these lies, evenly in its logarithm: valleys are 0.1
+    # to 2 % of a clearance wide, and 1 % of its range is 7 % of a clearance. In one trial five refinements left 1.7
+    # for each sample so, and 6.5 with 1 % for all points
     nearby_spreads: tuple[float, float] = (0.0002, 0.01)
+    # [1] By which the misfit of features has to be below that of any other explanation, for a name: right names
+    # lead by 40 to 370, the one wrong name that was seen by 10
     min_misfit_ahead: float = 20.0
+    # [1] Part of the runs whose choices, such as the start of a motion, are drawn anew at a point; of the others it
+    # has those of the point that it is drawn about
     drawn_choices: float = 0.5
+    # [1, of the size] Standard error of a size by features from what is not searched with it: before nuisances were
+    # adapted to each point sizes were 0.4 to 3.2 % off
     size_error: float = 0.03
-    draws: int = 400
-    seed: int = 0
+    draws: int = 400  # Of the coordinates, for intervals
+    seed: int = 0  # Of what is drawn
 
 
 @dataclass(frozen=True)
 class LookAlikeSettings:
-    """The rehearsal of that search before anything is measured.
+    """The rehearsal of that search before anything is measured."""
 
-    Attributes
-    ----------
-    sizes : int
-        At which an effect is simulated, evenly in the logarithm over its range: those at which it rings are taken as
-        true. Of a clearance from 2 um to 2 mm each is 5.6 times the one before.
-    rounds : int
-        How often points are drawn about the best. With one, the shares by which joints lead over each other scatter by
-        0.02 to 0.25 from seed to seed; a further one costs some 40 CPU-s for two runs.
-    """
-
+    # At which an effect is simulated, evenly in the logarithm over its range: those at which it rings are taken as
+    # true. Of a clearance from 2 um to 2 mm each is 5.6 times the one before
     sizes: int = 5
+    # How often points are drawn about the best. With one, the shares by which joints lead over each other scatter
+    # by 0.02 to 0.25 from seed to seed; a further one costs some 40 CPU-s for two runs
     rounds: int = 1
 
 
 @dataclass(frozen=True)
 class ScatteredStartSettings:
-    """Points from which an effect is fitted where chi2 has many valleys (`jointgap.identification.scattered_starts`).
-
-    Attributes
-    ----------
-    leading_singles : int
-        Single effects for which it is done where none is sufficient, those of least chi2.
-    points_log2 : int
-        Logarithm to base 2 of how many points are simulated for one: in the rig that it was developed on three of the
-        five best of 200 in eleven dimensions led to the truth's valley.
-    starts : int
-        The best points, from which fits start.
-    size_factor : float
-        [1] Sizes are at most so many times larger or smaller than those of the fit that is there.
-    seed : int
-        Of the sequence.
+    """Points from which an effect is fitted where chi2 has many valleys
+    (`jointgap.identification.scattered_starts`).
     """
 
-    leading_singles: int = 3
+    leading_singles: int = 3  # Single effects for which it is done where none is sufficient, those of least chi2
+    # Logarithm to base 2 of how many points are simulated for one: in the rig that it was developed on three of the
+    # five best of 200 in eleven dimensions led to the truth's valley
     points_log2: int = 8
-    starts: int = 5
+    starts: int = 5  # The best points, from which fits start
+    # [1] Sizes are at most so many times larger or smaller than those of the fit that is there
     size_factor: float = 3.0
-    seed: int = 0
+    seed: int = 0  # Of the sequence
 
 
 @dataclass(frozen=True)
 class CoarseSearchSettings:
-    """The second search, from smoothed residuals, where no hypothesis fitted from the baseline is sufficient.
+    """The second search, from smoothed residuals, where no hypothesis fitted from the baseline is sufficient."""
 
-    Attributes
-    ----------
-    max_singles : int
-        Candidates searched, beside those of which small amplitudes say little (experience).
-    survivors : tuple of int
-        How many hypotheses go on from each smoothing width to the next finer one. The first number is how many pairs
-        are fitted where nothing is smoothed (experience).
-    refitted : int
-        Of the best, how many are fitted once more with all undetermined coordinates scanned, where none is sufficient.
-    leading_singles, partners_per_single : int
-        Single effects that are paired where none is sufficient, and the partners of each: a pair costs some fifty
-        simulations.
-    visible_chi2_per_sample : float
-        [1] chi2 per sample in smoothed residuals above which there is something to be seen; noise alone leaves 1.
-    eliminated_factor : float
-        [1, of the best chi2] Hypotheses beyond are eliminated: too far behind to catch up on a finer level
-        (experience).
-    """
-
-    max_singles: int = 8
+    max_singles: int = 8  # Candidates searched, beside those of which small amplitudes say little (experience)
+    # How many hypotheses go on from each smoothing width to the next finer one. The first number is how many pairs
+    # are fitted where nothing is smoothed (experience)
     survivors: tuple[int, ...] = (6, 4)
+    # Of the best, how many are fitted once more with all undetermined coordinates scanned, where none is sufficient
     refitted: int = 2
+    # Single effects that are paired where none is sufficient, and the partners of each: a pair costs some fifty
+    # simulations
     leading_singles: int = 3
+    # Single effects that are paired where none is sufficient, and the partners of each: a pair costs some fifty
+    # simulations
     partners_per_single: int = 4
+    # [1] chi2 per sample in smoothed residuals above which there is something to be seen; noise alone leaves 1
     visible_chi2_per_sample: float = 1.5
+    # [1, of the best chi2] Hypotheses beyond are eliminated: too far behind to catch up on a finer level
+    # (experience)
     eliminated_factor: float = 3.0
 
 
 @dataclass(frozen=True)
 class ModelSelectionSettings:
-    """Which hypotheses are worth a fit, and how fits are made comparable before the decision.
+    """Which hypotheses are worth a fit, and how fits are made comparable before the decision."""
 
-    Attributes
-    ----------
-    max_singles : int
-        Candidates that are fitted alone (experience).
-    max_delta_bic : float
-        [BIC] Where the baseline leaves no more than noise, effects are small and signatures nearly exact: candidates
-        this much behind the best are not fitted. Three times the 10 of a very strong preference.
-    min_gain_share : float
-        [1, of the gain that is called an effect] There, candidates that promise less than half of it are not fitted
-        either.
-    min_singles : int
-        Candidates that are fitted there in any case, so that the best one has a rival to be compared with.
-    alike_cosine : float
-        [1] Of the signatures of two effects beside the nuisances: what is more alike is fitted before one is named.
-    partners : int
-        Partners of a sufficient effect that are fitted, pairs whose signatures explain nearly all, rivals that are
-        fitted again from the best one's nuisances, and swaps of each effect of a pair.
-    followed_share : float
-        [1, of the misfit of samples] A single effect that explains so much of it without being sufficient can be
-        followed on samples: pairs with it are fitted there before anything is smoothed.
-    max_simulations, max_simulations_of_statistics : int
-        Runs that the search for what no fit about the base explains may simulate until no further step of it begins;
-        what has begun ends. Two minutes where joints are loose and dry; one of a motion that never repeats takes as
-        long as four others (experience).
-    slow_share : float
-        [1, of what the best effect explains] An effect that is never small, such as a film, takes ten times as long to
-        simulate as others and more: it is fitted once more only where it explains so much.
-    smooth_numerical_noise : float
-        [chi2] With less numerical noise the base and the next best are not fitted again from the winner's nuisances
-        before they are compared. That chi2 has no valleys then does not follow: with settled loose joints it has many.
-    min_accounted_share : float
-        [1, of what a hypothesis gains] What its effects have to account for in its own valley of the nuisances for the
-        base to be in the same one: half, since residuals are not linear.
-    baseline_starts : int
-        Values of the nuisances from which the baseline is fitted again before an effect is named that hardly shows. A
-        clearance some percent off has impacts at other instants and a valley of its own.
-    """
-
-    max_singles: int = 8
+    max_singles: int = 8  # Candidates that are fitted alone (experience)
+    # [BIC] Where the baseline leaves no more than noise, effects are small and signatures nearly exact: candidates
+    # this much behind the best are not fitted. Three times the 10 of a very strong preference
     max_delta_bic: float = 30.0
+    # [1, of the gain that is called an effect] There, candidates that promise less than half of it are not fitted
+    # either
     min_gain_share: float = 0.5
+    # Candidates that are fitted there in any case, so that the best one has a rival to be compared with
     min_singles: int = 2
+    # [1] Of the signatures of two effects beside the nuisances: what is more alike is fitted before one is named
     alike_cosine: float = 0.7
+    # Partners of a sufficient effect that are fitted, pairs whose signatures explain nearly all, rivals that are
+    # fitted again from the best one's nuisances, and swaps of each effect of a pair
     partners: int = 3
+    # [1, of the misfit of samples] A single effect that explains so much of it without being sufficient can be
+    # followed on samples: pairs with it are fitted there before anything is smoothed
     followed_share: float = 0.5
+    # Runs that the search for what no fit about the base explains may simulate until no further step of it begins;
+    # what has begun ends. Two minutes where joints are loose and dry; one of a motion that never repeats takes as
+    # long as four others (experience)
     max_simulations: int = 5000
+    # Runs that the search for what no fit about the base explains may simulate until no further step of it begins;
+    # what has begun ends. Two minutes where joints are loose and dry; one of a motion that never repeats takes as
+    # long as four others (experience)
     max_simulations_of_statistics: int = 1500
+    # [1, of what the best effect explains] An effect that is never small, such as a film, takes ten times as long
+    # to simulate as others and more: it is fitted once more only where it explains so much
     slow_share: float = 0.5
+    # [chi2] With less numerical noise the base and the next best are not fitted again from the winner's nuisances
+    # before they are compared. That chi2 has no valleys then does not follow: with settled loose joints it has many
     smooth_numerical_noise: float = 0.01
+    # [1, of what a hypothesis gains] What its effects have to account for in its own valley of the nuisances for
+    # the base to be in the same one: half, since residuals are not linear
     min_accounted_share: float = 0.5
+    # Values of the nuisances from which the baseline is fitted again before an effect is named that hardly shows. A
+    # clearance some percent off has impacts at other instants and a valley of its own
     baseline_starts: int = 4
 
 
 @dataclass(frozen=True)
 class NoiseSettings:
-    """How the noise of a channel is estimated from repeated cycles.
+    """How the noise of a channel is estimated from repeated cycles."""
 
-    Attributes
-    ----------
-    max_ar_order : int
-        [samples] The noise is an autoregressive process of at most this order: sensors and filters need no more.
-    min_differences : int
-        Differences between cycles; fewer say nothing of a correlation.
-    max_cycles_apart : int
-        Cycles apart that are compared: phases that neighbours do not have in common may be met again later.
-    max_bend : float
-        [1, of the noise's variance] By so much more than noise makes may the squared second difference of a residual
-        be where it is interpolated: a straight line then adds 2 % to the noise, in the middle between two samples 8 %.
-    least_drift : float
-        [1] Variance of the differences' mean over a cycle, over what noise without a memory leaves of it, from which on
-        they drift; a noise with a correlation of 0.96 from sample to sample leaves 49.
-    max_share_of_channel : float
-        [1, of what a channel varies by] A noise that is found is no more: what is left of such a channel is a motion
-        that the model does not follow.
-    least_motion : float
-        [1, of such a noise] A channel that the model says to vary by less stands still: it may hold nothing but noise.
-    max_angle_rad : float
-        [rad] Nor is that of an angle, 10 deg: no encoder scatters so.
-    max_lines : int
-        Sinusoids that are taken out of the differences, as motions out of step with the crank (experience).
-    line_probability : float
-        [1] How often noise alone may leave the sinusoid that is taken out.
-    reported_mismatch : float
-        [1] A stated noise that differs from the estimated one by more than this factor is reported.
-    noise_growths : tuple of float
-        [1] Factors less one by which the variance may be larger where the channel changes fastest: steps of a fifth of
-        the standard deviation.
-    min_growth_gain : float
-        [-2 log likelihood] By which such a growth must explain the scatter better: a very strong preference, with one
-        parameter more.
-    min_share_of_channel : float
-        [1, of what a channel varies by; of an angle, at most of what a turn does] No sensor resolves less, and a noise
-        of 0 would weigh every error infinitely.
-    guessed_share : float
-        [1, of what a channel varies by] Noise for the first fit, which only has to weigh the channels against each
-        other.
-    negligible_numerics : float
-        [1, of the noise] What other numerics predict differently counts from here on: less adds 0.1 % to the noise.
-    numerics_window : int
-        [samples] Over which that is averaged: an impact that comes a sample earlier differs at single samples.
-    """
-
+    # [samples] The noise is an autoregressive process of at most this order: sensors and filters need no more
     max_ar_order: int = 4
-    min_differences: int = 32
+    min_differences: int = 32  # Differences between cycles; fewer say nothing of a correlation
+    # Cycles apart that are compared: phases that neighbours do not have in common may be met again later
     max_cycles_apart: int = 4
+    # [1, of the noise's variance] By so much more than noise makes may the squared second difference of a residual
+    # be where it is interpolated: a straight line then adds 2 % to the noise, in the middle between two samples 8 %
     max_bend: float = 4.0
+    # [1] Variance of the differences' mean over a cycle, over what noise without a memory leaves of it, from which
+    # on they drift; a noise with a correlation of 0.96 from sample to sample leaves 49
     least_drift: float = 100.0
+    # [1, of what a channel varies by] A noise that is found is no more: what is left of such a channel is a motion
+    # that the model does not follow
     max_share_of_channel: float = 0.5
+    # [1, of such a noise] A channel that the model says to vary by less stands still: it may hold nothing but noise
     least_motion: float = 0.2
-    max_angle_rad: float = 0.1745
+    max_angle_rad: float = 0.1745  # [rad] Nor is that of an angle, 10 deg: no encoder scatters so
+    # Sinusoids that are taken out of the differences, as motions out of step with the crank (experience)
     max_lines: int = 24
-    line_probability: float = 1e-4
+    line_probability: float = 1e-4  # [1] How often noise alone may leave the sinusoid that is taken out
+    # [1] A stated noise that differs from the estimated one by more than this factor is reported
     reported_mismatch: float = 1.3
+    # [1] Factors less one by which the variance may be larger where the channel changes fastest: steps of a fifth
+    # of the standard deviation
     noise_growths: tuple[float, ...] = tuple(1.5**power for power in range(-2, 20))
+    # [-2 log likelihood] By which such a growth must explain the scatter better: a very strong preference, with one
+    # parameter more
     min_growth_gain: float = 15.0
+    # [1, of what a channel varies by; of an angle, at most of what a turn does] No sensor resolves less, and a
+    # noise of 0 would weigh every error infinitely
     min_share_of_channel: float = 1e-4
+    # [1, of what a channel varies by] Noise for the first fit, which only has to weigh the channels against each
+    # other
     guessed_share: float = 0.02
+    # [1, of the noise] What other numerics predict differently counts from here on: less adds 0.1 % to the noise
     negligible_numerics: float = 0.05
+    # [samples] Over which that is averaged: an impact that comes a sample earlier differs at single samples
     numerics_window: int = 5
 
 
 @dataclass(frozen=True)
 class ScreeningSettings:
-    """Signatures of all candidates, and the thresholds from null campaigns.
+    """Signatures of all candidates, and the thresholds from null campaigns."""
 
-    Attributes
-    ----------
-    max_frequencies : int
-        At which one candidate is tried: the highest peaks of the periodogram, as noise may make the highest
-        (experience).
-    frequencies_per_line : int
-        Frequencies tried within the width of a spectral line, so that no peak lies between two of them.
-    secant_factor : float
-        [1] A secant to a finite amplitude is taken to hold from this part of the amplitude to this multiple of it.
-    negligible_projection : float
-        [1, of a signature's length] What the nuisances cannot take up counts as rounding below.
-    special_case_distance : float
-        [1, of a signature's length] What may lie outside another's span for it to be a special case of that.
-    order_width : float
-        [cycles per revolution] A frequency so near an order or half an order of a crank is that order: 1 % of the
-        second.
-    null_campaigns : int
-        Simulated campaigns with nothing hidden; at a rate of 1 % forty of them exceed the threshold, which is known to
-        16 %.
-    """
-
+    # At which one candidate is tried: the highest peaks of the periodogram, as noise may make the highest
+    # (experience)
     max_frequencies: int = 3
+    # Frequencies tried within the width of a spectral line, so that no peak lies between two of them
     frequencies_per_line: int = 4
+    # [1] A secant to a finite amplitude is taken to hold from this part of the amplitude to this multiple of it
     secant_factor: float = 2.0
+    # [1, of a signature's length] What the nuisances cannot take up counts as rounding below
     negligible_projection: float = 1e-6
+    # [1, of a signature's length] What may lie outside another's span for it to be a special case of that
     special_case_distance: float = 0.03
+    # [cycles per revolution] A frequency so near an order or half an order of a crank is that order: 1 % of the
+    # second
     order_width: float = 0.02
+    # Simulated campaigns with nothing hidden; at a rate of 1 % forty of them exceed the threshold, which is known
+    # to 16 %
     null_campaigns: int = 4000
 
 
 @dataclass(frozen=True)
 class DetectabilitySettings:
-    """What a preflight calls detectable, typical and alike.
+    """What a preflight calls detectable, typical and alike."""
 
-    Attributes
-    ----------
-    typical_gap : float
-        [1] Gap after recalibration that a clearly visible effect causes; at this size effects are compared with each
-        other.
-    power : float
-        [1] Probability with which an effect of the smallest detectable size is found.
-    max_steps : float
-        [steps of the parameter] How large an unbounded amplitude may become: one that has to be larger is as good as
-        invisible.
-    assumed_noise_share : float
-        [1, of what a channel varies by] Noise where none is stated: a plain industrial sensor.
-    assumed_angle_noise_deg : float
-        [deg] Noise of an angle where none is stated: an encoder of 1800 lines.
-    hardly_varies : float
-        [1, of its root mean square] A channel that varies by less is taken to be constant; its size sets the assumed
-        noise.
-    """
-
+    # [1] Gap after recalibration that a clearly visible effect causes; at this size effects are compared with each
+    # other
     typical_gap: float = 1.5
-    power: float = 0.9
+    power: float = 0.9  # [1] Probability with which an effect of the smallest detectable size is found
+    # [steps of the parameter] How large an unbounded amplitude may become: one that has to be larger is as good as
+    # invisible
     max_steps: float = 1000.0
+    # [1, of what a channel varies by] Noise where none is stated: a plain industrial sensor
     assumed_noise_share: float = 0.02
-    assumed_angle_noise_deg: float = 0.2
+    assumed_angle_noise_deg: float = 0.2  # [deg] Noise of an angle where none is stated: an encoder of 1800 lines
+    # [1, of its root mean square] A channel that varies by less is taken to be constant; its size sets the assumed
+    # noise
     hardly_varies: float = 1e-3
 
 
 @dataclass(frozen=True)
 class ForceLawSettings:
-    """The search for a force law where no listed effect explains what is missing.
+    """The search for a force law where no listed effect explains what is missing."""
 
-    Attributes
-    ----------
-    min_explained_share : float
-        [1, of the misfit] What a law has to explain where it leaves more than noise: it is then within 10 % (rms) of
-        the force. More than of a listed effect, as the library of terms can imitate much.
-    same_law_share : float
-        [1, of the law's own change] Laws of one effect whose predictions differ by less are one law in two forms.
-    max_fitted : int
-        Sums of one size that are simulated, of those that would explain most if all were linear (experience).
-    fitted_per_effect : int
-        Single terms of each effect, and pairs that add to the best one, that are simulated in any case: where joints
-        are loose, the linear order misleads.
-    """
-
+    # [1, of the misfit] What a law has to explain where it leaves more than noise: it is then within 10 % (rms) of
+    # the force. More than of a listed effect, as the library of terms can imitate much
     min_explained_share: float = 0.99
+    # [1, of the law's own change] Laws of one effect whose predictions differ by less are one law in two forms
     same_law_share: float = 0.1
+    # Sums of one size that are simulated, of those that would explain most if all were linear (experience)
     max_fitted: int = 6
+    # Single terms of each effect, and pairs that add to the best one, that are simulated in any case: where joints
+    # are loose, the linear order misleads
     fitted_per_effect: int = 3
 
 
 @dataclass(frozen=True)
 class ConfirmationSettings:
-    """Held-out data: the bootstrap of their gaps, and with which values of the parameters they are predicted.
+    """Held-out data: the bootstrap of their gaps, and with which values of the parameters they are predicted."""
 
-    Attributes
-    ----------
-    blocks : int
-        Stretches into which a series is cut: neighbours in one miss the measurement alike, so blocks are drawn, not
-        samples.
-    draws : int
-        Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width.
-    min_fall_of_features : float
-        [log likelihood] By which the features of the cycle have to be met better for them to confirm what samples do
-        not: odds of 20 000 to 1.
-    valley_draws : int
-        Draws along a curved valley of chi2 with which held-out runs are simulated at most: of 200 one in twenty met a
-        run at twice the speed as noise does, where the values at the minimum left a gap of 2.2.
-    choosing_draws : int
-        Of these the best, at which every choice of a held-out run is tried: eight starts of a motion cost eight
-        simulations of the run.
-    """
-
+    # Stretches into which a series is cut: neighbours in one miss the measurement alike, so blocks are drawn, not
+    # samples
     blocks: int = 20
-    draws: int = 1000
+    draws: int = 1000  # Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width
+    # [log likelihood] By which the features of the cycle have to be met better for them to confirm what samples do
+    # not: odds of 20 000 to 1
     min_fall_of_features: float = 10.0
+    # Draws along a curved valley of chi2 with which held-out runs are simulated at most: of 200 one in twenty met a
+    # run at twice the speed as noise does, where the values at the minimum left a gap of 2.2
     valley_draws: int = 100
+    # Of these the best, at which every choice of a held-out run is tried: eight starts of a motion cost eight
+    # simulations of the run
     choosing_draws: int = 10
 
 
 @dataclass(frozen=True)
 class DecisionSettings:
-    """What a name asks for (`jointgap.identification.decide_verdict`).
+    """What a name asks for (`jointgap.identification.decide_verdict`)."""
 
-    Attributes
-    ----------
-    min_delta_bic : float
-        [BIC] Two explanations whose BIC differ by less are not told apart: odds of 150 to 1 (Kass and Raftery 1995:
-        very strong).
-    min_explained_share : float
-        [1, of the misfit] What an explanation has to explain where it leaves more than noise; the rest is a small
-        part of it.
-    tolerated_reduced_chi2 : float
-        [1] chi2 over its degrees of freedom up to which nothing is called missing unless an effect is found: a gap of
-        1.05.
-    max_share_of_wrong_misfit : float
-        [1] Such an explanation must leave less than this part of what it would leave if the effect most like it were
-        the cause: half way between right and wrong.
-    sure_explained_share : float
-        [1, of the misfit] From here on the fits of other explanations decide, not how alike signatures look: what is
-        left is within a tenth, root mean square, of what is missing, as of a force law. Below, a law that is not on the
-        list explains as much by one that is: the cube of the speed by its square and a force that swings 98.4 %.
-    min_share_of_rough : float
-        [1, of the misfit] What an effect on which motion depends roughly has to explain alone where what is missing
-        rings. In opened blind trials the best fit of the right joint that left more than noise explained 0.84 and more,
-        that of a wrong one 0.36 at most (0.66 of what did not ring).
-    max_share_without_rough : float
-        [1, of what that effect explains] What explanations without it explain at most: 0.05 where it was right.
-    max_chance_of_size : float
-        [1] An effect whose size chance alone makes more often is not there: outside of a 90 % interval about it lies 0.
-    max_gap_left : float
-        [standard deviations of the noise] Up to this gap, root mean square, a channel's rest is small. Right names
-        leave 0.9 to 1.1 in blind trials, up to 1.4 where numerics decide; three can be seen with the naked eye.
-    max_gap_held_out : float
-        [standard deviations of the noise] The same of all channels of the held-out data together. Of the one real
-        machine of the examples 7 are left, 6 % of the force: it is explained in part.
-    max_low_end_of_gap : float
-        [standard deviations of the noise] Where the 90 % interval of the held-out gap begins above it, more than noise
-        is left there.
-    least_closed : float
-        [1, of the squared excess of the held-out gap] What has to be gone of it then.
-    many_at_bounds : int
-        Nuisances that end at bounds from which on a fit is not believed where noise is large too: they make up for
-        what the model lacks.
-    max_noise_share : float
-        [1, of what a channel varies by] Such a noise: an encoder's of 47 deg is half of what an angle varies by.
-    max_gap_of_noise : float
-        [standard deviations of the noise] Gap on held-out data that still counts as noise: another seed of noise, and a
-        run's own speed and angle found from fewer samples, move it by less.
-    """
-
+    # [BIC] Two explanations whose BIC differ by less are not told apart: odds of 150 to 1 (Kass and Raftery 1995:
+    # very strong)
     min_delta_bic: float = 10.0
+    # [1, of the misfit] What an explanation has to explain where it leaves more than noise; the rest is a small
+    # part of it
     min_explained_share: float = 0.95
+    # [1] chi2 over its degrees of freedom up to which nothing is called missing unless an effect is found: a gap of
+    # 1.05
     tolerated_reduced_chi2: float = 1.1
+    # [1] Such an explanation must leave less than this part of what it would leave if the effect most like it were
+    # the cause: half way between right and wrong
     max_share_of_wrong_misfit: float = 0.5
+    # [1, of the misfit] From here on the fits of other explanations decide, not how alike signatures look: what is
+    # left is within a tenth, root mean square, of what is missing, as of a force law. Below, a law that is not on
+    # the list explains as much by one that is: the cube of the speed by its square and a force that swings 98.4 %
     sure_explained_share: float = 0.99
+    # [1, of the misfit] What an effect on which motion depends roughly has to explain alone where what is missing
+    # rings. In opened blind trials the best fit of the right joint that left more than noise explained 0.84 and
+    # more, that of a wrong one 0.36 at most (0.66 of what did not ring)
     min_share_of_rough: float = 0.8
+    # [1, of what that effect explains] What explanations without it explain at most: 0.05 where it was right
     max_share_without_rough: float = 0.25
+    # [1] An effect whose size chance alone makes more often is not there: outside of a 90 % interval about it lies
+    # 0
     max_chance_of_size: float = 0.1
+    # [standard deviations of the noise] Up to this gap, root mean square, a channel's rest is small. Right names
+    # leave 0.9 to 1.1 in blind trials, up to 1.4 where numerics decide; three can be seen with the naked eye
     max_gap_left: float = 3.0
+    # [standard deviations of the noise] The same of all channels of the held-out data together. Of the one real
+    # machine of the examples 7 are left, 6 % of the force: it is explained in part
     max_gap_held_out: float = 1.5
+    # [standard deviations of the noise] Where the 90 % interval of the held-out gap begins above it, more than
+    # noise is left there
     max_low_end_of_gap: float = 1.05
-    least_closed: float = 0.5
+    least_closed: float = 0.5  # [1, of the squared excess of the held-out gap] What has to be gone of it then
+    # Nuisances that end at bounds from which on a fit is not believed where noise is large too: they make up for
+    # what the model lacks
     many_at_bounds: int = 3
+    # [1, of what a channel varies by] Such a noise: an encoder's of 47 deg is half of what an angle varies by
     max_noise_share: float = 0.3
+    # [standard deviations of the noise] Gap on held-out data that still counts as noise: another seed of noise, and
+    # a run's own speed and angle found from fewer samples, move it by less
     max_gap_of_noise: float = 1.2
 
 
 @dataclass(frozen=True)
 class DisagreementSettings:
-    """The map of where and how the model disagrees with the measurement.
+    """The map of where and how the model disagrees with the measurement."""
 
-    Attributes
-    ----------
-    bins : int
-        Bins of the crank angle: 10 deg each, about the width of what an impact leaves.
-    min_size : float
-        [standard deviations of the noise] No window begins or ends where the disagreement is estimated to be smaller,
-        however significant: no one would look for its cause.
-    spans : tuple of int
-        [bins] How wide the spans are that are tested beside single bins: a part of a stroke, a quarter of a turn.
-    least_of_one : float
-        [1] Probability down to which one bin counts in a wider span, or beside its neighbours: else one impact would
-        make all around it sure. At 0.01 windows of a bump in test data began or ended two bins beyond it.
-    neighbours : int
-        [bins] A bin in a sure span is judged together with those around it, so many in all.
-    likely : float
-        [1] Probability by noise alone up to which it counts then. In 79 blind trials the map missed 19 % of the bins
-        that differ by half of the noise, and 20 % with 0.2; none of its windows was false.
-    likely_end : float
-        [1] The same of a bin by itself, with which a window may begin or end.
-    ljung_box_lags : int
-        Lags over which whitened residuals are tested for correlation; the usual ten (Ljung and Box 1978).
-    highest_order : float
-        [cycles per turn] The highest order of the crank in the spectrum; above it motions of a linkage hold little.
-    lowest_standout_order : int
-        [cycles per turn] The lowest order that is told by itself: masses, weight and steady forces on the slider make
-        orders one and two.
-    standout_share : float
-        [1] An order is told by itself where it holds more than this share of the squared excess over the noise: most
-        of what a channel misses.
-    scaling_sigmas : float
-        [standard deviations] By how much a disagreement has to exceed noise to count in the growth with speed: a
-        logarithm is taken of it.
-    """
-
-    bins: int = 36
+    bins: int = 36  # Bins of the crank angle: 10 deg each, about the width of what an impact leaves
+    # [standard deviations of the noise] No window begins or ends where the disagreement is estimated to be smaller,
+    # however significant: no one would look for its cause
     min_size: float = 0.1
+    # [bins] How wide the spans are that are tested beside single bins: a part of a stroke, a quarter of a turn
     spans: tuple[int, ...] = (3, 9)
+    # [1] Probability down to which one bin counts in a wider span, or beside its neighbours: else one impact would
+    # make all around it sure. At 0.01 windows of a bump in test data began or ended two bins beyond it
     least_of_one: float = 0.02
-    neighbours: int = 5
+    neighbours: int = 5  # [bins] A bin in a sure span is judged together with those around it, so many in all
+    # [1] Probability by noise alone up to which it counts then. In 79 blind trials the map missed 19 % of the bins
+    # that differ by half of the noise, and 20 % with 0.2; none of its windows was false
     likely: float = 0.3
-    likely_end: float = 0.05
+    likely_end: float = 0.05  # [1] The same of a bin by itself, with which a window may begin or end
+    # Lags over which whitened residuals are tested for correlation; the usual ten (Ljung and Box 1978)
     ljung_box_lags: int = 10
+    # [cycles per turn] The highest order of the crank in the spectrum; above it motions of a linkage hold little
     highest_order: float = 24.0
+    # [cycles per turn] The lowest order that is told by itself: masses, weight and steady forces on the slider make
+    # orders one and two
     lowest_standout_order: int = 3
+    # [1] An order is told by itself where it holds more than this share of the squared excess over the noise: most
+    # of what a channel misses
     standout_share: float = 0.5
+    # [standard deviations] By how much a disagreement has to exceed noise to count in the growth with speed: a
+    # logarithm is taken of it
     scaling_sigmas: float = 3.0
 
 
 @dataclass(frozen=True)
 class IntervalSettings:
-    """Intervals of parameters that their bounds cut off, from draws.
+    """Intervals of parameters that their bounds cut off, from draws."""
 
-    Attributes
-    ----------
-    far_standard_deviations : float
-        [standard deviations] Bounds that are farther from all values cut nothing off that counts: 6e-5 of a normal
-        number.
-    chains : int
-        Chains that are drawn side by side.
-    settling_sweeps, sweeps : int
-        Sweeps over all directions that are dropped, and that are kept: a chain moves along the axes of chi2 and of the
-        distribution, so that it soon forgets its start. The standard error of an interval's end is then about 0.03
-        standard deviations.
-    mapped_draws : int
-        Draws from which the interval of what follows from them is taken: its ends are sure to 1 % of them.
-    least_singular_value : float
-        [1, of the largest] A combination of parameters that changes nothing is as uncertain as rounding allows to say,
-        not certain.
-    determined_share : float
-        [1, of a stated range] A parameter whose 90 % interval is wider is not determined: where nothing is known beyond
-        the range, it is 0.9 wide.
-    """
-
+    # [standard deviations] Bounds that are farther from all values cut nothing off that counts: 6e-5 of a normal
+    # number
     far_standard_deviations: float = 4.0
-    chains: int = 256
+    chains: int = 256  # Chains that are drawn side by side
+    # Sweeps over all directions that are dropped, and that are kept: a chain moves along the axes of chi2 and of
+    # the distribution, so that it soon forgets its start. The standard error of an interval's end is then about
+    # 0.03 standard deviations
     settling_sweeps: int = 15
+    # Sweeps over all directions that are dropped, and that are kept: a chain moves along the axes of chi2 and of
+    # the distribution, so that it soon forgets its start. The standard error of an interval's end is then about
+    # 0.03 standard deviations
     sweeps: int = 30
+    # Draws from which the interval of what follows from them is taken: its ends are sure to 1 % of them
     mapped_draws: int = 1000
+    # [1, of the largest] A combination of parameters that changes nothing is as uncertain as rounding allows to
+    # say, not certain
     least_singular_value: float = 1e-8
+    # [1, of a stated range] A parameter whose 90 % interval is wider is not determined: where nothing is known
+    # beyond the range, it is 0.9 wide
     determined_share: float = 0.8
 
 
 @dataclass(frozen=True)
 class ValleySettings:
-    """Draws where chi2 is not quadratic (`jointgap.identification.curved_valley`).
+    """Draws where chi2 is not quadratic (`jointgap.identification.curved_valley`)."""
 
-    Attributes
-    ----------
-    probes : int
-        Points drawn from the quadratic chi2 that are simulated to see whether it is right; so many simulations it costs
-        where it is.
-    probe_reach : float
-        [1] They lie so many times farther from the fit than drawn. Ideal joints miss 0.3 there at most, loose ones
-        more than 1 at one of three (experience).
-    quadratic_within : float
-        [chi2] By how much it may be wrong there. An error of one changes odds by a factor of 1.6.
-    temperatures : tuple of float
-        [1] By which chi2 is divided where points are drawn for the next simulations: from ten standard errors out,
-        which find where the valley leads, to those that count. Beginning at three or five, the far end of a long
-        valley is missed (experience).
-    batch : int
-        Simulations at each of these. With some 100 in all chi2 is known to within 1 along the valley in most campaigns
-        (experience).
-    usual_length : float
-        [standard errors] Over which derivatives change, if nothing is known of it.
-    log_length_spread : float
-        [1] Standard deviation of the logarithm of such lengths between parameters: a factor of seven.
-    max_length_spreads : float
-        [1] How many of these from the usual length such a length may be: exponentials of more overflow.
-    max_length_steps : int
-        Steps towards the most likely lengths, at each batch; they begin from those of the batch before.
-    nugget : float
-        [1, of the variance] What neighbouring points may differ by, so that the matrix can be inverted.
-    walkers, steps : int
-        Points that are moved side by side, and how often; the first half of the steps is dropped.
-    kept_draws : int
-        From which intervals are taken: the ends of those of 99 % have ten draws beyond them.
-    long_jumps : float
-        [1] Share of moves by a whole difference between two walkers, from one valley into another; the usual tenth
-        (ter Braak 2006).
-    jitter : float
-        [standard errors] Of the moves, so that they lead out of the plane of the walkers.
-    """
-
+    # Points drawn from the quadratic chi2 that are simulated to see whether it is right; so many simulations it
+    # costs where it is
     probes: int = 3
+    # [1] They lie so many times farther from the fit than drawn. Ideal joints miss 0.3 there at most, loose ones
+    # more than 1 at one of three (experience)
     probe_reach: float = 2.0
+    # [chi2] By how much it may be wrong there. An error of one changes odds by a factor of 1.6
     quadratic_within: float = 1.0
+    # [1] By which chi2 is divided where points are drawn for the next simulations: from ten standard errors out,
+    # which find where the valley leads, to those that count. Beginning at three or five, the far end of a long
+    # valley is missed (experience)
     temperatures: tuple[float, ...] = (100.0, 100.0, 30.0, 15.0, 8.0, 4.0, 2.0, 1.0)
+    # Simulations at each of these. With some 100 in all chi2 is known to within 1 along the valley in most
+    # campaigns (experience)
     batch: int = 12
-    usual_length: float = 3.0
+    usual_length: float = 3.0  # [standard errors] Over which derivatives change, if nothing is known of it
+    # [1] Standard deviation of the logarithm of such lengths between parameters: a factor of seven
     log_length_spread: float = 2.0
+    # [1] How many of these from the usual length such a length may be: exponentials of more overflow
     max_length_spreads: float = 5.0
+    # Steps towards the most likely lengths, at each batch; they begin from those of the batch before
     max_length_steps: int = 30
+    # [1, of the variance] What neighbouring points may differ by, so that the matrix can be inverted
     nugget: float = 1e-6
-    walkers: int = 200
-    steps: int = 400
-    kept_draws: int = 2000
+    walkers: int = 200  # Points that are moved side by side, and how often; the first half of the steps is dropped
+    steps: int = 400  # Points that are moved side by side, and how often; the first half of the steps is dropped
+    kept_draws: int = 2000  # From which intervals are taken: the ends of those of 99 % have ten draws beyond them
+    # [1] Share of moves by a whole difference between two walkers, from one valley into another; the usual tenth
+    # (ter Braak 2006)
     long_jumps: float = 0.1
-    jitter: float = 1e-3
+    jitter: float = 1e-3  # [standard errors] Of the moves, so that they lead out of the plane of the walkers
 
 
 @dataclass(frozen=True)
 class EnsembleSettings:
-    """Regression over simulations of chaotic motion (`jointgap.identification.ensemble_regression`).
+    """Regression over simulations of chaotic motion (`jointgap.identification.ensemble_regression`)."""
 
-    Attributes
-    ----------
-    widths : tuple of float
-        [standard errors] About the minimum so far, over which the members of each ensemble are drawn. Narrower than
-        three, slopes are mostly what realisations scatter: with one, errors of parameters came out half as large as
-        they are.
-    members_per_parameter : int
-        Simulations of each ensemble for each parameter: with three standard errors, the scatter then makes up less
-        than a sixth of what slopes seem to say (experience).
-    settled_share : float
-        [1, of the variance of each parameter] What the last ensemble moved the minimum by, squared, for it to be the
-        last: the errors count it.
-    reach : float
-        [1, of the ensemble's standard deviation] How far from the ensemble's mean its minimum is sought: few members
-        lie farther out, and slopes say nothing of what is there.
-    least_variance : float
-        [1, of the variance of noise] Of a mode of the scatter that counts: what is quieter cannot be told from
-        independent noise.
-    draws : int
-        Of the parameters, for intervals: ten of them lie beyond either end of one of 99 %.
-    realisations : int
-        Whose mean is what a fit leaves: the scatter of chi2 falls to a third.
-    passes : int
-        Regressions one after the other at most, of the base (experience).
-    marked_fall : float
-        [1, of chi2] By which one has to have lowered it for another: it then ended far from where slopes were taken
-        (experience).
-    leading : int
-        Explanations that are regressed before one is chosen, at most: each takes some 300 simulations of all runs.
-    leading_share : float
-        [1, of what the best explains] That such an explanation has to explain. By regression the right ones came to
-        explain up to a fifth more, and twice from behind.
-    """
-
+    # [standard errors] About the minimum so far, over which the members of each ensemble are drawn. Narrower than
+    # three, slopes are mostly what realisations scatter: with one, errors of parameters came out half as large as
+    # they are
     widths: tuple[float, ...] = (4.0, 3.0, 3.0)
+    # Simulations of each ensemble for each parameter: with three standard errors, the scatter then makes up less
+    # than a sixth of what slopes seem to say (experience)
     members_per_parameter: int = 8
+    # [1, of the variance of each parameter] What the last ensemble moved the minimum by, squared, for it to be the
+    # last: the errors count it
     settled_share: float = 0.5
+    # [1, of the ensemble's standard deviation] How far from the ensemble's mean its minimum is sought: few members
+    # lie farther out, and slopes say nothing of what is there
     reach: float = 2.5
+    # [1, of the variance of noise] Of a mode of the scatter that counts: what is quieter cannot be told from
+    # independent noise
     least_variance: float = 1.0
-    draws: int = 2000
-    realisations: int = 12
-    passes: int = 2
+    draws: int = 2000  # Of the parameters, for intervals: ten of them lie beyond either end of one of 99 %
+    realisations: int = 12  # Whose mean is what a fit leaves: the scatter of chi2 falls to a third
+    passes: int = 2  # Regressions one after the other at most, of the base (experience)
+    # [1, of chi2] By which one has to have lowered it for another: it then ended far from where slopes were taken
+    # (experience)
     marked_fall: float = 0.02
+    # Explanations that are regressed before one is chosen, at most: each takes some 300 simulations of all runs
     leading: int = 2
+    # [1, of what the best explains] That such an explanation has to explain. By regression the right ones came to
+    # explain up to a fifth more, and twice from behind
     leading_share: float = 0.5
 
 
 @dataclass(frozen=True)
 class FamilySettings:
-    """How the shape of a law is told that was found.
+    """How the shape of a law is told that was found."""
 
-    Attributes
-    ----------
-    least_step, largest_step : float
-        [1] Of the shape, between fits; else one standard error. Below the least no two laws in use differ, above the
-        largest the start of the next fit is too far off.
-    level : float
-        [1] Of the interval of the shape: as many wrong names follow as intervals leave out the true law, one in a
-        hundred.
-    least_share : float
-        [1] Of the misfit that an effect alone has to explain for its family to be tried where nothing is named. With
-        drag by the fifth power hidden, quadratic drag explains 58 %; with other causes it is mostly far less.
-    """
-
+    # [1] Of the shape, between fits; else one standard error. Below the least no two laws in use differ, above the
+    # largest the start of the next fit is too far off
     least_step: float = 0.01
+    # [1] Of the shape, between fits; else one standard error. Below the least no two laws in use differ, above the
+    # largest the start of the next fit is too far off
     largest_step: float = 0.5
+    # [1] Of the interval of the shape: as many wrong names follow as intervals leave out the true law, one in a
+    # hundred
     level: float = 0.99
+    # [1] Of the misfit that an effect alone has to explain for its family to be tried where nothing is named. With
+    # drag by the fifth power hidden, quadratic drag explains 58 %; with other causes it is mostly far less
     least_share: float = 0.4
 
 

@@ -10,13 +10,7 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, ScreeningSettings
 
 
 class SignatureSubspaces:
-    """What each candidate can change in the whitened residuals beyond what nuisances can, as orthonormal columns.
-
-    Parameters
-    ----------
-    signatures : Signatures
-    settings : ScreeningSettings
-    """
+    """What each candidate can change in the whitened residuals beyond what nuisances can, as orthonormal columns."""
 
     def __init__(self, signatures: Signatures, settings: ScreeningSettings = DEFAULT_SETTINGS.screening):
         self._settings = settings
@@ -43,13 +37,6 @@ class SignatureSubspaces:
     def cosine(self, space: np.ndarray, label: str) -> float:
         """Largest cosine [1] of anything that the candidate changes with the columns of `space`; 0 where it changes
         nothing.
-
-        Parameters
-        ----------
-        space : (n, m) array
-            Orthonormal columns.
-        label : str
-            Of the candidate.
         """
         cosines = [np.linalg.norm(space.T @ own, 2) for own in self.of[label] if own.size and space.size]
         return float(min(max(cosines, default=0.0), 1.0))
@@ -57,10 +44,6 @@ class SignatureSubspaces:
     def is_special_case(self, special: Hypothesis, general: Hypothesis) -> bool:
         """Whether the second hypothesis can do all that the first can, and more: a constant force is a spring without
         stiffness.
-
-        Parameters
-        ----------
-        special, general : tuple of Candidate
         """
         general_labels = {candidate.label for candidate in general}
         own = [candidate.label for candidate in special if candidate.label not in general_labels]

@@ -13,12 +13,6 @@ def wald_statistic(fit: Fit, candidate: Candidate) -> float:
     It is what chi2 would gain by the effect in the valley in which the fit lies, if residuals were linear (Wald 1943):
     a hypothesis that gains more owes the rest to another valley of the nuisances. An amplitude at a bound other than 0
     has the error that it would have if the bound were farther.
-
-    Parameters
-    ----------
-    fit : Fit
-    candidate : Candidate
-        One of its effects.
     """
     amplitudes, free, covariance = _amplitudes(fit, candidate)
     if not free.any():
@@ -29,14 +23,7 @@ def wald_statistic(fit: Fit, candidate: Candidate) -> float:
 
 
 def chance(fit: Fit, candidate: Candidate) -> float:
-    """Probability [1] that amplitudes as far from 0 are found where the effect is absent: small where it is there.
-
-    Parameters
-    ----------
-    fit : Fit
-    candidate : Candidate
-        One of its effects; all its amplitudes count together, as the cosine and sine parts of a torque.
-    """
+    """Probability [1] that amplitudes as far from 0 are found where the effect is absent: small where it is there."""
     amplitudes, free, _ = _amplitudes(fit, candidate)
     statistic = wald_statistic(fit, candidate)
     return float(chi2.sf(statistic, max(int(free.sum()), 1))) if amplitudes.size else 1.0

@@ -24,14 +24,7 @@ from jointgap.identification.settings import SmoothingSettings
 
 @dataclass(frozen=True)
 class Smoother:
-    """Residuals smoothed over the cycle, each still of variance 1 where they are noise.
-
-    Attributes
-    ----------
-    kernels : tuple of ((a, b), (m,) array)
-        Place of each series among the residuals and its weights, whose squares sum to 1; a single one leaves a series
-        as it is.
-    """
+    """Residuals smoothed over the cycle, each still of variance 1 where they are noise."""
 
     kernels: tuple[tuple[slice, np.ndarray], ...]
 
@@ -85,24 +78,7 @@ def coarse_to_fine_fit(
     differences: FiniteDifferences,
     smoothers: Sequence[Smoother],
 ) -> Fit:
-    """The fit with the last smoother by way of all before it; what each leaves undetermined is scanned in the next.
-
-    Parameters
-    ----------
-    problem : Problem
-    hypothesis : tuple of Candidate
-    start : mapping of str to float
-        Values by key [SI]; nominal where absent.
-    differences : FiniteDifferences
-    smoothers : sequence of Smoother
-        Coarsest first; one at least.
-
-    Returns
-    -------
-    Fit
-        Its residual is that of the samples, and so is its Jacobian, which may be from near by: good for a fit that
-        starts there. The last one that could be simulated; failed where the start cannot be.
-    """
+    """The fit with the last smoother by way of all before it; what each leaves undetermined is scanned in the next."""
     result, derivatives = None, None
     for smoother, finer in zip(smoothers, (*smoothers[1:], None), strict=True):
         fit = fit_hypothesis(problem, hypothesis, start, derivatives, differences, smoother=smoother)
@@ -144,16 +120,6 @@ def coordinate_scan(
     """Better values by key, from scans of undetermined parameters one after the other; None if none are better.
 
     At each value of a scan the other parameters take up what they can linearly; chi2 is that of the finer smoother.
-
-    Parameters
-    ----------
-    problem : Problem
-    fit : Fit
-        To the residuals of `smoother`.
-    smoother, finer : Smoother
-        `finer`: None for the samples themselves.
-    amplitudes_only : bool
-        Whether to scan amplitudes of effects alone.
     """
     smooth = (lambda values: values) if finer is None else finer
     low, high = bounds_of(fit.parameters)

@@ -14,25 +14,12 @@ from jointgap.identification.signature_subspaces import SignatureSubspaces, orth
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What the null campaigns exceed with the stated rate.
+    """What the null campaigns exceed with the stated rate."""
 
-    Attributes
-    ----------
-    rate : float
-        [1] Share of null campaigns that exceed each threshold.
-    omnibus : float
-        [1] Of the base's chi2 over its degrees of freedom.
-    max_gain_threshold : float
-        [chi2] Of the largest gain of chi2 by one candidate, less ln n for each of its coordinates; at least what
-        another choice of numerics changes, for any candidate may happen to resemble that.
-    numerical_noise : float
-        [chi2] What a fit may gain by numerical noise alone.
-    """
-
-    rate: float
-    omnibus: float
+    rate: float  # [1] Share of null campaigns that exceed each threshold
+    omnibus: float  # [1] Of the base's chi2 over its degrees of freedom
     max_gain_threshold: float
-    numerical_noise: float = 0.0
+    numerical_noise: float = 0.0  # [chi2] What a fit may gain by numerical noise alone
 
 
 class Screening(NamedTuple):
@@ -43,18 +30,7 @@ class Screening(NamedTuple):
 
 
 def screen_candidates(base: Baseline, rate: float, noise_dof: float = np.inf, seed: int = 0) -> Screening:
-    """Simulate every candidate at a small size, and find what null campaigns would show of them.
-
-    Parameters
-    ----------
-    base : Baseline
-    rate : float
-        False alarms allowed [1].
-    noise_dof : float
-        Degrees of freedom from which the noise was estimated; infinite where it is stated.
-    seed : int
-        Of the null campaigns.
-    """
+    """Simulate every candidate at a small size, and find what null campaigns would show of them."""
     signatures = simulate_signatures(base.problem, base.base, base.differences)
     numerics = other_numerics(base.problem, base.base)
     numerical_noise = base.differences.numerical_noise_chi2
@@ -74,21 +50,6 @@ def thresholds(
 
     A null campaign's residual is the measurement's noise, plus what each of the other numerics changes times a normal
     number, less what the nuisances take up.
-
-    Parameters
-    ----------
-    problem : Problem
-    signatures : Signatures
-    numerics : (m, n) array
-        [1] As `jointgap.identification.baseline.other_numerics` gives them.
-    rate : float
-        [1] False alarms allowed.
-    noise_dof : float
-        Degrees of freedom from which the noise was estimated; infinite where it is stated.
-    numerical_noise : float
-        [chi2] `jointgap.identification.finite_differences.FiniteDifferences.numerical_noise_chi2`.
-    seed : int
-        Of the draws.
     """
     size = signatures.residual.size
     generator = np.random.default_rng(seed)

@@ -9,27 +9,12 @@ from scipy.signal import lfilter, lfiltic
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of one series, by which its residual is measured.
+    """Noise of one series, by which its residual is measured."""
 
-    Attributes
-    ----------
-    sd : (n,) array
-        Marginal standard deviation of the measurement [unit].
-    autocorrelation : tuple of float
-        At lags of 1, 2, ... samples, as far as the order of the autoregressive process; empty for white noise.
-    numerics : (n,) array
-        Standard deviation of what equally good numerics predict otherwise [unit].
-    source : str
-        Where `sd` is from, in words.
-    drive : (n, k) array or None
-        What each of the errors that all channels of the run share, those of what drives it, changes by one standard
-        deviation [unit].
-    """
-
-    sd: np.ndarray
+    sd: np.ndarray  # Marginal standard deviation of the measurement [unit]
     autocorrelation: tuple[float, ...] = ()
-    numerics: np.ndarray | float = 0.0
-    source: str = "stated"
+    numerics: np.ndarray | float = 0.0  # Standard deviation of what equally good numerics predict otherwise [unit]
+    source: str = "stated"  # Where `sd` is from, in words
     drive: np.ndarray | None = None
 
     @property
@@ -43,17 +28,6 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
 
     From each sample its prediction from the samples before it, back to the last gap, is subtracted: exact for an
     autoregressive process.
-
-    Parameters
-    ----------
-    residual : (n,) or (n, m) array
-        Measured minus predicted [unit]; NaN (in the first column) where there is no datum.
-    noise : Noise
-
-    Returns
-    -------
-    array of the same shape
-        NaN where there is no datum.
     """
     flat = residual.ndim == 1
     scaled = (residual[:, None] if flat else residual) / noise.spread[:, None]
@@ -63,13 +37,7 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
 
 
 class SharedErrors:
-    """Errors that several series share, beside their noise: after it, they are whitened together.
-
-    Parameters
-    ----------
-    changes : (n, k) array
-        What one standard deviation of each error changes in the residuals that were whitened for noise [1].
-    """
+    """Errors that several series share, beside their noise: after it, they are whitened together."""
 
     def __init__(self, changes: np.ndarray):
         self._directions, sizes, _ = np.linalg.svd(changes, full_matrices=False)
@@ -118,19 +86,7 @@ def _innovations(scaled: np.ndarray, orders: list[tuple[np.ndarray, float]]) -> 
 
 
 def unwhiten(white: np.ndarray, noise: Noise) -> np.ndarray:
-    """The inverse of `whiten`, in units of the noise's spread.
-
-    Parameters
-    ----------
-    white : (n,) array
-        Whitened residuals [1]; NaN where there is no datum.
-    noise : Noise
-
-    Returns
-    -------
-    (n,) array
-        Residual over `Noise.spread` [1]; NaN where there is no datum.
-    """
+    """The inverse of `whiten`, in units of the noise's spread."""
     if not noise.autocorrelation:
         return white
     orders = autoregression(noise.autocorrelation)

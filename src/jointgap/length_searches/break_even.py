@@ -24,12 +24,7 @@ OPTIMA = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000)
 
 
 def summary(compared: Compared) -> pd.DataFrame:
-    """Table compare_searches_summary.
-
-    Parameters
-    ----------
-    compared : Compared
-    """
+    """Table compare_searches_summary."""
     searches = compared.searches
     # of a design whose error no way lowers there is no share
     best = searches["optimum"].map(searches.groupby("optimum")["gain"].max())
@@ -53,13 +48,7 @@ def summary(compared: Compared) -> pd.DataFrame:
 
 
 def gain_of_simulations(progress: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Mean gain of searches by simulation after so many simulations: numbers (n,) and gains (n,).
-
-    Parameters
-    ----------
-    progress : DataFrame
-        Table compare_searches_progress.
-    """
+    """Mean gain of searches by simulation after so many simulations: numbers (n,) and gains (n,)."""
     numbers = np.unique(progress["simulations"])
     curves = []
     for _, rows in progress.groupby(["repetition", "optimum"]):
@@ -69,30 +58,15 @@ def gain_of_simulations(progress: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]
 
 
 def break_even(compared: Compared, optima: int) -> pd.DataFrame:
-    """Table compare_searches_break_even.
-
-    Parameters
-    ----------
-    compared : Compared
-    optima : int
-        Of the configuration.
-    """
+    """Table compare_searches_break_even."""
     return pd.DataFrame(_break_even(compared, sorted({*OPTIMA, optima})))
 
 
 def cost_from_which(
     simulations: float, training: float, search: float, needed: float | None, besides: float, optima: int
 ) -> float:
-    """CPU time of a simulation from which on learning is the cheaper way [s]: 0 where it is at any, NaN where at none.
-
-    Parameters
-    ----------
-    simulations, training, search : float
-        M; T, s [s], of the way that learns.
-    needed, besides : float
-        n, of the other way, None where it never has that gain; o [s].
-    optima : int
-        N.
+    """CPU time of a simulation from which on learning is the cheaper way [s]: 0 where it is at any, NaN where at
+    none.
     """
     if needed is None:
         return 0.0
@@ -105,15 +79,6 @@ def cost_from_which(
 def pays_from(break_even: pd.DataFrame, way: str, against: str, optima: int) -> np.ndarray | None:
     """CPU time of a simulation from which on a way pays, one of each repetition [s], at the budget that pays first in
     every repetition and whose gain is as good as the largest; None where no budget does.
-
-    Parameters
-    ----------
-    break_even : DataFrame
-        Table compare_searches_break_even.
-    way, against : str
-        A way that learns, and the one that it is held against.
-    optima : int
-        Among how many what was learned is shared.
     """
     rows = break_even[
         (break_even["way"] == way) & (break_even["against"] == against) & (break_even["optima"] == optima)

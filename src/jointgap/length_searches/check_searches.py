@@ -6,13 +6,7 @@ from jointgap.errors import InputError
 
 
 def check_searches(scenario: Scenario) -> DesignSpace:
-    """Whether the searches of a `scenario` can be compared at all.
-
-    Raises
-    ------
-    InputError
-        From what varies; a constraint on a force, which three of the four ways do not know.
-    """
+    """Whether the searches of a `scenario` can be compared at all."""
     if scenario.optimise.constraints.largest_pin_force is not None:
         raise InputError(
             "compare_searches: optimise.constraints.largest_pin_force cannot be kept, for networks, surrogate and "

@@ -23,24 +23,12 @@ _FAILED = 1e6
 
 @dataclass(frozen=True)
 class Generation:
-    """Where a search stands after a generation.
+    """Where a search stands after a generation."""
 
-    Attributes
-    ----------
-    evaluations : int
-        Lengths tried so far.
-    cpu_time : float
-        Spent so far [s].
-    lengths : tuple of float
-        Best so far, (L2, L3) [m].
-    error : float
-        Of these [rad].
-    """
-
-    evaluations: int
-    cpu_time: float
-    lengths: tuple[float, float]
-    error: float
+    evaluations: int  # Lengths tried so far
+    cpu_time: float  # Spent so far [s]
+    lengths: tuple[float, float]  # Best so far, (L2, L3) [m]
+    error: float  # Of these [rad]
 
 
 class _Lengths(Problem):
@@ -72,27 +60,7 @@ def cma_search(
     spent: Callable[[], float],
     budget: float,
 ) -> tuple[Generation, ...]:
-    """Search lengths with a small error until a budget is spent.
-
-    Parameters
-    ----------
-    error : callable
-        From lengths (m, 2) [m] to errors (m,) [rad], NaN where there is none.
-    region : Region
-    start : ndarray
-        Where it begins, and the first lengths that are tried, (2,) [m].
-    seed : int
-    settings : SearchSettings
-    spent : callable
-        CPU time since the search began [s].
-    budget : float
-        After which no further generation begins [s].
-
-    Returns
-    -------
-    tuple of Generation
-        One for each generation, the first of them that of the start.
-    """
+    """Search lengths with a small error until a budget is spent."""
     problem = _Lengths(region, error)
     scaled = np.clip((np.asarray(start) - region.lower) / region.size, 0.0, 1.0)
     algorithm = CMAES(x0=scaled, sigma=settings.first_width, normalize=False, restarts=settings.restarts)

@@ -41,29 +41,14 @@ _MOST_STEPS = 10**9  # of a training that ends with its budget
 
 @dataclass(frozen=True)
 class Compared:
-    """What the stage finds; frames of the tables of the same names.
-
-    Attributes
-    ----------
-    space : DesignSpace
-    searches : DataFrame
-        A row for each optimum of each way, budget and repetition.
-    predictions : DataFrame
-        A row for each way, budget and repetition: its error on held-out designs.
-    progress : DataFrame
-        A row for each generation of each search by simulation.
-    cost : float
-        CPU time of a simulation, without what a search adds [s].
-    wanted : tuple of Design
-        Whose best lengths were searched, with the original lengths.
-    """
+    """What the stage finds; frames of the tables of the same names."""
 
     space: DesignSpace
-    searches: pd.DataFrame
-    predictions: pd.DataFrame
-    progress: pd.DataFrame
-    cost: float
-    wanted: tuple[Design, ...]
+    searches: pd.DataFrame  # A row for each optimum of each way, budget and repetition
+    predictions: pd.DataFrame  # A row for each way, budget and repetition: its error on held-out designs
+    progress: pd.DataFrame  # A row for each generation of each search by simulation
+    cost: float  # CPU time of a simulation, without what a search adds [s]
+    wanted: tuple[Design, ...]  # Whose best lengths were searched, with the original lengths
 
     @property
     def wanted_frame(self) -> pd.DataFrame:
@@ -79,21 +64,7 @@ class Compared:
 def compare_searches(
     scenario: Scenario, workers: int | None = None, clock: Callable[[], float] = time.process_time
 ) -> Compared:
-    """Search the best lengths in four ways.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    workers : int, optional
-        Threads of the simulations.
-    clock : callable
-        CPU time of this process, all of its threads [s].
-
-    Raises
-    ------
-    InputError
-        As `check_searches`, before anything is simulated; designs that cannot be simulated.
-    """
+    """Search the best lengths in four ways."""
     space, options = check_searches(scenario), scenario.compare_searches
     motion = SettledMotion(space, OF_NETWORKS.points)
     wanted = [each.at(space.original) for each in space.fresh(options.optima, [options.seed, _WANTED])]
@@ -126,16 +97,7 @@ def compare_searches(
 def errors_at(
     motion: SettledMotion, pairs: Sequence[tuple[Design, tuple[float, float]]], workers: int | None
 ) -> np.ndarray:
-    """Simulated RMS errors of the transmission angle (n,) [rad]; NaN where a simulation fails.
-
-    Parameters
-    ----------
-    motion : SettledMotion
-    pairs : sequence of (Design, (float, float))
-        Designs, and the lengths (L2, L3) that they get [m].
-    workers : int, optional
-        Threads.
-    """
+    """Simulated RMS errors of the transmission angle (n,) [rad]; NaN where a simulation fails."""
     motions = motion.simulated((design.at(lengths) for design, lengths in pairs), workers)
     return np.array([
         np.nan if vectors is None else motion.error(design, np.array([lengths]), motion.lift(vectors))[0]

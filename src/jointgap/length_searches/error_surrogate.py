@@ -19,28 +19,15 @@ from jointgap.robust_lengths.uncertain_draws import LENGTHS
 
 @dataclass(frozen=True)
 class ErrorSurrogate:
-    """A trained surrogate.
-
-    Attributes
-    ----------
-    space : DesignSpace
-    inputs : Inputs
-    surrogate : Surrogate
-        Of the mean square error [rad^2].
-    """
+    """A trained surrogate."""
 
     space: DesignSpace
     inputs: Inputs
-    surrogate: Surrogate
+    surrogate: Surrogate  # Of the mean square error [rad^2]
 
     def squares(self, design: Design, lengths: np.ndarray) -> np.ndarray:
-        """Mean square error of a design at other lengths, (m,) [rad^2]; not kept above 0, so that it has a slope there.
-
-        Parameters
-        ----------
-        design : Design
-        lengths : ndarray
-            (m, 2) [m].
+        """Mean square error of a design at other lengths, (m,) [rad^2]; not kept above 0, so that it has a slope
+        there.
         """
         standard = self.inputs.standard(_columns([design] * len(lengths), lengths))
         return self.inputs.evaluated(self.surrogate.terms, standard) @ self.surrogate.coefficients
@@ -49,18 +36,7 @@ class ErrorSurrogate:
 def train_surrogate(
     space: DesignSpace, designs: Sequence[Design], errors: np.ndarray, seed: int, settings: SearchSettings
 ) -> ErrorSurrogate:
-    """Train a surrogate of the error.
-
-    Parameters
-    ----------
-    space : DesignSpace
-    designs : sequence of Design
-    errors : ndarray
-        Of their own lengths, (designs,) [rad].
-    seed : int
-        Of which designs choose among surrogates.
-    settings : SearchSettings
-    """
+    """Train a surrogate of the error."""
     of_training = replace(
         OF_SENSITIVITY,
         held_out=1.0 / len(designs),  # held-out designs judge all ways alike, so none is kept back here

@@ -18,23 +18,12 @@ from jointgap.link_lengths.region import Region
 
 @dataclass(frozen=True)
 class LearnedObjective:
-    """What is searched: 1 at the original lengths, and it changes by about 1 to the starting points.
-
-    Attributes
-    ----------
-    squares : callable
-        From lengths (m, 2) [m] to mean square errors (m,), of a surrogate perhaps below 0.
-    region : Region
-    original : tuple of float
-        (L2, L3) [m].
-    difference : float
-        Step of the central differences as a share of the box.
-    """
+    """What is searched: 1 at the original lengths, and it changes by about 1 to the starting points."""
 
     squares: Callable[[np.ndarray], np.ndarray]
     region: Region
-    original: tuple[float, float]
-    difference: float
+    original: tuple[float, float]  # (L2, L3) [m]
+    difference: float  # Step of the central differences as a share of the box
 
     @cached_property
     def _scale(self) -> tuple[float, float]:
@@ -62,17 +51,7 @@ def learned_search(
     original: tuple[float, float],
     settings: SearchSettings,
 ) -> tuple[float, float]:
-    """The lengths with the smallest error, (L2, L3) [m].
-
-    Parameters
-    ----------
-    squares : callable
-        From lengths (m, 2) [m] to mean square errors (m,).
-    region : Region
-    original : tuple of float
-        (L2, L3) [m].
-    settings : SearchSettings
-    """
+    """The lengths with the smallest error, (L2, L3) [m]."""
     objective = LearnedObjective(squares, region, original, settings.difference)
     best = min(search_from_all(objective, region, settings.tolerance), key=lambda found: found.value)
     crank, rod = map(float, best.lengths)

@@ -43,15 +43,7 @@ _TIMES = 200  # points of the curve of the searches by simulation
 def draw_searches(
     summary: pd.DataFrame, progress: pd.DataFrame, break_even: pd.DataFrame, cost: float
 ) -> dict[str, Drawing]:
-    """All figures by name.
-
-    Parameters
-    ----------
-    summary, progress, break_even : DataFrame
-        Tables compare_searches_summary, _progress and _break_even.
-    cost : float
-        CPU time of a simulation [s].
-    """
+    """All figures by name."""
     with style.matplotlib_style():
         return {GAIN: _gain(summary, progress), BREAK_EVEN: _break_even(break_even, cost)}
 

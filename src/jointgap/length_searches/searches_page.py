@@ -32,31 +32,16 @@ _MANY = 100
 
 @dataclass(frozen=True)
 class Shown:
-    """What the page is about.
-
-    Attributes
-    ----------
-    compared : Compared
-    summary, break_even : DataFrame
-        Tables compare_searches_summary and compare_searches_break_even.
-    scenario : Scenario
-    """
+    """What the page is about."""
 
     compared: Compared
-    summary: pd.DataFrame
-    break_even: pd.DataFrame
+    summary: pd.DataFrame  # Tables compare_searches_summary and compare_searches_break_even
+    break_even: pd.DataFrame  # Tables compare_searches_summary and compare_searches_break_even
     scenario: Scenario
 
 
 def page(shown: Shown, name: str) -> Page:
-    """The page of the four ways.
-
-    Parameters
-    ----------
-    shown : Shown
-    name : str
-        Of the scenario.
-    """
+    """The page of the four ways."""
     blocks: list[Block] = [Paragraph(sentence, strong=True) for sentence in verdict(shown)]
     blocks += [Heading("Side by side"), Paragraph(_what_is_compared(shown)), _table(shown.summary), _figure(GAIN)]
     blocks += [Heading("When learning pays"), Paragraph(_when(shown)), _pays(shown), _figure(BREAK_EVEN)]
@@ -75,13 +60,7 @@ def headline(shown: Shown) -> str:
 
 
 def winner(summary: pd.DataFrame) -> pd.Series:
-    """Of the rows whose gain is as good as the largest, the one that takes the least CPU time.
-
-    Parameters
-    ----------
-    summary : DataFrame
-        Table compare_searches_summary.
-    """
+    """Of the rows whose gain is as good as the largest, the one that takes the least CPU time."""
     good = summary[summary["gain"] >= SETTINGS.as_good * summary["gain"].max()]
     return good.loc[good["cpu_time"].idxmin()]
 

@@ -21,24 +21,12 @@ _AT_ONCE = 16  # designs between two looks at the clock
 
 @dataclass(frozen=True)
 class TrainingPool:
-    """What has been simulated.
+    """What has been simulated."""
 
-    Attributes
-    ----------
-    designs : tuple of Design
-        Those that could be simulated, in their order.
-    vectors : ndarray
-        Their motions, (designs, points, joints, 2) [m].
-    simulations : ndarray of int
-        Simulations that had been run when each was there, those that failed included, (designs,).
-    cpu_time : ndarray
-        Spent until then, (designs,) [s].
-    """
-
-    designs: tuple[Design, ...]
-    vectors: np.ndarray
-    simulations: np.ndarray
-    cpu_time: np.ndarray
+    designs: tuple[Design, ...]  # Those that could be simulated, in their order
+    vectors: np.ndarray  # Their motions, (designs, points, joints, 2) [m]
+    simulations: np.ndarray  # Simulations that had been run when each was there, those that failed included, (designs,)
+    cpu_time: np.ndarray  # Spent until then, (designs,) [s]
 
     @property
     def cost(self) -> float:
@@ -55,27 +43,7 @@ class TrainingPool:
 def fill_pool(
     motion: SettledMotion, most: int, seed: int, budget: float, clock: Callable[[], float], workers: int | None
 ) -> TrainingPool:
-    """Simulate designs of a Sobol sequence until a budget is spent.
-
-    Parameters
-    ----------
-    motion : SettledMotion
-    most : int
-        Designs at most.
-    seed : int
-        Of the sequence.
-    budget : float
-        CPU time [s].
-    clock : callable
-        CPU time of this process, all threads [s].
-    workers : int, optional
-        Threads.
-
-    Raises
-    ------
-    InputError
-        Too few designs can be simulated.
-    """
+    """Simulate designs of a Sobol sequence until a budget is spent."""
     begun, drawn = clock(), motion.space.drawn(most, seed)
     designs, vectors, simulations, times, run = [], [], [], [], 0
     while run < most and (run < 2 * LEAST_DESIGNS or clock() - begun < budget):

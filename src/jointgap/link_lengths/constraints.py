@@ -23,37 +23,17 @@ MET = 1e-4
 
 @dataclass(frozen=True)
 class Constraint:
-    """One property of the lengths and the range that it has to lie in.
+    """One property of the lengths and the range that it has to lie in."""
 
-    Attributes
-    ----------
-    key : str
-        In the section `optimise.constraints`.
-    words : str
-        Its name in a sentence.
-    unit : str
-        That it is shown in.
-    scale : float
-        That unit in SI; what is missed is counted in it.
-    low, high : float
-        The range, in SI; infinite where there is no bound, equal where a value is fixed.
-    value : callable
-        From lengths (L2, L3) of shape (..., 2) [m] to the property, shape (...).
-    gradient : callable
-        From lengths of shape (..., 2) to its derivative by them, shape (..., 2).
-    is_relaxed : bool
-        Whether the range is wider than the one asked for, which no lengths meet.
-    """
-
-    key: str
-    words: str
-    unit: str
-    scale: float
-    low: float
-    high: float
-    value: Callable[[ArrayLike], np.ndarray]
+    key: str  # In the section `optimise.constraints`
+    words: str  # Its name in a sentence
+    unit: str  # That it is shown in
+    scale: float  # That unit in SI; what is missed is counted in it
+    low: float  # The range, in SI; infinite where there is no bound, equal where a value is fixed
+    high: float  # The range, in SI; infinite where there is no bound, equal where a value is fixed
+    value: Callable[[ArrayLike], np.ndarray]  # From lengths (L2, L3) of shape (..., 2) [m] to the property, shape (...)
     gradient: Callable[[ArrayLike], np.ndarray]
-    is_relaxed: bool = False
+    is_relaxed: bool = False  # Whether the range is wider than the one asked for, which no lengths meet
 
     @property
     def is_fixed(self) -> bool:
@@ -91,15 +71,7 @@ class Constraint:
 
 
 def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
-    """Those that follow from the lengths alone.
-
-    Parameters
-    ----------
-    options : Constraints
-        The section of the configuration.
-    offset : float
-        The slide is the line y = offset [m].
-    """
+    """Those that follow from the lengths alone."""
     return tuple(_geometric(options, offset))
 
 
@@ -181,17 +153,7 @@ def _dead_centre_angle(offset: float, side: float) -> tuple[Callable, Callable]:
 
 
 class PinForce:
-    """The largest force in a pin over a box of lengths: a surface of cubic splines through a grid of simulations.
-
-    Parameters
-    ----------
-    cranks, rods : ndarray, shape (n,), (m,)
-        Grid [m].
-    forces : ndarray, shape (n, m)
-        At its points [N].
-    factor : float
-        By which the surface is raised, where simulations lie above it.
-    """
+    """The largest force in a pin over a box of lengths: a surface of cubic splines through a grid of simulations."""
 
     def __init__(self, cranks: np.ndarray, rods: np.ndarray, forces: np.ndarray, factor: float = 1.0):
         self.cranks, self.rods, self.forces, self.factor = cranks, rods, forces, factor

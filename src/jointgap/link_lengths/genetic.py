@@ -38,12 +38,8 @@ with needs("optimising link lengths", "learn"):
 
 
 def best_first(values: np.ndarray, violations: np.ndarray) -> np.ndarray:
-    """Indices of individuals in their order, shape (n,): what meets the constraints first, then by values to minimise.
-
-    Parameters
-    ----------
-    values, violations : ndarray, shape (n,)
-        Sums of squares; how far the constraints are from met, 0 where they are.
+    """Indices of individuals in their order, shape (n,): what meets the constraints first, then by values to
+    minimise.
     """
     return np.lexsort((values, violations))
 
@@ -60,13 +56,6 @@ def stochastic_uniform(expectation: np.ndarray, count: int, random: np.random.Ge
     """Indices of `count` parents, shape (count,), shuffled.
 
     Parent i is taken floor(count * expectation[i]) times or once more.
-
-    Parameters
-    ----------
-    expectation : ndarray, shape (n,)
-        Shares of the parents, sum 1.
-    count : int
-    random : Generator
     """
     marks = (np.arange(count) + random.random()) / count
     edges = np.cumsum(expectation)
@@ -75,27 +64,12 @@ def stochastic_uniform(expectation: np.ndarray, count: int, random: np.random.Ge
 
 
 def intermediate_crossover(first: np.ndarray, second: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """A random point between each pair of parents, shapes (n, 2).
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (n, 2)
-        Parents (L2, L3) [m].
-    random : Generator
-    """
+    """A random point between each pair of parents, shapes (n, 2)."""
     return first + random.random((len(first), 1)) * (second - first)
 
 
 def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Generator) -> np.ndarray:
-    """Each parent (n, 2) moved by up to the box's width in a random direction, cut at the region's edge.
-
-    Parameters
-    ----------
-    parents : ndarray, shape (n, 2)
-        (L2, L3) [m].
-    region : Region
-    random : Generator
-    """
+    """Each parent (n, 2) moved by up to the box's width in a random direction, cut at the region's edge."""
     angle = 2.0 * np.pi * random.random(len(parents))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     moves = random.random((len(parents), 1)) * direction * region.size
@@ -105,31 +79,14 @@ def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Gen
 
 @dataclass(frozen=True)
 class GeneticResult:
-    """One run of the genetic algorithm.
+    """One run of the genetic algorithm."""
 
-    Attributes
-    ----------
-    lengths : ndarray, shape (2,)
-        The best (L2, L3) [m].
-    value : float
-        Its sum of squares [rad^2].
-    evaluations : int
-        Calls of the objective; an elite is not evaluated again.
-    values : ndarray, shape (evaluations,)
-        Every value in the order of evaluation [rad^2].
-    population : DataFrame
-        A row per individual and generation: generation (0 = first), individual, origin (first, elite, crossover,
-        mutation), crank_length, rod_length, sum_of_squares, evaluations (so far, at the generation's end).
-    status : str
-        Why it stopped.
-    """
-
-    lengths: np.ndarray
-    value: float
-    evaluations: int
-    values: np.ndarray
-    population: pd.DataFrame
-    status: str
+    lengths: np.ndarray  # shape (2,); the best (L2, L3) [m]
+    value: float  # Its sum of squares [rad^2]
+    evaluations: int  # Calls of the objective; an elite is not evaluated again
+    values: np.ndarray  # shape (evaluations,); every value in the order of evaluation [rad^2]
+    population: pd.DataFrame  # A row per individual and generation
+    status: str  # Why it stopped
 
 
 class _Lengths(Problem):
@@ -195,20 +152,7 @@ class _ElitesAndChildren(Survival):
 
 
 def evolve(objective: Objective, region: Region, options: Genetic) -> GeneticResult:
-    """Run the genetic algorithm for the configured number of generations.
-
-    Parameters
-    ----------
-    objective : Objective
-    region : Region
-    options : Genetic
-        Population, generations, elites, crossover fraction, seed.
-
-    Returns
-    -------
-    GeneticResult
-        Bit for bit the same for the same seed.
-    """
+    """Run the genetic algorithm for the configured number of generations."""
     problem = _Lengths(objective, region)
     algorithm = GeneticAlgorithm(
         pop_size=options.population,
@@ -253,14 +197,6 @@ def _record(generation: int, pop: Population, evaluations: int) -> pd.DataFrame:
 
 
 def evaluations_until(values: np.ndarray, best: float, tolerance: float) -> int | None:
-    """After how many evaluations a value within `tolerance` (relative) of `best` was found; None if never.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        In the order of evaluation [rad^2].
-    best, tolerance : float
-        [rad^2], share of it.
-    """
+    """After how many evaluations a value within `tolerance` (relative) of `best` was found; None if never."""
     close_enough = np.flatnonzero(values <= best * (1.0 + tolerance))
     return int(close_enough[0]) + 1 if len(close_enough) else None

@@ -19,34 +19,16 @@ TOLERANCES = tuple(10.0**-exponent for exponent in range(1, 13))  # swept to sho
 
 @dataclass(frozen=True)
 class LocalResult:
-    """One local search.
+    """One local search."""
 
-    Attributes
-    ----------
-    start, lengths : ndarray, shape (2,)
-        Where it started and ended, (L2, L3) [m].
-    value : float
-        Sum of squares at the end [rad^2].
-    evaluations : int
-        Calls of the objective; those of its exact gradient are not counted.
-    values : ndarray, shape (evaluations,)
-        Every value in the order of evaluation [rad^2].
-    path : ndarray, shape (k, 2)
-        Every iterate, the start first [m].
-    converged : bool
-        Whether the stopping tolerance was met.
-    status : str
-        Why it stopped and what to make of it.
-    """
-
-    start: np.ndarray
-    lengths: np.ndarray
-    value: float
-    evaluations: int
-    values: np.ndarray
-    path: np.ndarray
-    converged: bool
-    status: str
+    start: np.ndarray  # shape (2,); where it started and ended, (L2, L3) [m]
+    lengths: np.ndarray  # shape (2,); where it started and ended, (L2, L3) [m]
+    value: float  # Sum of squares at the end [rad^2]
+    evaluations: int  # Calls of the objective; those of its exact gradient are not counted
+    values: np.ndarray  # shape (evaluations,); every value in the order of evaluation [rad^2]
+    path: np.ndarray  # shape (k, 2); every iterate, the start first [m]
+    converged: bool  # Whether the stopping tolerance was met
+    status: str  # Why it stopped and what to make of it
 
 
 def starting_points(region: Region) -> np.ndarray:
@@ -58,21 +40,7 @@ def starting_points(region: Region) -> np.ndarray:
 
 
 def search(objective: Objective, region: Region, start: ArrayLike, tolerance: float) -> LocalResult:
-    """Follow the error downhill from `start`.
-
-    Parameters
-    ----------
-    objective : Objective
-    region : Region
-    start : array_like, shape (2,)
-        (L2, L3) [m].
-    tolerance : float
-        Stop when the sum of squares changes by less than this share of its value at the original lengths.
-
-    Returns
-    -------
-    LocalResult
-    """
+    """Follow the error downhill from `start`."""
     start = np.asarray(start, dtype=float)
     unit = float(objective.value(objective.original))
     path, values = [start], []
@@ -115,13 +83,5 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
 
 
 def search_from_all(objective: Objective, region: Region, tolerance: float) -> tuple[LocalResult, ...]:
-    """`search` from each of the six starting points.
-
-    Parameters
-    ----------
-    objective : Objective
-    region : Region
-    tolerance : float
-        As in `search`.
-    """
+    """`search` from each of the six starting points."""
     return tuple(search(objective, region, start, tolerance) for start in starting_points(region))

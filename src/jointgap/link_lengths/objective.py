@@ -11,20 +11,12 @@ from jointgap.mechanism import transmission_angle
 
 @dataclass(frozen=True)
 class Measures:
-    """Four sizes of one error; floats, or arrays of one shape for several errors.
+    """Four sizes of one error; floats, or arrays of one shape for several errors."""
 
-    Attributes
-    ----------
-    rms, mean_absolute, peak : float or ndarray
-        Root of the mean square, mean of the size, largest size [rad].
-    sum_of_squares : float or ndarray
-        What equation (12) minimises [rad^2]; grows with the number of samples.
-    """
-
-    rms: np.ndarray
-    mean_absolute: np.ndarray
-    peak: np.ndarray
-    sum_of_squares: np.ndarray
+    rms: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
+    mean_absolute: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
+    peak: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
+    sum_of_squares: np.ndarray  # What equation (12) minimises [rad^2]; grows with the number of samples
 
 
 MEASURES = tuple(field.name for field in fields(Measures))
@@ -38,36 +30,18 @@ def measure(error: ArrayLike) -> Measures:
 
 
 def reductions(measures: Measures, original: Measures) -> Measures:
-    """By which fraction each measure lies below that of the original lengths; negative where it grew.
-
-    Parameters
-    ----------
-    measures, original : Measures
-        At the new and at the original lengths.
-    """
+    """By which fraction each measure lies below that of the original lengths; negative where it grew."""
     return Measures(*(1.0 - getattr(measures, name) / getattr(original, name) for name in MEASURES))
 
 
 @dataclass(frozen=True)
 class Objective:
-    """Equation (12) with the clearance motion frozen; make it with `frozen_objective`.
+    """Equation (12) with the clearance motion frozen; make it with `frozen_objective`."""
 
-    Attributes
-    ----------
-    sine : ndarray, shape (n,)
-        sin theta2 at the evaluation points.
-    lift : ndarray, shape (n,)
-        r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3 there, less the slide's offset [m].
-    desired : ndarray, shape (n,)
-        Transmission angle at the original lengths without clearance [rad].
-    original : tuple of float
-        Original crank and rod length [m].
-    """
-
-    sine: np.ndarray
-    lift: np.ndarray
-    desired: np.ndarray
-    original: tuple[float, float]
+    sine: np.ndarray  # shape (n,); sin theta2 at the evaluation points
+    lift: np.ndarray  # shape (n,); r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3 there, less the slide's offset [m]
+    desired: np.ndarray  # shape (n,); transmission angle at the original lengths without clearance [rad]
+    original: tuple[float, float]  # Original crank and rod length [m]
 
     def error(self, lengths: ArrayLike) -> np.ndarray:
         """mu_d - mu_a [rad], shape (..., n), for lengths (L2, L3) of shape (..., 2) [m]."""
@@ -99,22 +73,7 @@ class Objective:
 
 
 def frozen_objective(mechanism: Mechanism, crank_angle: ArrayLike, lift: ArrayLike) -> Objective:
-    """The objective for a clearance motion that does not answer to the lengths.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        The original lengths.
-    crank_angle : array_like, shape (n,)
-        Evaluation points theta2 [rad].
-    lift : array_like, shape (n,)
-        The clearances' share of the rod's height there, from `jointgap.mechanism.clearance_lift` [m].
-
-    Raises
-    ------
-    InputError
-        The rod cannot reach the slide at the original lengths.
-    """
+    """The objective for a clearance motion that does not answer to the lengths."""
     crank_length, rod_length, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
     transmission_angle(crank_length, rod_length, crank_angle, lift, offset)  # refuses what cannot be assembled
     return Objective(
@@ -126,20 +85,7 @@ def frozen_objective(mechanism: Mechanism, crank_angle: ArrayLike, lift: ArrayLi
 
 
 def objective_of_motion(mechanism: Mechanism, crank_angle: ArrayLike, rod_angle: ArrayLike) -> Objective:
-    """The objective on a simulated motion: what clearances add to the rod's height is read from the rod's angle.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        The original lengths, with which it was simulated.
-    crank_angle, rod_angle : array_like, shape (n,)
-        Evaluation points [rad].
-
-    Raises
-    ------
-    InputError
-        As `frozen_objective`.
-    """
+    """The objective on a simulated motion: what clearances add to the rod's height is read from the rod's angle."""
     # equation (10) solved for the clearances' share
     height = mechanism.crank.length * np.sin(crank_angle) + mechanism.rod.length * np.sin(rod_angle)
     return frozen_objective(mechanism, crank_angle, mechanism.slider.offset - height)
@@ -148,22 +94,7 @@ def objective_of_motion(mechanism: Mechanism, crank_angle: ArrayLike, rod_angle:
 def evaluation_samples(
     crank_angle: ArrayLike, window: tuple[float, float], samples_per_revolution: int, training_points: int
 ) -> np.ndarray:
-    """Which samples of a trajectory the objective counts: held-out ones of the first revolution inside the window.
-
-    Parameters
-    ----------
-    crank_angle : array_like, shape (m,)
-        Crank angles of the trajectory's samples, uniform [rad].
-    window : tuple of float
-        First and last crank angle after the start [rad].
-    samples_per_revolution, training_points : int
-        Sampling of the trajectory and of the networks' training grid, whose points are left out.
-
-    Returns
-    -------
-    ndarray of int, shape (n,)
-        Indices, rising.
-    """
+    """Which samples of a trajectory the objective counts: held-out ones of the first revolution inside the window."""
     stride = samples_per_revolution // (training_points - 1)
     index = np.arange(min(samples_per_revolution + 1, len(crank_angle)))
     turned = np.asarray(crank_angle)[index] - crank_angle[0]

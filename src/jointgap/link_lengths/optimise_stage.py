@@ -58,11 +58,6 @@ def objectives(
 
     The surrogates and ``simulation`` over the configured window of the first revolution, on samples that are no
     training points; ``simulation_settled`` over a whole settled revolution.
-
-    Parameters
-    ----------
-    mechanism, simulate, options, training_points, trajectory, surrogates
-        As in `optimise`.
     """
     samples = sample_ranges(simulate, options, training_points)
     coordinates = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]
@@ -86,28 +81,7 @@ def optimise(
     trajectory: pd.DataFrame,
     surrogates: Mapping[str, Mapping[str, Fit]],
 ) -> Optimisation:
-    """Search the lengths for every source in every box, and simulate again what was found.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With the original lengths and its effects applied.
-    simulate, options
-        Sections of the configuration.
-    training_points : int
-        Points of the networks' training grid over the first revolution.
-    trajectory : DataFrame
-        The simulation at the original lengths, table trajectory.
-    surrogates : mapping of str to mapping of str to Fit
-        By surrogate and output; of the outputs r and gamma of the loose joints are used.
-
-    Raises
-    ------
-    InputError
-        A box that the inequality or the constraints empty.
-    SimulationError
-        From simulating again.
-    """
+    """Search the lengths for every source in every box, and simulate again what was found."""
     by_source = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
     printed = printed_points(mechanism, simulate)
     fixed = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), *printed]

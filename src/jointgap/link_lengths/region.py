@@ -20,39 +20,16 @@ NEAR = 1e-6  # [m] a length this close to its bound is at it: a thousandth of th
 
 @dataclass(frozen=True)
 class Region:
-    """A convex region of lengths (L2, L3), and in it the constraints that these have to meet.
+    """A convex region of lengths (L2, L3), and in it the constraints that these have to meet."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (2,)
-        Bounds of (L2, L3) [m].
-    ratio_limit : float
-        g(x) = L2 - ratio_limit L3 <= 0; 1 where nothing else is asked for: the crank can turn.
-    constraints : tuple of Constraint
-        They may leave a curve or a point of the region.
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    ratio_limit: float
-    constraints: tuple[Constraint, ...] = ()
+    lower: np.ndarray  # shape (2,); bounds of (L2, L3) [m]
+    upper: np.ndarray  # shape (2,); bounds of (L2, L3) [m]
+    ratio_limit: float  # g(x) = L2 - ratio_limit L3 <= 0; 1 where nothing else is asked for: the crank can turn
+    constraints: tuple[Constraint, ...] = ()  # They may leave a curve or a point of the region
 
     @classmethod
     def of(cls, box: Box, ratio_limit: float | None) -> "Region":
-        """The region of one configured box.
-
-        Parameters
-        ----------
-        box : Box
-            Bounds [m].
-        ratio_limit : float, optional
-            Largest crank length over rod length.
-
-        Raises
-        ------
-        InputError
-            The inequality leaves nothing of the box.
-        """
+        """The region of one configured box."""
         lower, upper = np.transpose([box.crank_length, box.rod_length])
         ratio_limit = 1.0 if ratio_limit is None else ratio_limit
         if lower[0] - ratio_limit * upper[1] >= 0.0:
@@ -68,19 +45,7 @@ class Region:
         return self.upper - self.lower
 
     def under(self, constraints: Iterable[Constraint], name: str = "") -> "Region":
-        """The region with further `constraints`.
-
-        Parameters
-        ----------
-        constraints : iterable of Constraint
-        name : str
-            Of the box, for messages.
-
-        Raises
-        ------
-        InputError
-            No lengths of the region meet them; the message has what can be reached, and the nearest lengths.
-        """
+        """The region with further `constraints`."""
         under = replace(self, constraints=(*self.constraints, *constraints))
         if under.constraints and not len(under.samples):
             raise InputError(under._unmet(name))
@@ -218,13 +183,7 @@ class Region:
         return inside & (self.inequality(lengths) <= slack)
 
     def sample(self, count: int, random: np.random.Generator) -> np.ndarray:
-        """`count` points spread evenly over the region, shape (count, 2) [m].
-
-        Parameters
-        ----------
-        count : int
-        random : Generator
-        """
+        """`count` points spread evenly over the region, shape (count, 2) [m]."""
         points = np.empty((0, 2))
         while len(points) < count:
             drawn = self.lower + random.random((count, 2)) * self.size
@@ -232,13 +191,7 @@ class Region:
         return points[:count]
 
     def reach(self, start: ArrayLike, step: ArrayLike) -> float:
-        """The largest factor, at most 1, by which `step` (2,) can be taken from `start` (2,) without leaving.
-
-        Parameters
-        ----------
-        start, step : array_like, shape (2,)
-            (L2, L3) [m].
-        """
+        """The largest factor, at most 1, by which `step` (2,) can be taken from `start` (2,) without leaving."""
         start, step = np.asarray(start), np.asarray(step)
         room = np.append(np.where(step > 0.0, self.upper - start, start - self.lower), -self.inequality(start))
         speed = np.append(np.abs(step), self.inequality(step))
@@ -266,38 +219,13 @@ class Region:
 
 
 def regions(mechanism: Mechanism, options: Optimise) -> dict[str, Region]:
-    """Where the lengths may lie in each box, by its name, under the constraints that follow from the lengths alone.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Its effects applied.
-    options : Optimise
-
-    Raises
-    ------
-    InputError
-        The inequality or the constraints leave nothing of a box.
-    """
+    """Where the lengths may lie in each box, by its name, under the constraints that follow from the lengths alone."""
     constraints = geometric(options.constraints, mechanism.slider.offset)
     return {name: Region.of(box, options.ratio_limit).under(constraints, name) for name, box in options.boxes.items()}
 
 
 def check_constraints(scenarios: Mapping[str, Scenario], source: str = "configuration") -> None:
-    """Whether the constraints of each scenario leave lengths to search, before hours are spent.
-
-    Parameters
-    ----------
-    scenarios : mapping of str to Scenario
-        By name.
-    source : str
-        What to call the configuration in errors.
-
-    Raises
-    ------
-    InputError
-        As `regions`, with the scenario's name.
-    """
+    """Whether the constraints of each scenario leave lengths to search, before hours are spent."""
     for name, scenario in scenarios.items():
         try:
             regions(scenario.mechanism.applied(), scenario.optimise)

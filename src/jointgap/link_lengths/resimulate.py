@@ -42,58 +42,29 @@ class Spread:
 
 @dataclass(frozen=True)
 class JointLoad:
-    """What a joint carries over the settled revolution, each of shape (members,).
+    """What a joint carries over the settled revolution, each of shape (members,)."""
 
-    Attributes
-    ----------
-    peak_force, rms_force : ndarray
-        Of the size of the force between its bodies at the samples [N].
-    contact_share : ndarray or None
-        Share of the time in which journal and bearing touch; None of an ideal joint.
-    """
-
-    peak_force: np.ndarray
-    rms_force: np.ndarray
-    contact_share: np.ndarray | None
+    peak_force: np.ndarray  # Of the size of the force between its bodies at the samples [N]
+    rms_force: np.ndarray  # Of the size of the force between its bodies at the samples [N]
+    contact_share: np.ndarray | None  # Share of the time in which journal and bearing touch; None of an ideal joint
 
 
 @dataclass(frozen=True)
 class Resimulation:
-    """An ensemble at one pair of lengths.
+    """An ensemble at one pair of lengths."""
 
-    Attributes
-    ----------
-    lengths : tuple of float
-        (L2, L3) [m].
-    errors : dict of str to Measures
-        By name in `sample_ranges`; each measure of shape (members,), of mu_d at the original lengths less
-        the simulated mu.
-    largest_departure : ndarray, shape (members,)
-        Largest distance of mu from 90 deg over the settled revolution [rad].
-    outer_dead_centre, inner_dead_centre : ndarray, shape (members,)
-        Farthest and nearest slider position over the settled revolution [m].
-    loads : dict of str to JointLoad
-        By joint, from the frame to the slider.
-    """
-
-    lengths: tuple[float, float]
-    errors: dict[str, Measures]
+    lengths: tuple[float, float]  # (L2, L3) [m]
+    errors: dict[str, Measures]  # By name in `sample_ranges`
     largest_departure: np.ndarray
     outer_dead_centre: np.ndarray
     inner_dead_centre: np.ndarray
-    loads: dict[str, JointLoad]
+    loads: dict[str, JointLoad]  # By joint, from the frame to the slider
 
 
 def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
     """Starting clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y, shape (members, 6) [m].
 
     Normally distributed, and the same for a joint whichever others are loose; zero in joints that are ideal.
-
-    Parameters
-    ----------
-    options : Ensemble
-    loose : iterable of str
-        Names of the loose joints.
     """
     random, loose = np.random.default_rng(options.seed), tuple(loose)
     drawn = [random.normal(0.0, options.perturbation, (options.members, columns)) for columns in (4, 2)]
@@ -101,20 +72,7 @@ def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
 
 
 def sample_ranges(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:
-    """Samples of a trajectory over which an error counts.
-
-    Parameters
-    ----------
-    simulate, optimise
-        Sections of the configuration.
-    training_points : int
-        Of the networks' grid over a revolution.
-
-    Returns
-    -------
-    dict of str to ndarray of int
-        ``window``: the configured one, first revolution, held-out samples; ``settled``: one whole settled revolution.
-    """
+    """Samples of a trajectory over which an error counts."""
     per_turn = simulate.samples_per_revolution
     angle = simulate.start_angle + np.arange(per_turn * simulate.revolutions + 1) * (2.0 * np.pi / per_turn)
     first = (optimise.ensemble.settled_revolution - 1) * per_turn
@@ -127,24 +85,7 @@ def sample_ranges(simulate: Simulate, optimise: Optimise, training_points: int) 
 def resimulate(
     mechanism: Mechanism, simulate: Simulate, optimise: Optimise, training_points: int, lengths: tuple[float, float]
 ) -> Resimulation:
-    """Simulate the mechanism with other lengths from each perturbed start.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With its effects applied and the original lengths, at which the desired transmission angle is taken.
-    simulate, optimise
-        Sections of the configuration.
-    training_points : int
-        Points of the networks' training grid; the window leaves them out, as the frozen objective does.
-    lengths : tuple of float
-        (L2, L3) [m].
-
-    Raises
-    ------
-    SimulationError
-        From the simulation.
-    """
+    """Simulate the mechanism with other lengths from each perturbed start."""
     starts = perturbations(optimise.ensemble, mechanism.loose)
     ensemble = simulate_ensemble(mechanism.with_lengths(*lengths), simulate, starts)
     desired = transmission_angle(
@@ -177,32 +118,12 @@ def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> Jo
 
 
 def reduction_pairs(new: Measures, original: Measures, name: str) -> np.ndarray:
-    """The reduction of one measure that each pair of single runs would have shown, shape (members * members,).
-
-    Parameters
-    ----------
-    new, original : Measures
-        Of shape (members,) each.
-    name : str
-        Which measure.
-    """
+    """The reduction of one measure that each pair of single runs would have shown, shape (members * members,)."""
     return (1.0 - np.divide.outer(getattr(new, name), getattr(original, name))).ravel()
 
 
 def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]]:
-    """Per range of samples and measure: both errors and the reduction with their spreads.
-
-    Parameters
-    ----------
-    new, original : Resimulation
-        At other lengths and at the original ones.
-
-    Returns
-    -------
-    list of dict
-        stretch, measure; error and original_error [rad, rad^2] and reduction, each as median, low and high (5 %, 95 %);
-        share_better: share of the pairs in which the new lengths have the smaller error.
-    """
+    """Per range of samples and measure: both errors and the reduction with their spreads."""
     rows = []
     for range_name in new.errors:
         for name in MEASURES:
@@ -226,19 +147,7 @@ def peak_pin_force(resimulation: Resimulation) -> float:
 
 
 def pin_force(mechanism: Mechanism, simulate: Simulate, optimise: Optimise, region: Region) -> PinForce:
-    """That force over a whole region: a surface through simulations on a grid, one at each of its points.
-
-    Parameters
-    ----------
-    mechanism, simulate, optimise
-        As of `resimulate`.
-    region : Region
-
-    Raises
-    ------
-    SimulationError
-        From the simulations.
-    """
+    """That force over a whole region: a surface through simulations on a grid, one at each of its points."""
     first = (optimise.ensemble.settled_revolution - 1) * simulate.samples_per_revolution
     settled = slice(first, first + simulate.samples_per_revolution)
     cranks, rods = (

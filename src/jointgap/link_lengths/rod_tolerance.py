@@ -16,16 +16,7 @@ def it7(length: float) -> float:
 
 
 def effect(objective: Objective, lengths: tuple[float, float], tolerance: float | None) -> dict[str, float]:
-    """Columns of the table optimise_optima on the rod's tolerance.
-
-    Parameters
-    ----------
-    objective : Objective
-    lengths : tuple of float
-        (L2, L3) [m].
-    tolerance : float or None
-        Width of the tolerance [m]; IT7 where absent.
-    """
+    """Columns of the table optimise_optima on the rod's tolerance."""
     crank, rod = map(float, lengths)
     width = it7(rod) if tolerance is None else tolerance
     original = float(objective.measures(objective.original).rms)

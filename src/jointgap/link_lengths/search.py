@@ -17,33 +17,17 @@ from jointgap.paper.printed import OPTIMA, departures
 
 @dataclass(frozen=True)
 class Point:
-    """A pair of lengths with a name, and the search that found it.
+    """A pair of lengths with a name, and the search that found it."""
 
-    Attributes
-    ----------
-    name, method : str
-        As in the table optimise_optima.
-    lengths : tuple of float
-        (L2, L3) [m].
-    source, box : str, optional
-        Of the search; None where no search here found the point.
-    """
-
-    name: str
-    method: str
-    lengths: tuple[float, float]
-    source: str | None = None
-    box: str | None = None
+    name: str  # As in the table optimise_optima
+    method: str  # As in the table optimise_optima
+    lengths: tuple[float, float]  # (L2, L3) [m]
+    source: str | None = None  # Of the search; None where no search here found the point
+    box: str | None = None  # Of the search; None where no search here found the point
 
 
 def printed_points(mechanism: Mechanism, simulate: Simulate) -> list[Point]:
-    """What the paper prints as its optima; none for a mechanism that is not the paper's.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    simulate : Simulate
-    """
+    """What the paper prints as its optima; none for a mechanism that is not the paper's."""
     if departures(mechanism, simulate):
         return []
     return [Point(point.key, "printed", (point.crank_length, point.rod_length)) for point in OPTIMA]
@@ -51,24 +35,14 @@ def printed_points(mechanism: Mechanism, simulate: Simulate) -> list[Point]:
 
 @dataclass(frozen=True)
 class Search:
-    """Both optimisers for one source in one box.
-
-    Attributes
-    ----------
-    source, box : str
-    objective : Objective
-    region : Region
-    genetic : GeneticResult
-    local : tuple of LocalResult
-        From the six starting points, at the configured tolerance.
-    """
+    """Both optimisers for one source in one box."""
 
     source: str
     box: str
     objective: Objective
     region: Region
     genetic: GeneticResult
-    local: tuple[LocalResult, ...]
+    local: tuple[LocalResult, ...]  # From the six starting points, at the configured tolerance
 
     @property
     def best_local(self) -> LocalResult:
@@ -88,16 +62,7 @@ class Search:
 
 
 def search_all(objectives: dict[str, Objective], regions: dict[str, Region], options: Optimise) -> list[Search]:
-    """Run both optimisers for every objective (by source) in every configured box.
-
-    Parameters
-    ----------
-    objectives : dict of str to Objective
-        By source.
-    regions : dict of str to Region
-        By box.
-    options : Optimise
-    """
+    """Run both optimisers for every objective (by source) in every configured box."""
     searches = []
     for source, objective in objectives.items():
         for box, region in regions.items():
@@ -111,17 +76,7 @@ def search_all(objectives: dict[str, Objective], regions: dict[str, Region], opt
 def optima(
     objectives: dict[str, Objective], searches: list[Search], printed: list[Point], tolerance: float | None
 ) -> pd.DataFrame:
-    """Frame of the table optimise_optima; with the points `printed` beside those found.
-
-    Parameters
-    ----------
-    objectives : dict of str to Objective
-        By source.
-    searches : list of Search
-    printed : list of Point
-    tolerance : float or None
-        Width of the rod's tolerance [m]; IT7 where absent.
-    """
+    """Frame of the table optimise_optima; with the points `printed` beside those found."""
     rows = []
     for source, objective in objectives.items():
         fixed = [Point("original", "original", objective.original), *printed]

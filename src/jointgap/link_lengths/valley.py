@@ -15,19 +15,7 @@ CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # points of the grid: every 0.1 mm by 0.25 
 
 
 def grid(objective: Objective, region: Region) -> pd.DataFrame:
-    """The four measures over the box.
-
-    Parameters
-    ----------
-    objective : Objective
-    region : Region
-
-    Returns
-    -------
-    DataFrame
-        crank_length, rod_length [m], allowed (whether the inequality holds), the four measures [rad, rad^2]; the rod
-        length runs slowest.
-    """
+    """The four measures over the box."""
     rods, cranks = np.meshgrid(
         np.linspace(region.lower[1], region.upper[1], ROD_LENGTHS),
         np.linspace(region.lower[0], region.upper[0], CRANK_LENGTHS),
@@ -46,32 +34,13 @@ def grid(objective: Objective, region: Region) -> pd.DataFrame:
 
 
 def invariant(reduction: float, rod_length: float, name: str) -> float:
-    """(1 - R) L3 [m], or (1 - R) L3^2 [m^2] for the sum of squares: constant along the valley's floor.
-
-    Parameters
-    ----------
-    reduction : float
-        R.
-    rod_length : float
-        L3 [m].
-    name : str
-        Which measure.
-    """
+    """(1 - R) L3 [m], or (1 - R) L3^2 [m^2] for the sum of squares: constant along the valley's floor."""
     return (1.0 - reduction) * rod_length ** (2 if name == "sum_of_squares" else 1)
 
 
 def best_cranks(objective: Objective, region: Region) -> pd.DataFrame:
-    """The best crank length for each rod length and measure; the crank's bounds and the inequality are not looked at.
-
-    Parameters
-    ----------
-    objective : Objective
-    region : Region
-
-    Returns
-    -------
-    DataFrame
-        measure, crank_length, rod_length [m], ratio, value [rad or rad^2], reduction, invariant [m or m^2].
+    """The best crank length for each rod length and measure; the crank's bounds and the inequality are not looked
+    at.
     """
     rows = []
     for rod in np.linspace(region.lower[1], region.upper[1], ROD_LENGTHS):

@@ -22,33 +22,18 @@ class ClearanceMotion:
 
     r1 at gamma1 points from the frame's centre of the crank pivot to the crank's, r2 at gamma2 from the crank's pin
     centre A to the rod's end A', r3 at gamma3 from the slider's pin centre B to the rod's end B'.
-
-    Attributes
-    ----------
-    r1, r2, r3 : Motion
-        Lengths of the clearance vectors [m], shape (n,).
-    gamma1, gamma2, gamma3 : Motion
-        Their directions from +x [rad], shape (n,); nan where the length is zero.
     """
 
-    r2: Motion = _NOTHING
-    gamma2: Motion = _NOTHING
-    r3: Motion = _NOTHING
-    gamma3: Motion = _NOTHING
-    r1: Motion = _NOTHING
-    gamma1: Motion = _NOTHING
+    r2: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
+    gamma2: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
+    r3: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
+    gamma3: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
+    r1: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
+    gamma1: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
 
     @classmethod
     def from_table(cls, table: pd.DataFrame, loose: Iterable[str]) -> "ClearanceMotion":
-        """Read the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` and so on for the joints `loose`.
-
-        Parameters
-        ----------
-        table : DataFrame
-            A trajectory.
-        loose : iterable of str
-            Names of joints.
-        """
+        """Read the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` and so on for the joints `loose`."""
 
         def motion(name: str) -> Motion:
             return Motion.of(*(table[f"{name}{suffix}"].to_numpy(dtype=float) for suffix in ("", "_dot", "_ddot")))

@@ -9,26 +9,14 @@ from jointgap.errors import InputError
 
 @dataclass(frozen=True)
 class IdealCycle:
-    """Extremes over one turn of the crank, without clearance.
+    """Extremes over one turn of the crank, without clearance."""
 
-    Attributes
-    ----------
-    smallest_transmission_angle : float
-        Of mu and its supplement [rad].
-    largest_departure : float
-        Largest distance of mu from 90 deg [rad].
-    outer_dead_centre, inner_dead_centre : float
-        Farthest and nearest slider position [m].
-    outer_dead_centre_angle, inner_dead_centre_angle : float
-        Crank angles there [rad].
-    """
-
-    smallest_transmission_angle: float
-    largest_departure: float
-    outer_dead_centre: float
-    inner_dead_centre: float
-    outer_dead_centre_angle: float
-    inner_dead_centre_angle: float
+    smallest_transmission_angle: float  # Of mu and its supplement [rad]
+    largest_departure: float  # Largest distance of mu from 90 deg [rad]
+    outer_dead_centre: float  # Farthest and nearest slider position [m]
+    inner_dead_centre: float  # Farthest and nearest slider position [m]
+    outer_dead_centre_angle: float  # Crank angles there [rad]
+    inner_dead_centre_angle: float  # Crank angles there [rad]
 
     @property
     def stroke(self) -> float:
@@ -37,20 +25,7 @@ class IdealCycle:
 
 
 def ideal_cycle(crank_length: float, rod_length: float, offset: float = 0.0) -> IdealCycle:
-    """Extremes of transmission angle and slider position in closed form, from equations (15) and (17).
-
-    Parameters
-    ----------
-    crank_length, rod_length : float
-        L2, L3 [m].
-    offset : float
-        The slide is the line y = offset [m].
-
-    Raises
-    ------
-    InputError
-        The crank cannot turn.
-    """
+    """Extremes of transmission angle and slider position in closed form, from equations (15) and (17)."""
     span = crank_length + abs(offset)
     if span >= rod_length:
         raise InputError(

@@ -28,22 +28,7 @@ FORCES = ("crank_torque", "guide_force", "frame_force_x", "frame_force_y")
 
 
 def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dict[str, np.ndarray]:
-    """Channels of the ideal motion by inverse dynamics of the rigid links, without gravity and other loads.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Its clearances and effects are left out.
-    angle : (n,) array
-        Of the crank [rad].
-    speed : float
-        Of the crank [rad/s], negative where it turns clockwise.
-
-    Returns
-    -------
-    dict of str to (n,) array
-        SI, by the channels of `SPEED_POWERS`.
-    """
+    """Channels of the ideal motion by inverse dynamics of the rigid links, without gravity and other loads."""
     crank, rod, slider = mechanism.crank, mechanism.rod, mechanism.slider
     still = np.zeros(np.shape(angle))
     motion = linkage_motion(mechanism, Motion.of(angle, still + speed, still))
@@ -82,17 +67,8 @@ def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dic
 
 
 def ideal_orders(mechanism: Mechanism, speed: float, orders: int, points: int = 360) -> dict[str, np.ndarray]:
-    """The low orders of `ideal_channels` over a turn: (orders,) complex C, the channel being Re sum C_k exp(i k angle).
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    speed : float
-        Of the crank [rad/s].
-    orders : int
-        Largest order k.
-    points : int
-        Crank angles at which the channels are evaluated.
+    """The low orders of `ideal_channels` over a turn: (orders,) complex C, the channel being Re sum C_k exp(i k
+    angle).
     """
     angle = np.arange(points) * (tau / points)
     channels = ideal_channels(mechanism, angle, speed)

@@ -17,55 +17,22 @@ from jointgap.mechanism.transmission import check_reach
 
 @dataclass(frozen=True)
 class LinkageMotion:
-    """Motion of the three moving links; every array has the shape (n,) of the crank angles.
+    """Motion of the three moving links; every array has the shape (n,) of the crank angles."""
 
-    Attributes
-    ----------
-    crank_x, crank_y : Motion
-        Crank's mass centre G2 [m], equation (2), moved by the clearance of the crank pivot.
-    rod_x, rod_y : Motion
-        Rod's mass centre G3 [m], equations (3), (14).
-    slider_x, slider_y : Motion
-        Slider's pin centre G4 [m], equations (4), (15); slider_y is the slide's offset up to rounding.
-    rod_angle : Motion
-        theta3 [rad], equations (5), (8), (9).
-    transmission_angle : Motion
-        mu [rad], equation (10).
-    """
-
-    crank_x: Motion
-    crank_y: Motion
-    rod_x: Motion
-    rod_y: Motion
-    slider_x: Motion
-    slider_y: Motion
-    rod_angle: Motion
-    transmission_angle: Motion
+    crank_x: Motion  # Crank's mass centre G2 [m], equation (2), moved by the clearance of the crank pivot
+    crank_y: Motion  # Crank's mass centre G2 [m], equation (2), moved by the clearance of the crank pivot
+    rod_x: Motion  # Rod's mass centre G3 [m], equations (3), (14)
+    rod_y: Motion  # Rod's mass centre G3 [m], equations (3), (14)
+    slider_x: Motion  # Slider's pin centre G4 [m], equations (4), (15); slider_y is the slide's offset up to rounding
+    slider_y: Motion  # Slider's pin centre G4 [m], equations (4), (15); slider_y is the slide's offset up to rounding
+    rod_angle: Motion  # theta3 [rad], equations (5), (8), (9)
+    transmission_angle: Motion  # mu [rad], equation (10)
 
 
 def linkage_motion(
     mechanism: Mechanism, crank_angle: Motion, clearance: ClearanceMotion | None = None
 ) -> LinkageMotion:
-    """Motion of the slider-crank from that of its crank and its clearances.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Lengths, mass centres and the slide's offset.
-    crank_angle : Motion
-        theta2 [rad], its speed w2 and acceleration a2, shape (n,).
-    clearance : ClearanceMotion, optional
-        The clearance vectors, shape (n,); None without clearance (equations 13-21).
-
-    Returns
-    -------
-    LinkageMotion
-
-    Raises
-    ------
-    InputError
-        The rod cannot reach the slide; names the worst crank angle.
-    """
+    """Motion of the slider-crank from that of its crank and its clearances."""
     crank, rod = mechanism.crank, mechanism.rod
     pin_x, pin_y = rotating_vector(Motion.of(crank.length), crank_angle)
     crank_x, crank_y = rotating_vector(Motion.of(crank.mass_centre), crank_angle)

@@ -8,28 +8,15 @@ from numpy.typing import ArrayLike
 
 @dataclass(frozen=True)
 class Motion:
-    """A quantity over time.
+    """A quantity over time."""
 
-    Attributes
-    ----------
-    position, velocity, acceleration : ndarray
-        The quantity and its first two time derivatives, of shapes that broadcast; in the quantity's unit, per s, per
-        s^2.
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
+    position: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
+    velocity: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
+    acceleration: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
 
     @classmethod
     def of(cls, position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0) -> "Motion":
-        """Make arrays of what is given; what is left out stands still.
-
-        Parameters
-        ----------
-        position, velocity, acceleration : array_like
-            Of one shape or scalars [m or rad, by s, by s^2].
-        """
+        """Make arrays of what is given; what is left out stands still."""
         return cls(np.asarray(position), np.asarray(velocity), np.asarray(acceleration))
 
     def __add__(self, other: "Motion") -> "Motion":
@@ -56,18 +43,6 @@ def rotating_vector(length: Motion, direction: Motion) -> tuple[Motion, Motion]:
 
     A vector of length zero is the zero vector, whatever its direction; its derivatives are undefined (nan) where the
     direction is.
-
-    Parameters
-    ----------
-    length : Motion
-        Length [m] and its derivatives, shape (n,).
-    direction : Motion
-        Direction from +x [rad] and its derivatives, shape (n,); nan where undefined.
-
-    Returns
-    -------
-    x, y : Motion
-        The vector's components [m], [m/s], [m/s^2], shape (n,) each.
     """
     cosine, sine = np.cos(direction.position), np.sin(direction.position)
     vanishes = length.position == 0.0

@@ -10,17 +10,7 @@ UNLIKE_MASSES = 50.0
 
 
 def odd_data(mechanism: Mechanism) -> list[str]:
-    """Remarks on masses and clearances that look mistaken, such as ``slider.mass: ...``; empty where none does.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With its effects.
-
-    Returns
-    -------
-    list of str
-    """
+    """Remarks on masses and clearances that look mistaken, such as ``slider.mass: ...``; empty where none does."""
     applied = mechanism.applied()
     masses = {f"{body}.mass": getattr(applied, body).mass for body in ("crank", "rod", "slider")}
     light, heavy = min(masses, key=masses.get), max(masses, key=masses.get)

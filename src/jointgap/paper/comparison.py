@@ -22,20 +22,6 @@ NEEDED = (
 
 
 def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[VariantOptimum]) -> pd.DataFrame:
-    """Every number and claim of the paper beside ours.
-
-    Parameters
-    ----------
-    frames : mapping of str to DataFrame
-        The tables `NEEDED`, by name.
-    scenario : Scenario
-    variants : sequence of VariantOptimum
-        This scenario and those that differ from it in nothing but which joints are loose.
-
-    Returns
-    -------
-    DataFrame
-        Columns of the table comparison; numbers first.
-    """
+    """Every number and claim of the paper beside ours."""
     rows: list[Row] = [*numbers(frames, scenario), *claims(frames, scenario, variants)]
     return pd.DataFrame([row.record() for row in rows])

@@ -15,30 +15,16 @@ _CLAIM = "better results with an increasing number of joints with clearance"
 
 @dataclass(frozen=True)
 class VariantOptimum:
-    """The optimum of one scenario, simulated again, by RMS.
+    """The optimum of one scenario, simulated again, by RMS."""
 
-    Attributes
-    ----------
-    scenario : str
-        Its name.
-    loose : tuple of str
-        Names of its loose joints.
-    reduction, low, high : float
-        Median, 5 % and 95 % quantile of the reduction over the window.
-    settled : float
-        Median of the reduction over a whole settled revolution.
-    original_error, error : float
-        RMS error over the window at the original lengths and at the optimum, medians [rad].
-    """
-
-    scenario: str
-    loose: tuple[str, ...]
-    reduction: float
-    low: float
-    high: float
-    settled: float
-    original_error: float
-    error: float
+    scenario: str  # Its name
+    loose: tuple[str, ...]  # Names of its loose joints
+    reduction: float  # Median, 5 % and 95 % quantile of the reduction over the window
+    low: float  # Median, 5 % and 95 % quantile of the reduction over the window
+    high: float  # Median, 5 % and 95 % quantile of the reduction over the window
+    settled: float  # Median of the reduction over a whole settled revolution
+    original_error: float  # RMS error over the window at the original lengths and at the optimum, medians [rad]
+    error: float  # RMS error over the window at the original lengths and at the optimum, medians [rad]
 
 
 def _apart_from_looseness(scenario: Scenario) -> dict:

@@ -90,29 +90,16 @@ REACHED, MISSED = "reached", "missed"
 
 @dataclass(frozen=True)
 class Row:
-    """A number or a claim of the paper and ours beside it.
+    """A number or a claim of the paper and ours beside it."""
 
-    Attributes
-    ----------
-    kind : str
-        ``'number'`` or ``'claim'``.
-    item, unit, sentence : str
-    paper, ours : float or None
-        In `unit`; None where there is none.
-    verdict : str
-        Empty for numbers that agree or differ; claims and training errors (reached or missed) bring their own.
-    agrees : float
-        For numbers: share of the paper's value within which ours agrees.
-    """
-
-    kind: str
+    kind: str  # ``'number'`` or ``'claim'``
     item: str
     unit: str
-    paper: float | None
-    ours: float | None
+    paper: float | None  # In `unit`; None where there is none
+    ours: float | None  # In `unit`; None where there is none
     sentence: str
-    verdict: str = ""
-    agrees: float = AGREES
+    verdict: str = ""  # Empty for numbers that agree or differ
+    agrees: float = AGREES  # For numbers: share of the paper's value within which ours agrees
 
     def record(self) -> dict:
         """The row of the table comparison."""

@@ -47,23 +47,12 @@ _RATIO_COLUMN = "best_ratio_in_window"
 
 @dataclass(frozen=True)
 class PrintedNumber:
-    """A number that the paper prints and that is measured of each design.
+    """A number that the paper prints and that is measured of each design."""
 
-    Attributes
-    ----------
-    column : str
-        Of `jointgap.tables.sweep_tables.PRINTED_OPTIMA`, or the best ratio.
-    words : str
-    printed : float
-        [1]
-    scale : float
-        What a departure is a share of [1].
-    """
-
-    column: str
+    column: str  # Of `jointgap.tables.sweep_tables.PRINTED_OPTIMA`, or the best ratio
     words: str
-    printed: float
-    scale: float
+    printed: float  # [1]
+    scale: float  # What a departure is a share of [1]
 
     def shown(self, value: float) -> str:
         """A value of it as people read it: a reduction in percent, a ratio as it is."""
@@ -84,26 +73,14 @@ NUMBERS = (
 
 @dataclass(frozen=True)
 class InferredSettings:
-    """What the printed numbers tell of the settings.
-
-    Attributes
-    ----------
-    designs : Designs
-    options : InferSettings
-    frame : DataFrame
-        Designs that did not fail, with their parameters, the columns of `NUMBERS` and ``weight``, ``farthest`` (largest
-        departure of any number, as a share), ``together`` (whether all come out).
-    failed : int
-    numbers, settings : DataFrame
-        Tables `INFERRED_NUMBERS` and `INFERRED_SETTINGS` of `jointgap.tables`.
-    """
+    """What the printed numbers tell of the settings."""
 
     designs: Designs
     options: InferSettings
     frame: pd.DataFrame
     failed: int
-    numbers: pd.DataFrame
-    settings: pd.DataFrame
+    numbers: pd.DataFrame  # Tables `INFERRED_NUMBERS` and `INFERRED_SETTINGS` of `jointgap.tables`
+    settings: pd.DataFrame  # Tables `INFERRED_NUMBERS` and `INFERRED_SETTINGS` of `jointgap.tables`
 
     @property
     def varied(self) -> tuple[Axis, ...]:
@@ -157,13 +134,7 @@ class InferredSettings:
 
 
 def check_infer_settings(scenario: Scenario) -> None:
-    """Whether the section `infer_settings` of a `scenario` can be done at all.
-
-    Raises
-    ------
-    InputError
-        Nothing is swept, or no printed numbers are measured; and whatever is wrong with the sweep.
-    """
+    """Whether the section `infer_settings` of a `scenario` can be done at all."""
     if not scenario.sweep.parameters:
         raise InputError(
             "infer_settings: nothing is swept; give sweep.parameters the settings that are sought, as in "
@@ -185,20 +156,7 @@ def check_infer_settings(scenario: Scenario) -> None:
 
 
 def inferred(scenario: Scenario, dataset: Path) -> InferredSettings:
-    """The settings that the printed numbers tell of, from the designs of a sweep.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        With the sections `sweep` and `infer_settings`.
-    dataset : Path
-        Folder of all its designs, as `jointgap.designs.designs_to_parquet.check_dataset` wants it.
-
-    Raises
-    ------
-    InputError
-        As `check_infer_settings`; all designs failed.
-    """
+    """The settings that the printed numbers tell of, from the designs of a sweep."""
     check_infer_settings(scenario)
     designs = designs_of(scenario)
     columns = ["design", *(axis.key for axis in designs.axes), *(one.column for one in NUMBERS), "reason"]
@@ -233,15 +191,7 @@ def departures(frame: pd.DataFrame) -> np.ndarray:
 
 
 def weights(off: np.ndarray, deviation: float) -> np.ndarray:
-    """Weights (n,) of designs by the likelihood of the printed numbers; they add up to 1.
-
-    Parameters
-    ----------
-    off : ndarray
-        Departures (n, 4), the three reductions first.
-    deviation : float
-        Standard deviation of a departure.
-    """
+    """Weights (n,) of designs by the likelihood of the printed numbers; they add up to 1."""
     logarithm = -0.5 * (np.mean(off[:, :-1] ** 2, axis=1) + off[:, -1] ** 2) / deviation**2
     likelihood = np.exp(logarithm - logarithm.max())
     return likelihood / likelihood.sum()
@@ -282,14 +232,7 @@ def edges_of(axis: Axis) -> np.ndarray:
 
 
 def place_of(axis: Axis, own: np.ndarray) -> np.ndarray:
-    """Number (n,) of the bin, or of the value of a list, in which values lie.
-
-    Parameters
-    ----------
-    axis : Axis
-    own : ndarray
-        Values (n,) of its setting [SI].
-    """
+    """Number (n,) of the bin, or of the value of a list, in which values lie."""
     if axis.values is not None:
         return np.argmax([own == value for value in axis.values], axis=0)
     return np.clip(np.searchsorted(edges_of(axis), own, side="right") - 1, 0, BINS - 1)
@@ -333,11 +276,6 @@ def _setting_rows(axis: Axis, frame: pd.DataFrame, replicated: np.ndarray) -> li
 def densest(settings: pd.DataFrame) -> tuple[float, float, float, float]:
     """Of a range the fewest neighbouring bins that hold half of the weight or more: lower end, upper end [SI], weight,
     share that was drawn there.
-
-    Parameters
-    ----------
-    settings : DataFrame
-        Its rows of the table `INFERRED_SETTINGS`.
     """
     weight = settings["posterior"].to_numpy()
     for width in range(1, len(weight) + 1):

@@ -25,14 +25,7 @@ _FEW = 30.0
 
 
 def page(found: InferredSettings, training: pd.DataFrame) -> Page:
-    """The page of what the printed numbers tell of the settings.
-
-    Parameters
-    ----------
-    found : InferredSettings
-    training : DataFrame
-        Table `jointgap.tables.INFERRED_TRAINING`.
-    """
+    """The page of what the printed numbers tell of the settings."""
     blocks = [
         Paragraph(headline(found), strong=True),
         Paragraph(_told(found)),

@@ -23,22 +23,7 @@ _SAMPLING = ("revolutions", "samples_per_revolution", "tolerance")
 
 
 def write_results(found: InferredSettings, training: pd.DataFrame, scenario: Scenario, folder: Path) -> str:
-    """Write tables, figures, scenario and page into a `folder`; gives the page as Markdown.
-
-    Parameters
-    ----------
-    found : InferredSettings
-    training : DataFrame
-        Table `jointgap.tables.INFERRED_TRAINING`.
-    scenario : Scenario
-        That was swept.
-    folder : Path
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written.
-    """
+    """Write tables, figures, scenario and page into a `folder`; gives the page as Markdown."""
     frames = (found.numbers, found.settings, training)
     places = {
         folder / Path(table.path).name: (table, frame) for table, frame in zip(INFERRED_TABLES, frames, strict=True)
@@ -62,14 +47,7 @@ def write_results(found: InferredSettings, training: pd.DataFrame, scenario: Sce
 
 
 def nearest_configuration(found: InferredSettings, scenario: Scenario) -> str:
-    """A configuration, YAML, of the nearest settings that a scenario can hold; a comment alone where there are none.
-
-    Parameters
-    ----------
-    found : InferredSettings
-    scenario : Scenario
-        That was swept.
-    """
+    """A configuration, YAML, of the nearest settings that a scenario can hold; a comment alone where there are none."""
     chosen = found.nearest_scenario
     if chosen is None:
         return "# No design counts the RMS over the first revolution, as the optimum of a scenario does.\n"

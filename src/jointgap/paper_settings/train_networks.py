@@ -20,15 +20,6 @@ def train_networks(found: InferredSettings) -> pd.DataFrame:
     """Train the paper's eight networks at the nearest designs and at random ones.
 
     Each is trained on the revolution whose error the design counts, from one start.
-
-    Parameters
-    ----------
-    found : InferredSettings
-
-    Returns
-    -------
-    DataFrame
-        Table `jointgap.tables.INFERRED_TRAINING`; no rows where none are to be trained.
     """
     rows = []
     chosen = _chosen(found)

@@ -30,35 +30,16 @@ OF_A_RUN = ("step", "standstill", "turns_back")
 
 @dataclass(frozen=True)
 class Contradiction:
-    """What one channel of one run cannot be.
+    """What one channel of one run cannot be."""
 
-    Attributes
-    ----------
-    run, channel : str
-        ``time`` also where it may be the run's speed that is wrong.
-    kind : str
-        sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time or speed.
-    remark : str
-        In a sentence, without the place.
-    other : str
-        The channel that it is swapped with or held against; empty where there is none.
-    factor : float
-        [1] Measured over expected; NaN where there is none.
-    phase : float
-        [rad] By how much the channel is ahead of what is expected; NaN where there is none.
-    doubtful : bool
-        Whether the channel's readings are in doubt; not so where only the stated speed may be wrong, which nothing
-        depends on where times and crank angles are measured.
-    """
-
-    run: str
-    channel: str
-    kind: str
-    remark: str
-    other: str = ""
-    factor: float = np.nan
-    phase: float = np.nan
-    doubtful: bool = True
+    run: str  # ``time`` also where it may be the run's speed that is wrong
+    channel: str  # ``time`` also where it may be the run's speed that is wrong
+    kind: str  # sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time or speed
+    remark: str  # In a sentence, without the place
+    other: str = ""  # The channel that it is swapped with or held against; empty where there is none
+    factor: float = np.nan  # [1] Measured over expected; NaN where there is none
+    phase: float = np.nan  # [rad] By how much the channel is ahead of what is expected; NaN where there is none
+    doubtful: bool = True  # Whether the channel's readings are in doubt
 
     @property
     def stops(self) -> bool:
@@ -68,19 +49,11 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class Orders:
-    """Low orders of a channel in one run.
+    """Low orders of a channel in one run."""
 
-    Attributes
-    ----------
-    measured, expected : (k,) complex array
-        [SI] Channel = Re sum C_k exp(i k angle).
-    error : float
-        [SI] Standard error of the measured orders' norm.
-    """
-
-    measured: np.ndarray
-    expected: np.ndarray
-    error: float
+    measured: np.ndarray  # [SI] Channel = Re sum C_k exp(i k angle)
+    expected: np.ndarray  # [SI] Channel = Re sum C_k exp(i k angle)
+    error: float  # [SI] Standard error of the measured orders' norm
 
     @property
     def factor(self) -> float:
@@ -110,15 +83,7 @@ class Orders:
 def contradictions(
     campaign: Campaign, recordings: Mapping[str, Recording], limits: RecordingLimits = DEFAULT_LIMITS
 ) -> list[Contradiction]:
-    """What channels contradict each other, or the mechanism's ideal motion.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    recordings : mapping of str to Recording
-        By run.
-    limits : RecordingLimits
-    """
+    """What channels contradict each other, or the mechanism's ideal motion."""
     runs = {run.id: run for run in campaign.runs if run.id in recordings}
     found: list[Contradiction] = []
     cranks: dict[str, _Crank] = {}
@@ -361,15 +326,6 @@ def _low_orders(columns: np.ndarray, values: np.ndarray, per_turn: float) -> tup
     """Complex orders (k,) of `values` (n,) by regression, and the standard error of their norm.
 
     What the low orders leave may come back every turn, so no more samples count than the `per_turn` of a turn.
-
-    Parameters
-    ----------
-    columns : (n, 1 + 2 k) array
-        A constant, cosines and sines of the multiples of the crank angle; NaN in gaps.
-    values : (n,) array
-        [SI]; NaN in gaps.
-    per_turn : float
-        Samples a turn.
     """
     count = columns.shape[1] // 2
     finite = np.isfinite(columns[:, 1]) & np.isfinite(values)

@@ -13,20 +13,7 @@ from jointgap.tables.sample_file import Columns
 
 
 def check_copies(files: Mapping[str, tuple[RunFile, Columns]], limits: RecordingLimits) -> None:
-    """Whether all runs were measured by themselves, whatever the names, formats and order of their files.
-
-    Parameters
-    ----------
-    files : mapping of str to (RunFile, Columns)
-        By run.
-    limits : RecordingLimits
-        Of which `copied_share` counts.
-
-    Raises
-    ------
-    InputError
-        Two files hold the same samples; it names both, and both runs.
-    """
+    """Whether all runs were measured by themselves, whatever the names, formats and order of their files."""
     rows = {run: _marks(columns) for run, (_, columns) in files.items()}
     for one, other in combinations(files, 2):
         few, many = sorted((rows[one], rows[other]), key=len)

@@ -22,26 +22,7 @@ _MARKED_BELOW_PER_REVOLUTION = (
 
 
 def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFrame, dict[str, Drawing]]":
-    """Numbers and figures of measured data.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    measurements : Measurements
-
-    Returns
-    -------
-    numbers : DataFrame
-        One row per run and channel: run, channel, unit (SI), role, samples, gaps (samples without a value), cycles
-        (whole revolutions), samples_per_revolution, mean_speed and speed_spread (standard deviation of the cycles'
-        speeds) [rad/s; NaN unless both time and crank angle were measured, and of less than two cycles], low, high
-        (extremes), scatter (standard deviation of a cycle from the one before, over sqrt(2): noise, and whatever does
-        not repeat; NaN of less than two cycles), stated_noise [SI of the channel; NaN where none is stated].
-    figures : dict of str to Drawing
-        By run: every channel over the crank angle in the unit of its column, cycles on top of each other.
-
-    Crank angles, and extremes of a crank angle, are those of the file also where the crank turns clockwise.
-    """
+    """Numbers and figures of measured data."""
     runs = {run.id: run for run in campaign.runs}
     recordings = [(runs[recording.run], recording) for recording in measurements.runs.values()]
     numbers = [row for run, recording in recordings for row in _numbers(run, recording)]
@@ -112,15 +93,7 @@ def _speed_spread(time: np.ndarray, angle: np.ndarray) -> float:
 
 
 def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
-    """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles.
-
-    Parameters
-    ----------
-    angle : (n,) array
-        Of the crank [rad], rising on the whole, without gaps.
-    values : (n,) array
-        [SI]; NaN in gaps.
-    """
+    """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles."""
     rising = np.maximum.accumulate(angle)
     after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
     here = np.flatnonzero((after > 0) & (after < rising.size))

@@ -8,14 +8,7 @@ from jointgap.recordings.limits import DEFAULT_LIMITS, RecordingLimits
 
 
 def clipped(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> str | None:
-    """What is wrong with a channel many of whose samples stand at its largest or smallest value; None if nothing is.
-
-    Parameters
-    ----------
-    values : (n,) array
-        [SI]; NaN in gaps.
-    limits : RecordingLimits
-    """
+    """What is wrong with a channel many of whose samples stand at its largest or smallest value; None if nothing is."""
     ordered = np.sort(values[np.isfinite(values)])
     starts = np.flatnonzero(np.diff(ordered, prepend=-np.inf) > limits.clipped_width * np.ptp(ordered))
     levels, counts = ordered[starts], np.diff(starts, append=ordered.size)
@@ -30,14 +23,7 @@ def clipped(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> str
 
 
 def no_data(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np.ndarray:
-    """Indices of samples that all have one extreme value far from the others, such as -9999 for 'no data'.
-
-    Parameters
-    ----------
-    values : (n,) array
-        [SI]; NaN in gaps.
-    limits : RecordingLimits
-    """
+    """Indices of samples that all have one extreme value far from the others, such as -9999 for 'no data'."""
     finite = values[np.isfinite(values)]
     for level in (finite.min(), finite.max()) if finite.size else ():
         others = finite[finite != level]
@@ -52,14 +38,6 @@ def stuck(values: np.ndarray, turned: np.ndarray, limits: RecordingLimits = DEFA
     """The samples in a row at which a channel stands still while the crank turns; None where it does not.
 
     Where it stands still once a revolution that is the motion's doing, or the channel is clipped.
-
-    Parameters
-    ----------
-    values : (n,) array
-        [SI]; NaN in gaps.
-    turned : (n,) array
-        [rad] How far the crank has turned, rising on the whole; NaN in gaps.
-    limits : RecordingLimits
     """
     starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)  # a gap, too, differs from its neighbours
     lengths = np.diff(starts, append=values.size)
@@ -81,14 +59,7 @@ def _range(values: np.ndarray) -> float:
 
 
 def outliers(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np.ndarray:
-    """Indices of values so far from all others that they may stand for something else, such as 'no data'.
-
-    Parameters
-    ----------
-    values : (n,) array
-        [SI]; NaN in gaps.
-    limits : RecordingLimits
-    """
+    """Indices of values so far from all others that they may stand for something else, such as 'no data'."""
     low, median, high = np.nanpercentile(values, (25.0, 50.0, 75.0))
     if not high > low:
         return np.empty(0, dtype=int)
@@ -97,14 +68,7 @@ def outliers(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np
 
 
 def angle_outliers(time: np.ndarray, angle: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np.ndarray:
-    """Indices of crank angles far off the line between their neighbours, and farther than the scatter of all others.
-
-    Parameters
-    ----------
-    time, angle : (n,) array
-        [s]; [rad], continuous, NaN in gaps.
-    limits : RecordingLimits
-    """
+    """Indices of crank angles far off the line between their neighbours, and farther than the scatter of all others."""
     finite = np.flatnonzero(np.isfinite(angle))
     before, here, after = finite[:-2], finite[1:-1], finite[2:]
     share = (time[here] - time[before]) / (time[after] - time[before])
@@ -122,16 +86,7 @@ def _odd(away: np.ndarray, limits: RecordingLimits) -> float:
 def lasting_step(
     time: np.ndarray, angle: np.ndarray, speed: float, limits: RecordingLimits = DEFAULT_LIMITS
 ) -> tuple[int, float] | None:
-    """The first sample after a step of the angle that stays, and its size [rad]; None where there is none.
-
-    Parameters
-    ----------
-    time, angle : (n,) array
-        As for `angle_outliers`. Where samples lack for long, a step is not told from a change of the speed.
-    speed : float
-        Nominal [rad/s]; far from it something else is wrong.
-    limits : RecordingLimits
-    """
+    """The first sample after a step of the angle that stays, and its size [rad]; None where there is none."""
     odd = angle_outliers(time, angle, limits)
     if not odd.size:
         return None

@@ -33,20 +33,6 @@ def read_measurements(
 
     A sample without a time stamp, where times are measured, is no datum; nor is one without a crank angle where times
     are not. They are left out, and a remark says how many.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    limits : RecordingLimits
-        Beyond which a file is refused or remarked upon.
-    compared : bool
-        Whether channels are held against each other and the mechanism.
-
-    Raises
-    ------
-    InputError
-        What cannot be read, is no number, has no time that rises, holds less than a revolution, does not change, or is
-        a copy of another run; with file, column, row and what to do.
     """
     remarks = [
         f"nuisance {key} {_IDLE.get(key, 'has nothing to act on in this mechanism')} and is left out"
@@ -74,19 +60,7 @@ def read_measurements(
 
 
 def check_runs_left(campaign: Campaign, left_out: Mapping[str, str]) -> None:
-    """Make sure that a run for fitting is left.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    left_out : mapping of str to str
-        Reasons by run.
-
-    Raises
-    ------
-    InputError
-        None is.
-    """
+    """Make sure that a run for fitting is left."""
     fitted = {run.id for run in campaign.runs if run.role != "confirm"}
     if fitted and fitted <= left_out.keys():
         raise InputError(f"campaign {campaign.name}: no run for fitting can be used", *left_out.values())

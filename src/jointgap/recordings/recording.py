@@ -14,31 +14,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recording:
-    """The samples of one run.
-
-    Attributes
-    ----------
-    run : str
-    time : (n,) array
-        As measured [s], rising; all NaN where the campaign has no channel time.
-    crank_angle : (n,) array
-        [rad], continuous over turns and rising on the whole; of a clockwise crank the mirror image. NaN in gaps, all
-        NaN where the campaign has no such channel.
-    channels : dict of str to (n,) array
-        The other channels, SI, with the signs that the file has, turned where the campaign says so; NaN in gaps.
-    noise : dict of str to float or None
-        Stated standard deviation of every channel but time, SI, without an encoder's rounding; None where it is to be
-        estimated.
-    held_out : (n,) bool array
-        Samples that take no part in fitting or choosing: all of a run to confirm with, the last third of a split one.
-    """
+    """The samples of one run."""
 
     run: str
-    time: np.ndarray
-    crank_angle: np.ndarray
+    time: np.ndarray  # As measured [s], rising; all NaN where the campaign has no channel time
+    crank_angle: np.ndarray  # [rad], continuous over turns and rising on the whole
     channels: dict[str, np.ndarray]
     noise: dict[str, float | None]
-    held_out: np.ndarray
+    held_out: np.ndarray  # Samples that take no part in fitting or choosing
 
     @property
     def has_time(self) -> bool:
@@ -58,21 +41,11 @@ class Recording:
 
 @dataclass(frozen=True)
 class Measurements:
-    """All runs of a campaign.
+    """All runs of a campaign."""
 
-    Attributes
-    ----------
-    runs : dict of str to Recording
-        In the campaign's order; without those that cannot be used.
-    remarks : tuple of str
-        What a reader of the results should know of the data, in sentences.
-    contradictions : tuple of Contradiction
-        What channels cannot be what they are said to be; told among the remarks too.
-    """
-
-    runs: dict[str, Recording]
-    remarks: tuple[str, ...] = ()
-    contradictions: "tuple[Contradiction, ...]" = ()
+    runs: dict[str, Recording]  # In the campaign's order; without those that cannot be used
+    remarks: tuple[str, ...] = ()  # What a reader of the results should know of the data, in sentences
+    contradictions: "tuple[Contradiction, ...]" = ()  # What channels cannot be what they are said to be
 
     @property
     def left_out(self) -> dict[str, str]:
@@ -93,14 +66,7 @@ def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
 
 
 def to_frame(measurements: Measurements) -> pd.DataFrame:
-    """Measurements as a tidy table: one row per run, channel and sample.
-
-    Returns
-    -------
-    DataFrame
-        Columns run, channel, sample (from 0), time [s], crank_angle [rad], value [SI of the channel], held_out. The
-        crank angle is also a channel of its own where it was measured.
-    """
+    """Measurements as a tidy table: one row per run, channel and sample."""
     parts = [
         {"run": recording.run, "channel": channel, "sample": np.arange(values.size), "time": recording.time}
         | {"crank_angle": recording.crank_angle, "value": values, "held_out": recording.held_out}
@@ -116,17 +82,7 @@ def from_frame(
     remarks: tuple[str, ...] = (),
     contradictions: "tuple[Contradiction, ...]" = (),
 ) -> Measurements:
-    """The measurements in a table that `to_frame` made.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        As `to_frame` returns it.
-    campaign : Campaign
-        States the noise.
-    remarks, contradictions
-        As of `Measurements`.
-    """
+    """The measurements in a table that `to_frame` made."""
     runs = {}
     for run, own in frame.groupby("run", sort=False, observed=True):
         channels = dict(list(own.groupby("channel", sort=False, observed=True)))

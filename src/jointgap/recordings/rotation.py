@@ -20,14 +20,7 @@ UNITS = {"time": ("s", "ms", "us", "ns", "min"), "crank_angle": ("deg", "rad", "
 
 @dataclass(frozen=True)
 class RunFile:
-    """The file of a run with what is checked of it, and how messages name its places.
-
-    Attributes
-    ----------
-    campaign : Campaign
-    run : CampaignRun
-    limits : RecordingLimits
-    """
+    """The file of a run with what is checked of it, and how messages name its places."""
 
     campaign: Campaign
     run: CampaignRun
@@ -57,20 +50,6 @@ def continuous_angle(time: np.ndarray | None, angle: np.ndarray, speed: float) -
 
     Every step is known but for whole turns. With times, the number of turns is the one nearest to what the mean speed
     lets expect, so that gaps and few samples a turn do no harm. Without, a step is taken as less than half a turn.
-
-    Parameters
-    ----------
-    time : (n,) array or None
-        [s], rising.
-    angle : (n,) array
-        [rad]; NaN in gaps.
-    speed : float
-        Expected [rad/s].
-
-    Returns
-    -------
-    (n,) array
-        [rad]; begins where `angle` does.
     """
     finite = np.flatnonzero(np.isfinite(angle))
     continuous = np.full(angle.shape, np.nan)
@@ -97,33 +76,7 @@ def _nearest(steps: np.ndarray, expected: np.ndarray) -> np.ndarray:
 def checked_rotation(
     file: RunFile, values: dict[str, np.ndarray], rows: np.ndarray, no_data: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times and angles of a run, each all NaN where not measured, and how far the crank has turned.
-
-    Parameters
-    ----------
-    file : RunFile
-    values : dict of str to (n,) array
-        Channels in SI; those of time finite, those of crank_angle too where there is no time.
-    rows : (n,) array of int
-        Lines of the file, for messages.
-    no_data : (m,) array of int
-        Samples whose angle stands for 'no data'.
-
-    Returns
-    -------
-    time, crank_angle : (n,) array
-        [s]; [rad], continuous, mirrored where the crank turns clockwise.
-    turned : (n,) array
-        Angle since the first sample [rad], rising on the whole, without gaps: from the angles where there are no times,
-        else from times and the mean speed.
-
-    Raises
-    ------
-    InputError
-        Times that do not rise, an angle that falls, less than a revolution, a speed far from nominal, too few samples.
-    UnusableRun
-        A crank that stands still or turns back, unless a motor turns it; an angle with a step that stays.
-    """
+    """Times and angles of a run, each all NaN where not measured, and how far the crank has turned."""
     absent, speed = np.full(rows.size, np.nan), file.run.speed
     time = values.get("time", absent)
     angle = values.get("crank_angle", absent)

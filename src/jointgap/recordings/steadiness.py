@@ -18,26 +18,6 @@ def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, 
     """How far the crank's speed varies, as shares of its mean [1].
 
     A four-stroke engine repeats after two turns: in records of four turns or more half orders are looked for too.
-
-    Parameters
-    ----------
-    time : (n,) array
-        [s].
-    angle : (n,) array
-        Continuous crank angle [rad]; NaN in gaps.
-
-    Returns
-    -------
-    within_turn : float
-        Half of the range of the speed over a turn, or over two of half orders, from the orders of the crank angle up to
-        the third; NaN where samples are too few.
-    over_record : float
-        Half of the range of the mean speeds of whole turns, of two turns each where half orders are looked for; NaN of
-        less than two.
-    error : float
-        Standard error of both, from what is left of the angle.
-    order : float
-        At which the speed varies most [cycles per turn].
     """
     finite = np.isfinite(angle)
     time, angle = time[finite] - time[finite][0], angle[finite]
@@ -66,14 +46,6 @@ def standstill(
 ) -> tuple[float, float, bool] | None:
     """From when to when [s] a crank stands still, and whether it turns back; None where it turns on, or turns so little
     at its nominal speed that something else must be wrong.
-
-    Parameters
-    ----------
-    time, angle : (n,) array
-        As for `speed_variation`, as recorded.
-    speed : float
-        Nominal [rad/s].
-    limits : RecordingLimits
     """
     finite = np.isfinite(angle)
     finite[angle_outliers(time, angle, limits)] = False
@@ -105,14 +77,6 @@ def unsteady(
 ) -> str | None:
     """What is to be known of a crank that turns unsteadily under the drive constant_speed; None if it does not, or if
     the mechanism lists a fluctuation of the speed.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    run : CampaignRun
-    time, angle : (n,) array
-        As for `speed_variation`; all NaN where not measured.
-    limits : RecordingLimits
     """
     fluctuates = any(effect.name == "speed_fluctuation" for effect in campaign.mechanism.effects)
     if fluctuates or campaign.drive != "constant_speed" or not (np.isfinite(time).all() and np.isfinite(angle).any()):

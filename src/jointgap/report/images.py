@@ -8,13 +8,7 @@ _COLOURS = 256  # of a palette: as many as a figure of lines and letters has, at
 
 
 def data_address(path: Path) -> str:
-    """The image in a file as an address that holds it; a still one with a palette, which takes a third of the room.
-
-    Raises
-    ------
-    OSError
-        No such file.
-    """
+    """The image in a file as an address that holds it; a still one with a palette, which takes a third of the room."""
     return f"data:image/{path.suffix[1:]};base64,{b64encode(_smaller(path.read_bytes(), path.suffix)).decode()}"
 
 

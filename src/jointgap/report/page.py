@@ -144,26 +144,13 @@ Block = Heading | Paragraph | Bullets | TableBlock | FigureBlock
 
 @dataclass(frozen=True)
 class Page:
-    """A title and what stands below it.
+    """A title and what stands below it."""
 
-    Attributes
-    ----------
-    title : str
-        The page's answer, or what it is about.
-    blocks : tuple of blocks
-    subject : str
-        What the page is about, where the title is the answer; stands above it.
-    footer : str
-        Of what and by what the page was written.
-    width : str
-        The most that HTML takes of the screen [CSS length].
-    """
-
-    title: str
+    title: str  # The page's answer, or what it is about
     blocks: tuple[Block, ...]
-    subject: str = ""
-    footer: str = ""
-    width: str = "75rem"
+    subject: str = ""  # What the page is about, where the title is the answer; stands above it
+    footer: str = ""  # Of what and by what the page was written
+    width: str = "75rem"  # The most that HTML takes of the screen [CSS length]
 
     @property
     def name(self) -> str:

@@ -27,47 +27,18 @@ _BOOTSTRAP = 2  # beside the seed: the stream of the bootstrap
 
 @dataclass(frozen=True)
 class Comparison:
-    """What fresh draws say of some pairs of lengths; frames of the tables of the same names.
+    """What fresh draws say of some pairs of lengths; frames of the tables of the same names."""
 
-    Attributes
-    ----------
-    lengths : DataFrame
-        A row for each pair of lengths: each statistic of each quantity, with its interval.
-    gains : DataFrame
-        A row for each two of them: how often, and by how much, the error of one is the smaller.
-    constraints : DataFrame
-        A row for each pair of lengths and constraint: how often it holds in all draws; one whose simulation failed
-        counts as missed, as in the search.
-    counted : ndarray of bool, shape (n,)
-        Draws that were simulated with all lengths; the others count for no statistic and no gain.
-    """
-
-    lengths: pd.DataFrame
-    gains: pd.DataFrame
-    constraints: pd.DataFrame
-    counted: np.ndarray
+    lengths: pd.DataFrame  # A row for each pair of lengths: each statistic of each quantity, with its interval
+    gains: pd.DataFrame  # A row for each two of them: how often, and by how much, the error of one is the smaller
+    constraints: pd.DataFrame  # A row for each pair of lengths and constraint
+    counted: np.ndarray  # shape (n,); draws that were simulated with all lengths
 
 
 def compare(
     asked: RobustProblem, names: tuple[str, ...], responses: Responses, resamples: int, seed: int
 ) -> Comparison:
-    """Put lengths side by side.
-
-    Parameters
-    ----------
-    asked : RobustProblem
-    names : tuple of str
-        Of the pairs of lengths, in the order of `responses`; each is compared with those before it.
-    responses : Responses
-        In fresh draws.
-    resamples, seed : int
-        Bootstrap samples, and their seed.
-
-    Raises
-    ------
-    InputError
-        Fewer than two draws could be simulated with all lengths.
-    """
+    """Put lengths side by side."""
     counted = ~np.isnan(responses.error).any(axis=0)
     if np.count_nonzero(counted) < 2:
         reason = next(reason for row in responses.reasons for reason in row if reason)
@@ -109,12 +80,7 @@ def statistics(values: np.ndarray, measure: RobustMeasure) -> dict[str, np.ndarr
 
 
 def share_with_interval(times: int, trials: int) -> tuple[float, float, float]:
-    """How often something happened, and the exact interval of its probability: (share, low, high).
-
-    Parameters
-    ----------
-    times, trials : int
-    """
+    """How often something happened, and the exact interval of its probability: (share, low, high)."""
     interval = binomtest(int(times), int(trials)).proportion_ci(CONFIDENCE, method="exact")
     return times / trials, float(interval.low), float(interval.high)
 

@@ -27,22 +27,11 @@ COMPARED = ("original", "frozen", "nominal", "robust")
 
 @dataclass(frozen=True)
 class RobustOptimum:
-    """What the stage finds.
+    """What the stage finds."""
 
-    Attributes
-    ----------
-    candidates : DataFrame
-        Table optimise_robust_candidates.
-    comparison : Comparison
-    fresh : DataFrame
-        Table of `fresh_table`.
-    uncertain : Uncertain
-    asked : RobustProblem
-    """
-
-    candidates: pd.DataFrame
+    candidates: pd.DataFrame  # Table optimise_robust_candidates
     comparison: Comparison
-    fresh: pd.DataFrame
+    fresh: pd.DataFrame  # Table of `fresh_table`
     uncertain: Uncertain
     asked: RobustProblem
 
@@ -59,20 +48,7 @@ def _described(key: str) -> str:
 
 
 def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOptimum:
-    """Search robust lengths in the first of the scenario's boxes, and compare them on fresh draws.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    workers : int, optional
-        Threads; the result does not depend on it.
-
-    Raises
-    ------
-    InputError
-        From what is uncertain, before anything is simulated; a box that inequality or constraints empty; a mechanism
-        whose joints are all ideal.
-    """
+    """Search robust lengths in the first of the scenario's boxes, and compare them on fresh draws."""
     options, uncertain = scenario.optimise_robust, uncertain_of(scenario)
     original = uncertain.base.mechanism
     asked = _asked(scenario, original)

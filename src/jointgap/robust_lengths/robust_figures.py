@@ -36,10 +36,6 @@ _VIEW = 0.06  # of the front's width that is shown beyond its ends
 def draw_robust(found: RobustOptimum) -> dict[str, Drawing]:
     """All figures by name; without the front where no lengths that were tried keep the constraints, and without the map
     where these leave a line of lengths, or single ones (`has_map`).
-
-    Parameters
-    ----------
-    found : RobustOptimum
     """
     with style.matplotlib_style():
         drawn = {"robust_errors": _errors(found)}

@@ -14,21 +14,11 @@ from jointgap.config.robust_config import OptimiseRobust
 
 @dataclass(frozen=True)
 class RobustMeasure:
-    """One number of the values that a quantity has in many draws.
+    """One number of the values that a quantity has in many draws."""
 
-    Attributes
-    ----------
-    kind : str
-        mean_plus_deviations or quantile.
-    deviations : float
-        Standard deviations that are added to the mean.
-    quantile : float
-        Share of the draws below the quantile.
-    """
-
-    kind: str = "mean_plus_deviations"
-    deviations: float = 2.0
-    quantile: float = 0.95
+    kind: str = "mean_plus_deviations"  # mean_plus_deviations or quantile
+    deviations: float = 2.0  # Standard deviations that are added to the mean
+    quantile: float = 0.95  # Share of the draws below the quantile
 
     @classmethod
     def of_options(cls, options: OptimiseRobust) -> "RobustMeasure":
@@ -50,13 +40,7 @@ class RobustMeasure:
 
 
 def deviation(values: np.ndarray) -> np.ndarray:
-    """Standard deviation, shape (...), of `values` (..., n), unbiased in its square; 0 of one value.
-
-    Parameters
-    ----------
-    values : ndarray, shape (..., n)
-        NaN does not count.
-    """
+    """Standard deviation, shape (...), of `values` (..., n), unbiased in its square; 0 of one value."""
     counts = np.count_nonzero(np.isfinite(values), axis=-1)
     squares = np.nansum((values - _mean(values)[..., None]) ** 2, axis=-1)
     return np.sqrt(squares / np.maximum(counts - 1, 1))
@@ -66,12 +50,6 @@ def held_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
     """By how much a constraint is missed in all but the worst draws, shape (...).
 
     At most 0 just where the constraint holds in a share of `probability` of the draws, or more.
-
-    Parameters
-    ----------
-    missed : ndarray, shape (..., n)
-        How far the constraint is missed in each draw, below 0 where it is met; NaN counts as missed.
-    probability : float
     """
     n = missed.shape[-1]
     place = min(math.ceil(probability * n - 1e-9), n) - 1

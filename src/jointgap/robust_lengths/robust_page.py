@@ -26,15 +26,7 @@ _CAPTIONS = {
 
 
 def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
-    """The page of robust lengths.
-
-    Parameters
-    ----------
-    found : RobustOptimum
-    scenario : Scenario
-    name : str
-        Of the scenario.
-    """
+    """The page of robust lengths."""
     blocks: list[Block] = [Paragraph(sentence, strong=True) for sentence in verdict(found)]
     blocks += [Heading("Side by side"), Paragraph(_what_is_compared(found, scenario)), *_side_by_side(found)]
     blocks += [Heading("Is it a gain at all?"), _gains(found), _figure("robust_errors")]

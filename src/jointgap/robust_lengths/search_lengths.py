@@ -43,30 +43,14 @@ GRID, ONE, FRONT = "grid", "one measure", "front"
 
 @dataclass(frozen=True)
 class RobustProblem:
-    """What lengths are asked to do.
+    """What lengths are asked to do."""
 
-    Attributes
-    ----------
-    region : Region
-        Where they may lie; its constraints follow from the lengths alone and hold for the nominal ones.
-    original : tuple of float
-        The lengths that were designed, (L2, L3) [m].
-    stroke : callable
-        From lengths (..., 2) [m] to the stroke without clearance [m].
-    measure : RobustMeasure
-        Of the error, and of the force on the front.
-    constraints : Constraints
-        The section of the configuration; of it the largest force in a pin.
-    probability : float
-        Share of the draws in which each constraint has to hold.
-    """
-
-    region: Region
-    original: tuple[float, float]
-    stroke: Callable[[np.ndarray], np.ndarray]
-    measure: RobustMeasure
-    constraints: Constraints
-    probability: float
+    region: Region  # Where they may lie; its constraints follow from the lengths alone and hold for the nominal ones
+    original: tuple[float, float]  # The lengths that were designed, (L2, L3) [m]
+    stroke: Callable[[np.ndarray], np.ndarray]  # From lengths (..., 2) [m] to the stroke without clearance [m]
+    measure: RobustMeasure  # Of the error, and of the force on the front
+    constraints: Constraints  # The section of the configuration; of it the largest force in a pin
+    probability: float  # Share of the draws in which each constraint has to hold
 
     @property
     def uncertain_constraints(self) -> tuple[Constraint, ...]:
@@ -89,20 +73,7 @@ class RobustProblem:
 
 
 def assess(asked: RobustProblem, responses: Responses) -> pd.DataFrame:
-    """A row for each pair of lengths: what the search goes by.
-
-    Parameters
-    ----------
-    asked : RobustProblem
-    responses : Responses
-
-    Returns
-    -------
-    DataFrame
-        crank_length, rod_length [m]; error_mean, error_deviation, error, force, stroke_change in SI, the latter three
-        as the front minimises them; missed: by how much the constraints are missed, 0 where all hold in as many draws
-        as asked for; failed: draws whose simulation failed, of which there has to be none.
-    """
+    """A row for each pair of lengths: what the search goes by."""
     lengths, failed = responses.lengths, responses.failed
     missed = asked.region.missed(lengths)
     missed = np.where(missed > MET, missed, 0.0)
@@ -153,24 +124,7 @@ class _OntoRegion(Repair):
 
 
 def search(asked: RobustProblem, respond: Responding, options: OptimiseRobust, with_front: bool = True) -> pd.DataFrame:
-    """Search the region for the best lengths, and for the front.
-
-    Parameters
-    ----------
-    asked : RobustProblem
-    respond : callable
-        What lengths do in the draws; the same draws at each call.
-    options : OptimiseRobust
-        Grid, population, generations and seed.
-    with_front : bool
-        Whether the front is searched too.
-
-    Returns
-    -------
-    DataFrame
-        Every candidate in the order in which they were tried, columns as of `assess` and step, generation. Bit for bit
-        the same for the same seed and draws.
-    """
+    """Search the region for the best lengths, and for the front."""
     steps = 1 + (2 if with_front else 1) * options.generations
     tell("generations of lengths", 0, steps)
     region = asked.region
@@ -193,13 +147,7 @@ def search(asked: RobustProblem, respond: Responding, options: OptimiseRobust, w
 
 
 def grid_of(region: Region, points: int) -> np.ndarray:
-    """Those of `points` x `points` pairs of lengths over the box that a `region` contains, shape (n, 2) [m].
-
-    Parameters
-    ----------
-    region : Region
-    points : int
-    """
+    """Those of `points` x `points` pairs of lengths over the box that a `region` contains, shape (n, 2) [m]."""
     cranks, rods = np.meshgrid(*np.linspace(region.lower, region.upper, points).T, indexing="ij")
     lengths = np.stack([cranks.ravel(), rods.ravel()], axis=1)
     return lengths[region.contains(lengths, slack=1e-12)]

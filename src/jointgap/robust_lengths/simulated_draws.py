@@ -23,27 +23,14 @@ _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begin
 
 @dataclass(frozen=True)
 class Responses:
-    """What m pairs of lengths do in n draws.
+    """What m pairs of lengths do in n draws."""
 
-    Attributes
-    ----------
-    lengths : ndarray, shape (m, 2)
-        Nominal [m].
-    actual : ndarray, shape (m, n, 2)
-        With the tolerances of each draw [m].
-    error, force, stroke : ndarray, shape (m, n)
-        RMS error of the transmission angle [rad], largest force in either pin [N], simulated stroke [m]; NaN where a
-        simulation failed.
-    reasons : tuple of tuple of str or None
-        Why, m times n.
-    """
-
-    lengths: np.ndarray
-    actual: np.ndarray
+    lengths: np.ndarray  # shape (m, 2); nominal [m]
+    actual: np.ndarray  # shape (m, n, 2); with the tolerances of each draw [m]
     error: np.ndarray
     force: np.ndarray
     stroke: np.ndarray
-    reasons: tuple[tuple[str | None, ...], ...]
+    reasons: tuple[tuple[str | None, ...], ...]  # Why, m times n
 
     @property
     def failed(self) -> np.ndarray:
@@ -60,26 +47,13 @@ class Responding(Protocol):
 
 @dataclass(frozen=True)
 class SimulatedDraws:
-    """The simulation at some draws, the same for all lengths.
-
-    Attributes
-    ----------
-    draws : sequence of Draw
-    original : Mechanism
-        Its effects applied and at the lengths that were designed.
-    optimise : Optimise
-        Window and settled revolution.
-    revolution : str
-        first or settled.
-    workers : int, optional
-        Threads; the result does not depend on it.
-    """
+    """The simulation at some draws, the same for all lengths."""
 
     draws: Sequence[Draw]
-    original: Mechanism
-    optimise: Optimise
-    revolution: str
-    workers: int | None = None
+    original: Mechanism  # Its effects applied and at the lengths that were designed
+    optimise: Optimise  # Window and settled revolution
+    revolution: str  # first or settled
+    workers: int | None = None  # Threads; the result does not depend on it
 
     def __call__(self, lengths: np.ndarray) -> Responses:
         """What `lengths` (m, 2) [m] do in every draw."""

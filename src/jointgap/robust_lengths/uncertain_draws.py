@@ -38,38 +38,19 @@ _FRESH = 1  # beside the seed: the stream of the fresh draws, which have nothing
 
 @dataclass(frozen=True)
 class Draw:
-    """One way in which the uncertain may turn out.
+    """One way in which the uncertain may turn out."""
 
-    Attributes
-    ----------
-    values : dict
-        By key; of lengths what is added to them [m].
-    mechanism : Mechanism
-        At its nominal lengths.
-    simulate : Simulate
-    tolerance : tuple of float
-        What is added to (L2, L3) [m].
-    """
-
-    values: dict[str, Any]
-    mechanism: Mechanism
+    values: dict[str, Any]  # By key; of lengths what is added to them [m]
+    mechanism: Mechanism  # At its nominal lengths
     simulate: Simulate
-    tolerance: tuple[float, float] = (0.0, 0.0)
+    tolerance: tuple[float, float] = (0.0, 0.0)  # What is added to (L2, L3) [m]
 
 
 @dataclass(frozen=True)
 class Uncertain:
-    """What is uncertain in a scenario; make it with `uncertain_of`.
+    """What is uncertain in a scenario; make it with `uncertain_of`."""
 
-    Attributes
-    ----------
-    base : DrivenMechanism
-        Mechanism, its effects applied, and simulation, at nominal values.
-    axes : tuple of Axis
-    seed : int
-    """
-
-    base: DrivenMechanism
+    base: DrivenMechanism  # Mechanism, its effects applied, and simulation, at nominal values
     axes: tuple[Axis, ...]
     seed: int
 
@@ -79,13 +60,7 @@ class Uncertain:
         return Draw({}, self.base.mechanism, self.base.simulate)
 
     def for_search(self, count: int) -> tuple[Draw, ...]:
-        """`count` draws that fill what may be evenly: the beginning of a scrambled Sobol sequence.
-
-        Raises
-        ------
-        InputError
-            A draw is impossible.
-        """
+        """`count` draws that fill what may be evenly: the beginning of a scrambled Sobol sequence."""
         power = (count - 1).bit_length()  # a sequence is balanced in whole powers of two
         return self._draws(qmc.Sobol(len(self.axes), scramble=True, rng=self.seed).random_base2(power)[:count])
 
@@ -109,14 +84,7 @@ class Uncertain:
 
 
 def uncertain_of(scenario: Scenario) -> Uncertain:
-    """What the section `optimise_robust` of a `scenario` calls uncertain.
-
-    Raises
-    ------
-    InputError
-        Nothing is uncertain, no such parameter, a unit of another dimension, a distribution without width, a length
-        where its tolerance is asked for.
-    """
+    """What the section `optimise_robust` of a `scenario` calls uncertain."""
     options = scenario.optimise_robust
     if not options.uncertain:
         raise InputError(
@@ -158,14 +126,7 @@ def _check_tolerance(axis: Axis, scenario: Scenario) -> None:
 
 
 def law_in_words(axis: Axis, factor: float = 1.0) -> str:
-    """How a parameter is distributed, for a table.
-
-    Parameters
-    ----------
-    axis : Axis
-    factor : float
-        From SI to the unit that is shown.
-    """
+    """How a parameter is distributed, for a table."""
     if axis.values is not None:
         shown: Sequence = [f"{factor * v:.4g}" if isinstance(v, float) else str(v) for v in axis.values]
         return f"one of {', '.join(shown)}"

@@ -25,29 +25,15 @@ Columns = Mapping[str, np.ndarray]
 def tolerance_for(
     mechanism: Mechanism, settings: SimulationSettings = DEFAULT_SETTINGS.simulation, fast: bool = False
 ) -> float:
-    """Local error of a step [m] for a fit: smaller where steps would jump over the contacts of a small clearance.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    settings : SimulationSettings
-    fast : bool
-        Whether it is enough to know where impacts come and how hard they are.
-    """
+    """Local error of a step [m] for a fit: smaller where steps would jump over the contacts of a small clearance."""
     film = any(mechanism.effect("lubricated_joint", joint) for joint in mechanism.loose)
     usual = settings.film_tolerance_m if film else settings.fast_tolerance_m if fast else settings.tolerance_m
     return min([usual, *(TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose)])
 
 
 def options_of(speed: float, start_angle: float, tolerance: float, **drive) -> Simulate:
-    """Options of a simulation, not validated: that takes longer than some motions, and the values are known to be good.
-
-    Parameters
-    ----------
-    speed, start_angle, tolerance : float
-        [rad/s], [rad], [m].
-    **drive
-        The section of another drive than constant speed.
+    """Options of a simulation, not validated: that takes longer than some motions, and the values are known to be
+    good.
     """
     return Simulate.model_construct(speed=speed, start_angle=start_angle, tolerance=tolerance, **drive)
 
@@ -70,15 +56,6 @@ def has_settled(
     revolution is |z / (1 - z)| of the last change away from its limit: the last change squared over the change of the
     changes. Many small changes in one direction then count as what they add up to, and the scatter of the integration,
     which has no direction, as itself.
-
-    Parameters
-    ----------
-    earlier, before, last : columns of (n,) arrays
-        Channels at the same crank angles of three successive revolutions.
-    change : function
-        How far one of them is from another [1].
-    length : float
-        How near is near [1].
     """
     changed = change(before, last)
     if changed >= length:
@@ -97,32 +74,7 @@ def channels_at(
     read: int | None = None,
     fast: bool = False,
 ) -> dict[str, np.ndarray]:
-    """All channels at crank angles, by column of `jointgap.dynamics.solver.sampling`, with the ``time`` [s].
-
-    Parameters
-    ----------
-    p : Parameters
-    angles : (n,) array
-        [rad], in any order, none before the start angle.
-    tolerance : float
-        Local error of a step [m].
-    perturbation : (6,) array, optional
-        Clearance vectors at the start [m]; zero by default.
-    settings : SimulationSettings
-    change : function, optional
-        How far what is read of one motion is from what is read of another, from all channels of both, at some of the
-        samples [1]. With it one settled revolution may stand for the record; without it the whole record is simulated.
-    read : int, optional
-        From how many of the angles, from the first, these samples are taken; from all by default.
-    fast : bool
-        For a search: a motion that takes more steps than a plain one is given up, and one that has not settled soon is
-        taken as one that does not.
-
-    Raises
-    ------
-    SimulationError
-        The motion cannot be simulated, or not `fast`.
-    """
+    """All channels at crank angles, by column of `jointgap.dynamics.solver.sampling`, with the ``time`` [s]."""
     if _is_kinematic(p):
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
     most_steps = settings.fast_steps_per_revolution if fast else None

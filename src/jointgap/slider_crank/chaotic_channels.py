@@ -23,48 +23,21 @@ _SPREADING = np.array([0.6180339887, 0.7548776662, 0.5698402910])
 
 @dataclass(frozen=True)
 class ChaoticRun:
-    """What stands for the samples of chaotic channels of one run.
+    """What stands for the samples of chaotic channels of one run."""
 
-    Attributes
-    ----------
-    plan : RunPlan
-        Of one member of the simulated ensemble.
-    statistics : CycleStatistics
-    variance : (m,) array
-        Of statistics from cycle to cycle [SI^2], sampled as the record is.
-    persistence : (m,) array
-        How many times the variance of their mean is what it would be if cycles were independent [1].
-    members : int
-        Simulations of an evaluation.
-    error : (m,) array
-        Standard error of what an evaluation simulates [SI].
-    noise : mapping of str to float
-        Of the samples, by channel [SI]; it is added to what is simulated.
-    """
-
-    plan: RunPlan
+    plan: RunPlan  # Of one member of the simulated ensemble
     statistics: CycleStatistics
-    variance: np.ndarray
+    variance: np.ndarray  # Of statistics from cycle to cycle [SI^2], sampled as the record is
     persistence: np.ndarray
-    members: int
-    error: np.ndarray
-    noise: Mapping[str, float]
+    members: int  # Simulations of an evaluation
+    error: np.ndarray  # Standard error of what an evaluation simulates [SI]
+    noise: Mapping[str, float]  # Of the samples, by channel [SI]; it is added to what is simulated
 
 
 def chaotic_channels(
     campaign: Campaign, plan: RunPlan, values: Mapping[str, float], noise: Mapping[str, float | None]
 ) -> tuple[str, ...]:
-    """Channels in which two simulations from starts that hardly differ come out farther apart than noise would hide.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    plan : RunPlan
-    values : mapping of str to float
-        Nuisances by name [SI].
-    noise : mapping of channel to float or None
-        Stated standard deviation [SI].
-    """
+    """Channels in which two simulations from starts that hardly differ come out farther apart than noise would hide."""
     if not campaign.mechanism.applied().loose:
         return ()
     settings, chaotic = plan.settings.chaos, []
@@ -93,20 +66,7 @@ def chaotic_run(
     measured: Mapping[str, np.ndarray],
     noise: Mapping[str, float | None],
 ) -> ChaoticRun:
-    """Learn the statistics of a run's chaotic channels from its model as it stands.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    plan : RunPlan
-    channels : tuple of str
-    values : mapping of str to float
-        Nuisances by name [SI].
-    measured : mapping of channel to (n,) array
-        [SI]; NaN where nothing was measured.
-    noise : mapping of channel to float or None
-        As stated [SI]; where it is not, it is what the quietest bins have beyond the simulation.
-    """
+    """Learn the statistics of a run's chaotic channels from its model as it stands."""
     settings, bins = plan.settings.chaos, plan.settings.statistics.bins
     recorded = max(int(plan.samples.turned / tau) - settings.settling_cycles, 1)
     # a measured angle ends with the record; a crank that turns by itself goes on
@@ -143,21 +103,7 @@ def chaotic_run(
 def measured_statistics(
     chaotic: ChaoticRun, angle: np.ndarray, measured: Mapping[str, np.ndarray]
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Statistics of what was measured and their standard errors, those of the simulated ones included.
-
-    Parameters
-    ----------
-    chaotic : ChaoticRun
-    angle : (n,) array
-        Crank angle of the samples [rad].
-    measured : mapping of channel to (n,) array
-        [SI].
-
-    Returns
-    -------
-    dict of str to two (bins,) arrays
-        By the name of the series [SI]; NaN where there is nothing.
-    """
+    """Statistics of what was measured and their standard errors, those of the simulated ones included."""
     own, settings = chaotic.statistics, chaotic.plan.settings.chaos
     rows = own.independent(own.cycles(angle, [measured[channel] for channel in own.channels]))
     cycles = np.isfinite(rows).sum(axis=0)
@@ -182,15 +128,7 @@ def measured_statistics(
 def simulated_statistics(
     campaign: Campaign, chaotic: ChaoticRun, values: Mapping[str, float], effects: Effects, numerics: int
 ) -> dict[str, np.ndarray]:
-    """Statistics (bins,) [SI] of the chaotic channels, by the name of their series: the same for the same arguments.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    chaotic : ChaoticRun
-    values, effects, numerics
-        As for `jointgap.slider_crank.run_simulation.channels_read`.
-    """
+    """Statistics (bins,) [SI] of the chaotic channels, by the name of their series: the same for the same arguments."""
     angle, read = _ensemble(campaign, chaotic.plan, values, effects, numerics, chaotic.members)
     own = chaotic.statistics
     noisy = [_noisy(read[channel], chaotic.noise[channel], place) for place, channel in enumerate(own.channels)]

@@ -25,26 +25,13 @@ class CycleStatistics:
 
     A row of statistics, shape (m,), holds the bins of the first channel's mean, of its spread, of the second channel's
     mean, and so on.
-
-    Attributes
-    ----------
-    channels : tuple of str
-    angles : (a,) array
-        Crank angles of the median course, growing over somewhat more than a revolution [rad].
-    median_curves : (channels, a) array
-        Median course of each channel [SI].
-    compression : (channels,) array
-        k [SI].
-    weights : list of (places, weights)
-        For every statistic, which others predict it and how.
-    settings : CycleStatisticsSettings
     """
 
     channels: tuple[str, ...]
-    angles: np.ndarray
-    median_curves: np.ndarray
-    compression: np.ndarray
-    weights: list[tuple[np.ndarray, np.ndarray]]
+    angles: np.ndarray  # Crank angles of the median course, growing over somewhat more than a revolution [rad]
+    median_curves: np.ndarray  # Median course of each channel [SI]
+    compression: np.ndarray  # k [SI]
+    weights: list[tuple[np.ndarray, np.ndarray]]  # For every statistic, which others predict it and how
     settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics
 
     @classmethod
@@ -56,19 +43,7 @@ class CycleStatistics:
         finer: int = 1,
         settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics,
     ) -> "CycleStatistics":
-        """Learnt from many simulated cycles.
-
-        Parameters
-        ----------
-        channels : sequence of str
-        angle : (n,) array
-            [rad], continuous.
-        values : sequence of (n,) arrays
-            By channel [SI].
-        finer : int
-            Samples for each that is measured: the course is learnt from all, predictions from every `finer`-th.
-        settings : CycleStatisticsSettings
-        """
+        """Learnt from many simulated cycles."""
         within = _within_revolution(angle, settings)
         count = settings.median_angles
         fine = np.minimum((within * (count / tau)).astype(int), count - 1)
@@ -89,15 +64,7 @@ class CycleStatistics:
         return [np.interp(_within_revolution(angle, self.settings), self.angles, curve) for curve in self.median_curves]
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
-        """Statistics of every cycle, shape (cycles, m); NaN where a bin has no sample.
-
-        Parameters
-        ----------
-        angle : (n,) array
-            [rad], continuous.
-        values : sequence of (n,) arrays
-            By channel [SI]; NaN in gaps.
-        """
+        """Statistics of every cycle, shape (cycles, m); NaN where a bin has no sample."""
         bins = self.settings.bins
         first = np.floor(np.min(angle) / tau)
         place = np.floor((angle / tau - first) * bins + self.settings.edge_share_of_bin).astype(int)
@@ -132,13 +99,6 @@ class CycleStatistics:
         """Standard deviation (channels,) [SI] of noise: what measured channels spread beyond noise-free simulated ones.
 
         Bins count by how well they tell, so that the quiet ones do.
-
-        Parameters
-        ----------
-        angle, simulated_angle : (n,), (k,) array
-            [rad], continuous.
-        measured, simulated : sequence of (n,), (k,) arrays
-            By channel [SI].
         """
         squares, variances = [], []
         for angles, values in ((angle, measured), (simulated_angle, simulated)):
@@ -189,21 +149,7 @@ def cycle_variance(rows: np.ndarray) -> np.ndarray:
 
 
 def persistence(rows: np.ndarray, block: int, bins: int = DEFAULT_SETTINGS.statistics.bins) -> np.ndarray:
-    """How many times the variance of the mean of many cycles is what it would be if they were independent.
-
-    Parameters
-    ----------
-    rows : (cycles, m) array
-    block : int
-        Cycles of one block; blocks are taken for independent.
-    bins : int
-        Of each channel's mean, and of its spread.
-
-    Returns
-    -------
-    (m,) array
-        [1] The same for all bins of a channel's mean, or of its spread.
-    """
+    """How many times the variance of the mean of many cycles is what it would be if they were independent."""
     blocks = np.nanmean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
     ratio = block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows)
     return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, bins), axis=1), 1.0), bins)

@@ -30,23 +30,12 @@ from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SampleGridSettings,
 
 @dataclass(frozen=True)
 class DrivenRun:
-    """A simulation, and where in it the samples of a run lie.
-
-    Attributes
-    ----------
-    numbers : Parameters
-    angles : (n,) array
-        Crank angles of the samples [rad].
-    begin : float
-        Time [s] of the simulation at the run's first sample.
-    at : function
-        Crank angles (m,) [rad] at times (m,) [s] since the first sample.
-    """
+    """A simulation, and where in it the samples of a run lie."""
 
     numbers: Parameters
-    angles: np.ndarray
-    begin: float
-    at: Callable[[np.ndarray], np.ndarray]
+    angles: np.ndarray  # Crank angles of the samples [rad]
+    begin: float  # Time [s] of the simulation at the run's first sample
+    at: Callable[[np.ndarray], np.ndarray]  # Crank angles (m,) [rad] at times (m,) [s] since the first sample
 
 
 def starts_with_record(run: CampaignRun) -> bool:
@@ -89,24 +78,7 @@ def constant_speed_run(
     settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
     earlier: float = 0.0,
 ) -> DrivenRun:
-    """A crank of prescribed speed, steady or fluctuating.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    run : CampaignRun
-    samples : SampleGrid
-    values : mapping of str to float
-        ``speed`` [rad/s] and ``first_angle`` [rad] where they are nuisances; of the straight line through the angles
-        where these were read.
-    offset : float
-        What an encoder reads too much [rad].
-    tolerance : float
-        Local error of a step [m].
-    settings : SimulationSettings
-    earlier : float
-        How far the crank turns [rad] beyond what is usual before the first sample.
-    """
+    """A crank of prescribed speed, steady or fluctuating."""
     first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed)
     back = earlier
     if isinstance(run.start, Start):
@@ -169,21 +141,10 @@ def _between(time: np.ndarray, moment: float) -> sparray:
 
 @dataclass(frozen=True)
 class MeasuredDrive:
-    """A measured angle made smooth.
+    """A measured angle made smooth."""
 
-    Attributes
-    ----------
-    table : (k, 7) array
-        Its pieces: see `jointgap.dynamics.model.parameters.knots_record`.
-    begin : float
-        Time [s] of the record's first sample in it.
-    made_errors : function
-        Makes the independent errors of the angle by the noise of the encoder, and tells the time [s] in them of the
-        first piece.
-    """
-
-    table: np.ndarray
-    begin: float
+    table: np.ndarray  # Its pieces: see `jointgap.dynamics.model.parameters.knots_record`
+    begin: float  # Time [s] of the record's first sample in it
     made_errors: Callable[[], tuple[AngleErrors, float]]
 
     @cached_property
@@ -210,22 +171,6 @@ def measured_drive(
 
     The record is led in by revolutions like its first one, and led out by half a revolution like its last one; time 0
     is where they begin.
-
-    Parameters
-    ----------
-    samples : SampleGrid
-    resolution : float
-        Step of the encoder [rad]; 0 where it is not known.
-    noise : float or None
-        Standard deviation of its readings [rad], as stated.
-    back : int
-        Revolutions of the lead-in.
-    settings : SampleGridSettings
-
-    Raises
-    ------
-    InputError
-        A crank that stands still or turns back, or too many pieces.
     """
     finite = np.isfinite(samples.read)
     begins, readings = float(samples.elapsed[finite][0]), samples.read[finite]
@@ -300,18 +245,7 @@ def measured_angle_run(
     lag: float,
     tolerance: float,
 ) -> DrivenRun:
-    """A crank that follows the measured angle.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    samples : SampleGrid
-    measured : MeasuredDrive
-    offset, tolerance : float
-        As for `constant_speed_run` [rad], [m].
-    lag : float
-        By how much later than the other sensors the encoder reads an angle [s].
-    """
+    """A crank that follows the measured angle."""
     table, begin = measured.table.copy(), max(measured.begin + lag, 0.0)  # nothing is known from before the motion
     table[:, 6] -= offset
     p = parameters(mechanism, options_of(samples.speed, float(table[0, 6]), tolerance))
@@ -335,15 +269,7 @@ def motor_run(
     settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
     earlier: float = 0.0,
 ) -> DrivenRun:
-    """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        Has the motor's data, which ``stall_torque`` [N m] and ``no_load_speed`` [rad/s] among `values` replace.
-    mechanism, run, samples, values, offset, tolerance, settings, earlier
-        As for `constant_speed_run`.
-    """
+    """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
     line = {key: values[key] for key in MOTOR_LINE if key in values}
     motor, speed = campaign.motor.model_copy(update=line), values.get("speed", run.speed)
     first = values.get("first_angle", samples.first_angle) - offset

@@ -13,19 +13,7 @@ from jointgap.slider_crank.model import SliderCrankModel
 
 
 def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
-    """One candidate for each term of a force on the slider and of a torque on the crank.
-
-    Parameters
-    ----------
-    model : SliderCrankModel
-        Its mechanism and speeds say what coefficients noise could just hide.
-
-    Returns
-    -------
-    tuple of Candidate
-        Called ``effect[term]``, such as ``discovered_slider_force[v^3]``; the one coordinate is the term's
-        ``coefficient``.
-    """
+    """One candidate for each term of a force on the slider and of a torque on the crank."""
     mean_speed = float(np.mean([plan.samples.speed for plan in model.plans.values()]))
     scale = MotionScale.of(model.campaign.mechanism, mean_speed)
     stroke, speed, turning = scale.stroke, scale.speed, scale.turning

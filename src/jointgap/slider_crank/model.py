@@ -30,26 +30,7 @@ POSITIONS = ("crank_angle", "slider_position", "rod_angle")
 
 
 class SliderCrankModel:
-    """A `jointgap.identification.protocol.Model` of a slider-crank.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    plans : mapping of str to RunPlan
-        By run.
-    measured : mapping of run to mapping of channel to (n,) array
-        [SI]; NaN where nothing was measured.
-    noise : mapping of run to mapping of channel to float or None
-        As stated [SI].
-    held_out : mapping of run to (n,) bool array
-    searched : frozenset of str
-        Runs whose first angle was found by a search, so that a fit has to go on with it.
-    settings : SliderCrankSettings
-    told_encoder_offset : float or None
-        [rad] What the encoder reads too much by what the other channels say.
-    left_out : mapping of str to str
-        Why a run of the campaign file is no part of `campaign`, by run.
-    """
+    """A `jointgap.identification.protocol.Model` of a slider-crank."""
 
     def __init__(
         self,

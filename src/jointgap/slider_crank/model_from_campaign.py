@@ -30,21 +30,6 @@ def build_model(
     """The model of a campaign.
 
     A measured run that cannot be simulated is left out: `SliderCrankModel.left_out` says why.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    measurements : Measurements, optional
-        None for a campaign that is yet to be measured: some revolutions of each run are planned.
-    revolutions : mapping of str to float, optional
-        Of a campaign that is planned: how many a run is fitted to have. One whose motion is chaotic is planned as long,
-        as each cycle tells something new; one that repeats is not, as simulated cycles are alike.
-    settings : SliderCrankSettings
-
-    Raises
-    ------
-    InputError
-        No run for fitting can be simulated; bounds of nuisances at which the mechanism cannot be.
     """
     check_bounds(campaign)
     plans, measured, noise, held_out, searched = {}, {}, {}, {}, set()

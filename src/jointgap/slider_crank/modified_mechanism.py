@@ -37,14 +37,7 @@ def lasting_damping(mechanism: Mechanism) -> dict[str, str]:
 
 
 def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
-    """`mechanism` with other masses, lengths, clearances, friction and restitution.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    values : mapping of str to float
-        By name of the nuisance, SI; what does not belong to the mechanism (speed, zeros of sensors) is passed over.
-    """
+    """`mechanism` with other masses, lengths, clearances, friction and restitution."""
     get = values.get
     modified = mechanism.with_lengths(
         get("crank_length", mechanism.crank.length), get("rod_length", mechanism.rod.length)
@@ -79,19 +72,7 @@ def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechani
 
 
 def with_effects(mechanism: Mechanism, effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> Mechanism:
-    """`mechanism` with physical effects added to those that it has.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    effects : sequence of (Candidate, mapping)
-        With the values of their coordinates by name; faults of sensors are passed over.
-
-    Raises
-    ------
-    InputError
-        A parameter out of its bounds.
-    """
+    """`mechanism` with physical effects added to those that it has."""
     added, formulas = [], {}
     for candidate, values in effects:
         if candidate.sensor:
@@ -144,22 +125,7 @@ def simulated_effects(effects: Sequence[tuple[Candidate, Mapping[str, float]]]) 
 def augmented_mechanism(
     mechanism: Mechanism, hypothesis: Sequence[Candidate] = (), values: Mapping[str, float] | None = None
 ) -> Mechanism:
-    """The mechanism with re-fitted nuisances and physical effects written in.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-    hypothesis : sequence of Candidate
-        Faults of sensors are no part of a mechanism and are passed over.
-    values : mapping of str to float
-        By key as a fit has them: nuisances by name, coordinates as ``label.coordinate``; those of single runs are
-        passed over.
-
-    Raises
-    ------
-    InputError
-        Values that make the mechanism impossible.
-    """
+    """The mechanism with re-fitted nuisances and physical effects written in."""
     values = values or {}
     modified = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
     effects = [(candidate, _own(candidate, values)) for candidate in hypothesis]

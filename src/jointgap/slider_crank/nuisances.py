@@ -18,13 +18,7 @@ from jointgap.slider_crank.settings import DEFAULT_SETTINGS, NuisanceSettings
 def shared_nuisances(
     campaign: Campaign, settings: NuisanceSettings = DEFAULT_SETTINGS.nuisances
 ) -> tuple[Parameter, ...]:
-    """Those of the mechanism and its sensors that all runs share.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    settings : NuisanceSettings
-    """
+    """Those of the mechanism and its sensors that all runs share."""
     nuisances = []
     for key in campaign.nuisance:
         if key not in RUN_NUISANCES and key not in campaign.idle_nuisances:
@@ -44,11 +38,6 @@ def check_bounds(campaign: Campaign) -> None:
     """Make sure that the mechanism is possible at the ends of its nuisances' bounds.
 
     One at a time, the others at nominal; and where lengths and clearances together leave the crank least room to turn.
-
-    Raises
-    ------
-    InputError
-        It is not; with the nuisance, its value and what to do.
     """
     bounds = {p.name: (p.low, p.high) for p in shared_nuisances(campaign) if p.name in campaign.nuisance}
     tightest = {"crank_length": 1, "rod_length": 0} | {f"{pin}_clearance": 1 for pin in PINS}
@@ -77,15 +66,6 @@ def run_nuisances(
     """What a run has for itself, as far as it is not exact: zeros of its sensors, speed, first angle, motor's line.
 
     Where the measured angle drives the crank, its speed and first angle are in the drive, and are no nuisances.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    run : CampaignRun
-    samples : SampleGrid
-    first_angle_searched : bool
-        Whether the first angle was found by a search rather than read or stated.
-    settings : NuisanceSettings
     """
     nuisances = []
     for key in RUN_NUISANCES:

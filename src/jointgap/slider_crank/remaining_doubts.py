@@ -13,14 +13,7 @@ from jointgap.slider_crank.sensor_faults import Faults
 def remaining_doubts(
     model: SliderCrankModel, measurements: Measurements, explanations: Sequence[Fit]
 ) -> tuple[str, ...]:
-    """Channels whose readings contradict others' with at least one of several explanations.
-
-    Parameters
-    ----------
-    model : SliderCrankModel
-    measurements : Measurements
-    explanations : sequence of Fit
-    """
+    """Channels whose readings contradict others' with at least one of several explanations."""
     return tuple(dict.fromkeys(channel for fit in explanations for channel in _left(model, measurements, fit)))
 
 

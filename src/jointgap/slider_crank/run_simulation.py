@@ -46,34 +46,18 @@ def _free_runs(campaign: Campaign) -> list[str]:
 def unknown_starts(campaign: Campaign, settings: SimulationSettings = DEFAULT_SETTINGS.simulation) -> dict[str, int]:
     """From how many starts the motion may have come with a joint that became loose, by run of which nobody knows where
     it began; none where joints are loose already: of these another start is one of the `NUMERICS`.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    settings : SimulationSettings
     """
     return {} if campaign.mechanism.applied().loose else dict.fromkeys(_free_runs(campaign), settings.starts)
 
 
 @dataclass(frozen=True)
 class RunPlan:
-    """One run: its samples and what is read there.
-
-    Attributes
-    ----------
-    run : CampaignRun
-    samples : SampleGrid
-    channels : tuple of str
-        That are compared.
-    measured : MeasuredDrive or None
-        A measured angle that drives the crank.
-    settings : SliderCrankSettings
-    """
+    """One run: its samples and what is read there."""
 
     run: CampaignRun
     samples: SampleGrid
-    channels: tuple[str, ...]
-    measured: drives.MeasuredDrive | None = None
+    channels: tuple[str, ...]  # That are compared
+    measured: drives.MeasuredDrive | None = None  # A measured angle that drives the crank
     settings: SliderCrankSettings = DEFAULT_SETTINGS
 
 
@@ -85,30 +69,7 @@ def channels_read(
     numerics: int = 0,
     perturbation: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """What the sensors of a run read at its samples.
-
-    Parameters
-    ----------
-    campaign : Campaign
-    plan : RunPlan
-    values : mapping of str to float
-        Every nuisance that the run has, by name [SI].
-    effects : sequence of (Candidate, mapping)
-    numerics : int
-        0 for the usual ones, i for ``NUMERICS[i - 1]``, or `FAST`.
-    perturbation : (6,) array, optional
-        Clearance vectors at the start [m], as in `jointgap.dynamics.simulation`; zero by default.
-
-    Returns
-    -------
-    dict of str to (n,) array
-        By channel [SI].
-
-    Raises
-    ------
-    InputError, SimulationError
-        These values cannot be simulated.
-    """
+    """What the sensors of a run read at its samples."""
     effects, without, share = simulated_effects(effects)
     read = _read_at_limit(campaign, plan, values, effects, numerics, perturbation)
     if share < 1.0:

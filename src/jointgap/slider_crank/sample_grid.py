@@ -13,32 +13,16 @@ from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SampleGridSettings
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """Samples of one run.
+    """Samples of one run."""
 
-    Attributes
-    ----------
-    time : (n,) array
-        [s], as recorded, or from angle and speed.
-    read : (n,) array
-        Crank angle as read [rad]; NaN where it was not.
-    angle : (n,) array
-        Crank angle of the samples [rad] at constant speed, about as true as the record allows.
-    first_angle, speed : float
-        Crank angle at the first sample [rad] and mean speed [rad/s]: estimated, or as the campaign states them.
-    first_reach, speed_reach : float
-        How far these estimates may be off [rad], [rad/s]; 0 where there is nothing to estimate them from.
-    timed : bool
-        Whether times were recorded; else samples lie at angles.
-    """
-
-    time: np.ndarray
-    read: np.ndarray
-    angle: np.ndarray
-    first_angle: float
-    speed: float
-    first_reach: float = 0.0
-    speed_reach: float = 0.0
-    timed: bool = True
+    time: np.ndarray  # [s], as recorded, or from angle and speed
+    read: np.ndarray  # Crank angle as read [rad]; NaN where it was not
+    angle: np.ndarray  # Crank angle of the samples [rad] at constant speed, about as true as the record allows
+    first_angle: float  # Crank angle at the first sample [rad] and mean speed [rad/s]
+    speed: float  # Crank angle at the first sample [rad] and mean speed [rad/s]
+    first_reach: float = 0.0  # How far these estimates may be off [rad], [rad/s]
+    speed_reach: float = 0.0  # How far these estimates may be off [rad], [rad/s]
+    timed: bool = True  # Whether times were recorded; else samples lie at angles
 
     @property
     def encoded(self) -> bool:
@@ -91,18 +75,7 @@ def planned_grid(
     revolutions: int | None = None,
     settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
 ) -> SampleGrid:
-    """Samples of a run that is yet to be measured, at even times.
-
-    Parameters
-    ----------
-    speed, first_angle : float
-        [rad/s], [rad].
-    encoded : bool
-        Whether the crank angle will be read.
-    revolutions : int, optional
-        How many; by default as in `settings`.
-    settings : SampleGridSettings
-    """
+    """Samples of a run that is yet to be measured, at even times."""
     per_revolution = settings.planned_samples_per_revolution
     count = (revolutions or settings.planned_revolutions) * per_revolution
     elapsed = np.arange(count) * (tau / speed / per_revolution)
@@ -119,27 +92,7 @@ def sample_grid(
     constant: bool = True,
     settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
 ) -> SampleGrid:
-    """The samples of a recording.
-
-    Parameters
-    ----------
-    time, read : (n,) arrays
-        As `jointgap.recordings` reads them [s], [rad]; all NaN where not recorded.
-    speed : float
-        Nominal [rad/s].
-    first_angle : float or None
-        Stated crank angle at the first sample [rad]; None where it has to be found.
-    resolution : float
-        Step of the encoder [rad].
-    constant : bool
-        Whether the crank turns at constant speed, so that readings of its angle may be averaged.
-    settings : SampleGridSettings
-
-    Raises
-    ------
-    InputError
-        Neither times nor angles.
-    """
+    """The samples of a recording."""
     finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
@@ -170,13 +123,6 @@ def own_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
     """Rows of a channel at its own rate, (n,) bool: of files of several loggers joined on time each fills some rows.
 
     Those with a value, and those in gaps longer than its usual step; all of a channel that is yet to be measured.
-
-    Parameters
-    ----------
-    elapsed : (n,) array
-        Times since the first sample [s].
-    value : (n,) array
-        As measured; NaN where nothing was.
     """
     kept = np.isfinite(value)
     known = np.flatnonzero(kept)
@@ -208,16 +154,6 @@ def speed_from_periodicity(
     """The speed [rad/s] with which channels repeat best, of a crank whose angle nobody read.
 
     A Fourier series of the crank angle is fitted at each speed; the one that leaves least is refined by a parabola.
-
-    Parameters
-    ----------
-    elapsed : (n,) array
-        Times since the first sample [s].
-    values : sequence of (n,) arrays
-        Channels [SI]; NaN where nothing was measured. Each counts by its own variance.
-    low, high : float
-        Bounds of the speed [rad/s].
-    settings : SampleGridSettings
     """
     step = tau * settings.speed_step_revolutions / max(float(elapsed[-1]), 1e-300)
     speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)

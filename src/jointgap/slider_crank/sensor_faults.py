@@ -25,52 +25,22 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True)
 class SensorFault:
-    """One way in which a sensor can err, by one parameter, or one in each run.
+    """One way in which a sensor can err, by one parameter, or one in each run."""
 
-    Attributes
-    ----------
-    name, words : str
-        As a verdict states it, and what it calls it; words may hold ``{site}``.
-    law : str
-        What the sensor reads, y, of what is true, u.
-    parameter, unit : str
-        SI; empty for the unit of the channel.
-    bounds : function
-        From a `Reading` to step, low and high of the parameter in a fit.
-    of_each_run : bool
-        Whether each run has a parameter of its own.
-    trial : function or None
-        From a rig of the blind trials and a channel to the parameter to begin with, and the largest; None where trials
-        do not hide it.
-    steady : bool
-        Whether a reading that does not change shows it too.
-    either_sign : bool
-        Whether the parameter may be negative in a blind trial.
-    before_filter, after_filter : function, optional
-        From readings (n,) before or after the sensor's low-pass, and the parameter, to those with the fault.
-    over_time : function, optional
-        The same of filtered readings on a grid, with its interval [s] in between.
-    delays : bool
-        Whether the sensor reads what was true earlier, by its parameter [s].
-    undone : function, optional
-        From readings (n,) with the fault, the parameter, and the times (n,) [s] of the samples, to those without it;
-        a fault that cannot be undone ends no doubt of its channel.
-    """
-
-    name: str
-    parameter: str
-    unit: str
-    words: str
+    name: str  # As a verdict states it, and what it calls it; words may hold ``{site}``
+    parameter: str  # SI; empty for the unit of the channel
+    unit: str  # SI; empty for the unit of the channel
+    words: str  # As a verdict states it, and what it calls it; words may hold ``{site}``
     bounds: Callable[[Reading], tuple[float, float, float]]
-    law: str = ""
+    law: str = ""  # What the sensor reads, y, of what is true, u
     trial: Callable[[Any, str], tuple[float, float]] | None = None
-    of_each_run: bool = False
-    steady: bool = False
-    either_sign: bool = True
+    of_each_run: bool = False  # Whether each run has a parameter of its own
+    steady: bool = False  # Whether a reading that does not change shows it too
+    either_sign: bool = True  # Whether the parameter may be negative in a blind trial
     before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
-    delays: bool = False
+    delays: bool = False  # Whether the sensor reads what was true earlier, by its parameter [s]
     undone: Callable[[np.ndarray, float, np.ndarray], np.ndarray] | None = None
 
     def candidate(
@@ -221,25 +191,7 @@ def sensor_candidates(
     runs: Sequence[str] = (),
     told_offset: float | None = None,
 ) -> list[Candidate]:
-    """Faults that the sensors could have.
-
-    Parameters
-    ----------
-    spreads : mapping of channel to (float, str)
-        Standard deviation of what each channel but the crank angle reads, and its SI unit.
-    encoder : bool
-        Whether the crank angle is read.
-    turning : float
-        Crank's speed [rad/s].
-    drives : bool
-        Whether the angle read is what drives the crank, so that its lag shows.
-    nuisances : collection of str
-        Names of those that the campaign has.
-    runs : sequence of str
-        Of the campaign, if several are for fitting: zeros of the encoder are a fault of them, unless nuisances already.
-    told_offset : float, optional
-        [rad] What the encoder reads too much by what the other channels say; a fit of its offset begins there too.
-    """
+    """Faults that the sensors could have."""
     present = {
         ENCODER_OFFSET: encoder,
         ENCODER_ZEROS: encoder and bool(runs) and "encoder_zero" not in nuisances,
@@ -268,23 +220,7 @@ def sensor_candidates(
 
 
 class Faults:
-    """The faults of sensors among effects, by channel.
-
-    Parameters
-    ----------
-    effects : iterable of (Candidate, mapping)
-    mirrored : bool
-        Whether the crank turns clockwise, so that angles are seen from behind.
-    nuisances : mapping of str to float
-        Of the run, by name [SI]: zeros and the lag of sensors among them act beside the faults.
-
-    Attributes
-    ----------
-    offset : float
-        What the encoder reads too much [rad].
-    lag : float
-        By how much later than the other sensors it reads an angle [s]; negative where these are late.
-    """
+    """The faults of sensors among effects, by channel."""
 
     NUISANCES = ("encoder_zero", "encoder_lag", "slider_position_zero")
     """Names of the nuisances that are faults of sensors."""

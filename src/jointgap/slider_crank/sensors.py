@@ -29,14 +29,7 @@ MIRRORED = (
 
 
 def gravity_read(channel: str, direction: float) -> float:
-    """What gravity adds to an accelerometer's reading [m/s^2]: the opposite of free fall; 0 of other channels.
-
-    Parameters
-    ----------
-    channel : str
-    direction : float
-        In which gravity acts, from +x [rad].
-    """
+    """What gravity adds to an accelerometer's reading [m/s^2]: the opposite of free fall; 0 of other channels."""
     return -STANDARD_GRAVITY * _AXES[channel](direction) if channel in _AXES else 0.0
 
 
@@ -47,49 +40,21 @@ def filter_times(
     corners: Iterable[float],
     settings: SensorSettings = DEFAULT_SETTINGS.sensors,
 ) -> np.ndarray:
-    """Even times [s] from `first` to `last` on which filters and lags are computed.
-
-    Parameters
-    ----------
-    first, last, revolution : float
-        Ends, and the duration of a revolution [s].
-    corners : iterable of float
-        Corner frequencies of the filters [Hz].
-    settings : SensorSettings
-    """
+    """Even times [s] from `first` to `last` on which filters and lags are computed."""
     corner_steps = [1.0 / (settings.samples_per_corner_period * corner) for corner in corners]
     interval = min([revolution / settings.samples_per_revolution, *corner_steps])
     return np.linspace(first, last, math.ceil((last - first) / interval) + 1)
 
 
 def low_pass(values: np.ndarray, interval: float, corner: float, causal: bool) -> np.ndarray:
-    """Butterworth's low-pass of 4th order; run forth and back, without delay, unless it is causal.
-
-    Parameters
-    ----------
-    values : (n,) array
-        [SI], at even times.
-    interval : float
-        Between samples [s].
-    corner : float
-        Frequency at which one run halves the power [Hz].
-    causal : bool
-    """
+    """Butterworth's low-pass of 4th order; run forth and back, without delay, unless it is causal."""
     sections = butter(FILTER_ORDER, corner, fs=1.0 / interval, output="sos")
     level = values[0]  # the filter starts at rest there, without a transient of the mean
     return level + (sosfilt(sections, values - level) if causal else sosfiltfilt(sections, values - level))
 
 
 def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
-    """First-order lag, lag y' + y = u, of samples with straight lines between them: exact for these.
-
-    Parameters
-    ----------
-    values : (n,) array
-        u [SI], at even times.
-    interval, lag : float
-        Between samples, and time constant [s].
-    """
+    """First-order lag, lag y' + y = u, of samples with straight lines between them: exact for these."""
     share = interval / lag
     decay = math.exp(-share)
     mean_decay = -math.expm1(-share) / share  # mean of exp(-s) over an interval

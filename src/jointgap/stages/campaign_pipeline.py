@@ -35,37 +35,7 @@ def analyse(
     pictures: bool = False,
     anyway: bool = False,
 ) -> dict[str, Any]:
-    """Find where model and measurement of a campaign disagree and what is missing.
-
-    Parameters
-    ----------
-    campaign : Path
-        A campaign file.
-    folder : Path
-        Where the tables of all stages, the augmented mechanism and ``verdict.json`` are written; what an earlier
-        analysis concluded there is removed first.
-    settings : IdentificationSettings
-        Tuned numbers of the naming.
-    model_settings : SliderCrankSettings, optional
-        Tuned numbers of the slider-crank model; its own defaults where absent.
-    pictures : bool
-        Whether the cycles of the runs are drawn too. The summary page has their numbers.
-    anyway : bool
-        Whether to go on where channels contradict each other.
-
-    Returns
-    -------
-    dict
-        The content of ``verdict.json``; with ``seconds``, the time on the clock that each stage took.
-
-    Raises
-    ------
-    InputError
-        Campaign or data cannot be used, channels contradict each other, or the folder cannot be written; the message
-        says what to do.
-    SimulationError
-        The model as it stands cannot be simulated.
-    """
+    """Find where model and measurement of a campaign disagree and what is missing."""
     state, seconds = CampaignState(Path(campaign), Path(folder), settings, model_settings), {}
     made_from = [CAMPAIGN_STAGES[name] for name in CAMPAIGN_STAGES.needed_for("confirm")]
     adding = [stage for name, stage in CAMPAIGN_STAGES.items() if stage not in made_from and name not in _LEFT_OUT]
@@ -97,15 +67,7 @@ def _conclude_early(state: CampaignState, adding: Sequence[Stage]) -> None:
 
 
 def run_if_possible(stage: Stage, state: CampaignState, **options: Any) -> str | None:
-    """Run a stage that only adds to the verdict: if it fails that is noted, and its tables are empty.
-
-    Parameters
-    ----------
-    stage : Stage
-    state : CampaignState
-    **options
-        Of the stage.
-    """
+    """Run a stage that only adds to the verdict: if it fails that is noted, and its tables are empty."""
     with noted(state.folder, stage.name):
         return stage.function(state, **options)
     _write_empty(stage, state)

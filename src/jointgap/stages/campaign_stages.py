@@ -59,14 +59,7 @@ def _of(stage: str, written: tuple[Table, ...]) -> tuple[Table, ...]:
 
 @CAMPAIGN_STAGES.stage(writes=(*_MEASURED, LOOK))
 def measure(state: "CampaignState", pictures: bool = True) -> str:
-    """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter.
-
-    Parameters
-    ----------
-    state : CampaignState
-    pictures : bool
-        Whether figures of the cycles are drawn; without them the table of their numbers is not written either.
-    """
+    """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter."""
     import pandas as pd
 
     from jointgap.campaign.config_snapshot import config_snapshot
@@ -100,12 +93,6 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     Which effects these speeds and channels can detect, from which size on, which of them they cannot tell apart, and
     which further speed or channel would help most. The runs' files need not exist; of those that do, the samples are
     counted.
-
-    Parameters
-    ----------
-    state : CampaignState
-    advice : bool
-        Whether further speeds and channels are tried too, and joints that could be loose are compared.
     """
     from jointgap.campaign.preflight import (
         in_words,
@@ -126,14 +113,7 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
 
 @CAMPAIGN_STAGES.stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES))
 def noise(state: "CampaignState", anyway: bool = False) -> None:
-    """Find the noise of every channel of every run, from what does not repeat.
-
-    Parameters
-    ----------
-    state : CampaignState
-    anyway : bool
-        Whether to go on where channels contradict each other.
-    """
+    """Find the noise of every channel of every run, from what does not repeat."""
     from jointgap.identification.noise_model import noise_of_model
 
     if not anyway:
@@ -190,14 +170,7 @@ _SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
 
 @CAMPAIGN_STAGES.stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES))
 def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
-    """Fit the chosen effects by forward simulation.
-
-    Parameters
-    ----------
-    state : CampaignState
-    part, parts : int
-        Which of how many parts of the work, counted from 0.
-    """
+    """Fit the chosen effects by forward simulation."""
     from jointgap.identification.hypothesis_fits import fit_singles
 
     screening = state.screening
@@ -211,12 +184,6 @@ def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
 
     Beside the single effects, which as many parts have fitted. Where none of these is enough the first part takes a
     second look at them all.
-
-    Parameters
-    ----------
-    state : CampaignState
-    part, parts : int
-        Which of how many parts of the work, counted from 0.
     """
     from jointgap.identification.hypothesis_fits import fit_pairs
 
@@ -231,14 +198,7 @@ def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES), LAW_FAMILIES),
 )
 def decide(state: "CampaignState", parts: int = 1) -> None:
-    """Weigh the fits: what is missing, or why it cannot be told, and what else of a law's family fits.
-
-    Parameters
-    ----------
-    state : CampaignState
-    parts : int
-        Into how many the fits are divided.
-    """
+    """Weigh the fits: what is missing, or why it cannot be told, and what else of a law's family fits."""
     from jointgap.campaign.tables_of_identification import family_frame, outcome_of
     from jointgap.identification.decide_by_features import with_feature_gains
     from jointgap.identification.law_family import with_families
@@ -383,16 +343,7 @@ def conclude(state: "CampaignState") -> None:
 
 @CAMPAIGN_STAGES.stage(reads=(*_of("verdict", OUTCOME_TABLES), GAPS, RESIDUALS))
 def track_campaign(state: "CampaignState", store: Path, published: Path) -> None:
-    """Publish a campaign's verdict, fits and figures to MLflow; nothing twice.
-
-    Parameters
-    ----------
-    state : CampaignState
-    store : Path
-        Of MLflow.
-    published : Path
-        JSON file to write: what was published.
-    """
+    """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
     from jointgap.campaign.mlflow_runs import DESCRIPTION, records
     from jointgap.track.publish import publish_records
 

@@ -28,16 +28,7 @@ def code_digest(function: Callable[..., Any]) -> str:
 
 
 def code_of(function: Callable[..., Any]) -> tuple[str, frozenset[str]]:
-    """The code that a function runs.
-
-    Returns
-    -------
-    own : str
-        Source of the function, and of what it uses of its own module.
-    modules : frozenset of str
-        All other modules of the package that this imports, directly or not, inside functions too (dotted, without
-        ``jointgap.``).
-    """
+    """The code that a function runs."""
     own = _used(ast.parse(source_of(function.__module__.removeprefix("jointgap.")).read_bytes()), function.__name__)
     return "\n".join(map(ast.unparse, own)), frozenset().union(*map(closure, _imported(own)))
 

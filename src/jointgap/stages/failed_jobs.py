@@ -47,12 +47,8 @@ class OneLineForAFailedJob(logging.Filter):
 
 
 def reason_in(log: Path) -> str:
-    """Why a job failed, by its log: what `jointgap` said of a mistake, else the last line; empty where there is none.
-
-    Parameters
-    ----------
-    log : Path
-        A job's log, which need not exist.
+    """Why a job failed, by its log: what `jointgap` said of a mistake, else the last line; empty where there is
+    none.
     """
     try:
         lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines()]

@@ -14,31 +14,14 @@ if TYPE_CHECKING:  # loads pydantic
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of a scenario or of a campaign.
+    """A stage of a scenario or of a campaign."""
 
-    Attributes
-    ----------
-    name : str
-        Of the subcommand, and of the folder of its results.
-    function : callable
-        Takes the folder of results (`jointgap.stages.scenario_results.ScenarioResults`) or the state of a campaign
-        (`jointgap.campaign.state.CampaignState`), then what the command line asks besides; returns what to show, or
-        nothing.
-    reads, writes : tuple of Table
-        Each with its place in the folder of results. ``{output}`` in a path stands for an output of a loose joint,
-        ``{part}`` for a part of the work; of what it reads, all of them.
-    files : tuple of str
-        What it writes besides tables, or the first of many files in a folder.
-    sections : tuple of str
-        The sections of a scenario that it depends on; a change in another one does not make it run again.
-    """
-
-    name: str
+    name: str  # Of the subcommand, and of the folder of its results
     function: Callable[..., str | None]
-    reads: tuple[Table, ...] = ()
-    writes: tuple[Table, ...] = ()
-    files: tuple[str, ...] = ()
-    sections: tuple[str, ...] = ()
+    reads: tuple[Table, ...] = ()  # Each with its place in the folder of results
+    writes: tuple[Table, ...] = ()  # Each with its place in the folder of results
+    files: tuple[str, ...] = ()  # What it writes besides tables, or the first of many files in a folder
+    sections: tuple[str, ...] = ()  # The sections of a scenario that it depends on
 
     @property
     def help(self) -> str:
@@ -74,14 +57,7 @@ class Stages(dict[str, Stage]):
         files: tuple[str, ...] = (),
         sections: tuple[str, ...] = (),
     ) -> Callable[[Callable[..., str | None]], Callable[..., str | None]]:
-        """A decorator that records a function as the next stage.
-
-        Parameters
-        ----------
-        reads, writes : tuple of Table
-        files, sections : tuple of str
-            As the attributes of `Stage`.
-        """
+        """A decorator that records a function as the next stage."""
 
         def record(function: Callable[..., str | None]) -> Callable[..., str | None]:
             name = function.__name__.replace("_", "-")

@@ -48,17 +48,7 @@ def page(
     studies: Mapping[str, ScenarioResults],
     folder: Path,
 ) -> Page:
-    """What came out of a run.
-
-    Parameters
-    ----------
-    scenarios, studies : mapping of str to ScenarioResults
-        By name; of a scenario of `studies` the maps of its study.
-    campaigns : sequence of str
-        Names.
-    folder : Path
-        In which the folders of results lie.
-    """
+    """What came out of a run."""
     verdicts = {name: verdict.read(_of_campaign(folder, name) / VERDICT) for name in campaigns}
     learned = {name: results for name, results in scenarios.items() if results.scenario.mechanism.applied().loose}
     table = None

@@ -17,17 +17,7 @@ CLEARANCE = "clearance"
 
 
 class ScenarioResults(ResultsFolder):
-    """Tables of one scenario, read from and written to their places.
-
-    Parameters
-    ----------
-    path : Path
-        ``results/{scenario}``.
-    scenario : Scenario
-        What the tables were made with; a trajectory that was not is refused.
-    places : mapping of str to Path, optional
-        Files of single tables that lie elsewhere, by the table's name.
-    """
+    """Tables of one scenario, read from and written to their places."""
 
     def __init__(self, path: Path, scenario: Scenario, places: Mapping[str, Path] | None = None):
         super().__init__(path, places)
@@ -36,11 +26,6 @@ class ScenarioResults(ResultsFolder):
     def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
         """The frame of `table`; where there is a file per output that of `part`, or all below each other with a column
         output.
-
-        Raises
-        ------
-        InputError
-            A file is missing or is not that table, or the trajectory is not the one that the options ask for.
         """
         table = tables.TABLES[table] if isinstance(table, str) else table
         if table == TRAJECTORY:
@@ -66,13 +51,7 @@ class ScenarioResults(ResultsFolder):
 
 
 def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
-    """What networks learn of a mechanism.
-
-    Raises
-    ------
-    InputError
-        All its joints are ideal.
-    """
+    """What networks learn of a mechanism."""
     outputs = tables.outputs(mechanism.applied().loose)
     if not outputs:
         raise InputError(
@@ -89,13 +68,7 @@ def parts_of(table: Table, mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
-    """The trajectory in the file `path`, which has to be the one that `scenario` asks for.
-
-    Raises
-    ------
-    InputError
-        As `jointgap.tables.read`, or the file was simulated with other samples, revolutions, start or speed.
-    """
+    """The trajectory in the file `path`, which has to be the one that `scenario` asks for."""
     frame, options = tables.read(TRAJECTORY, path), scenario.simulate
     if options.speed < 0:
         raise InputError(

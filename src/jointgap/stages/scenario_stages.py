@@ -97,13 +97,8 @@ def simulate(results: "ScenarioResults") -> None:
 
 @SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(FIT, FIT_HISTORY, FIT_ERRORS), sections=_LEARNING)
 def surrogate(results: "ScenarioResults", output: str) -> None:
-    """Train the networks of one output with Levenberg-Marquardt: the paper's, and a regularised one whose errors hold.
-
-    Parameters
-    ----------
-    results : ScenarioResults
-    output : str
-        Of a loose joint, as `jointgap.stages.scenario_results.outputs_of` names them.
+    """Train the networks of one output with Levenberg-Marquardt: the paper's, and a regularised one whose errors
+    hold.
     """
     import pandas as pd
 
@@ -201,16 +196,7 @@ _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
 
 @SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"))
 def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path | None = None) -> None:
-    """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each.
-
-    Parameters
-    ----------
-    results : ScenarioResults
-    names : sequence of str
-        Of the catalogue; empty for all.
-    folder : Path, optional
-        To draw into, instead of that of the results.
-    """
+    """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
     from jointgap.figures.catalogue import FIGURES, needed_tables
     from jointgap.figures.draw_figures import draw_all
     from jointgap.figures.figure_data import predictions
@@ -243,14 +229,7 @@ def explore(results: "ScenarioResults") -> None:
     sections=("description", *_OPTIMUM),
 )
 def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"]) -> None:
-    """Put every number and claim of the paper beside ours.
-
-    Parameters
-    ----------
-    results : ScenarioResults
-    siblings : mapping of str to ScenarioResults
-        Scenarios by name that differ in their loose joints alone.
-    """
+    """Put every number and claim of the paper beside ours."""
     from jointgap.paper.comparison import NEEDED
     from jointgap.paper.comparison import compare as compared
     from jointgap.paper.comparison_page import page
@@ -297,15 +276,7 @@ def summarise(results: "ScenarioResults") -> str:
     sections=("description", *_OPTIMUM),
 )
 def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
-    """Put the scenarios' optima side by side: frozen, simulated again, and what they assume.
-
-    Parameters
-    ----------
-    scenarios : mapping of str to ScenarioResults
-        By name.
-    folder : Path
-        To write into.
-    """
+    """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
     from jointgap.paper import scenario_overview
     from jointgap.report.page import to_html, to_markdown
 
@@ -327,19 +298,7 @@ def report(
     folder: Path,
     file: Path,
 ) -> None:
-    """Put what came out of a run on one page in one file, with its figures.
-
-    Parameters
-    ----------
-    scenarios, studies : mapping of str to ScenarioResults
-        By name; of those of `studies` the maps of clearance, speed and friction.
-    campaigns : sequence of str
-        Names.
-    folder : Path
-        In which the folders of results lie.
-    file : Path
-        To write.
-    """
+    """Put what came out of a run on one page in one file, with its figures."""
     from jointgap.report.page import to_html
     from jointgap.stages.report_page import page
 
@@ -348,18 +307,7 @@ def report(
 
 @SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
 def track(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
-    """Publish a scenario's tables and figures to MLflow; nothing twice.
-
-    Parameters
-    ----------
-    results : ScenarioResults
-    name : str
-        Of the scenario.
-    store : Path
-        Of MLflow.
-    published : Path
-        JSON file to write: what was published.
-    """
+    """Publish a scenario's tables and figures to MLflow; nothing twice."""
     from jointgap.errors import InputError
     from jointgap.track.publish import publish
 
@@ -374,18 +322,7 @@ def track(results: "ScenarioResults", name: str, store: Path, published: Path) -
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "study"))
 def study_points(scenario: "Scenario", first: int, number: int, points: Path, workers: int | None) -> None:
-    """Simulate some points of the study, for `jointgap study --points`.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    first, number : int
-        First point, counted from 0, and how many.
-    points : Path
-        File to write: table `jointgap.tables.STUDY`.
-    workers : int, optional
-        Processes.
-    """
+    """Simulate some points of the study, for `jointgap study --points`."""
     from jointgap.ensembles.study_points import simulate_points
 
     tables.check_writable(points)
@@ -409,16 +346,6 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
         friction: [0, 0.1]
       END
       jointgap study --options mine.yaml --folder results/mine
-
-    Parameters
-    ----------
-    scenario : Scenario
-    folder : Path
-        To write into.
-    parts : sequence of Path
-        Files of `study_points` to join; the points are simulated where there are none.
-    workers : int, optional
-        Processes.
     """
     from jointgap.ensembles.study_figures import draw_study
     from jointgap.ensembles.study_page import page
@@ -440,18 +367,7 @@ def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: in
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
 def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, workers: int | None) -> None:
-    """Simulate and measure some designs of the sweep, for `jointgap sweep`; those that the file holds are kept.
-
-    Parameters
-    ----------
-    scenario : Scenario
-    first, number : int
-        First design, counted from 0, and how many.
-    designs : Path
-        File to write: table `jointgap.tables.sweep_designs`. What this code has measured of the same sweep is kept.
-    workers : int, optional
-        Threads.
-    """
+    """Simulate and measure some designs of the sweep, for `jointgap sweep`; those that the file holds are kept."""
     from jointgap.designs.design_of_experiments import designs_of
     from jointgap.designs.designs_to_parquet import write_designs
 
@@ -479,14 +395,6 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
           crank_length: {distribution: normal, mean: 150 mm, deviation: 0.05 mm}
       END
       jointgap sweep --options mine.yaml --folder results/mine
-
-    Parameters
-    ----------
-    scenario : Scenario
-    folder : Path
-        To write into.
-    workers : int, optional
-        Threads.
     """
     from jointgap.designs.design_of_experiments import designs_of
     from jointgap.designs.designs_to_parquet import write_dataset
@@ -518,14 +426,6 @@ def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
     Example:
       jointgap sweep --options mine.yaml --folder results/mine/sweep
       jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder results/mine/sensitivity
-
-    Parameters
-    ----------
-    scenario : Scenario
-    designs : Path
-        Folder of the sweep's designs.
-    folder : Path
-        To write into.
     """
     from jointgap.config.sensitivity_config import Sensitivity
     from jointgap.designs.design_of_experiments import designs_of
@@ -561,16 +461,8 @@ def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
         parameters: {friction: {from: 0, to: 0.3}, window_start: {from: 0 deg, to: 90 deg}}
       END
       jointgap sweep --options mine.yaml --folder results/mine/sweep
-      jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \\
+      jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \
         --folder results/mine/infer_settings
-
-    Parameters
-    ----------
-    scenario : Scenario
-    designs : Path
-        Folder of the sweep's designs.
-    folder : Path
-        To write into.
     """
     from jointgap.designs.design_of_experiments import designs_of
     from jointgap.designs.designs_to_parquet import check_dataset
@@ -609,12 +501,6 @@ def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
           crank_length: {distribution: normal, mean: 0 mm, deviation: 0.05 mm}
       END
       jointgap optimise-robust --options mine.yaml --results results/mine
-
-    Parameters
-    ----------
-    results : ScenarioResults
-    workers : int, optional
-        Threads.
     """
     from jointgap.figures import style
     from jointgap.report.page import to_html, to_markdown
@@ -662,12 +548,6 @@ def design_networks(results: "ScenarioResults", workers: int | None) -> str:
           friction: {from: 0.02, to: 0.2}
       END
       jointgap design-networks --options mine.yaml --results results/mine
-
-    Parameters
-    ----------
-    results : ScenarioResults
-    workers : int, optional
-        Threads.
     """
     from jointgap.design_networks.design_networks import design_networks as trained
     from jointgap.design_networks.networks_figures import NAME, draw_errors
@@ -718,12 +598,6 @@ def compare_searches(results: "ScenarioResults", workers: int | None) -> str:
       compare_searches: {optima: 4, budgets: [0.5 s], repetitions: 2, held_out: 64}
       END
       jointgap compare-searches --options mine.yaml --results results/mine
-
-    Parameters
-    ----------
-    results : ScenarioResults
-    workers : int, optional
-        Threads.
     """
     from jointgap.config.networks_config import CompareSearches
     from jointgap.figures import style
@@ -774,16 +648,6 @@ def track_sweep(results: "ScenarioResults", name: str, store: Path, published: P
 
     That is its sweep, what decides, the settings that the paper did not print, robust lengths, networks that know the
     design, and the comparison of searches: those of them that its options ask for.
-
-    Parameters
-    ----------
-    results : ScenarioResults
-    name : str
-        Of the scenario.
-    store : Path
-        Of MLflow.
-    published : Path
-        JSON file to write: what was published.
     """
     from jointgap.track.publish import publish_records
     from jointgap.track.sweep_runs import sweep_record

@@ -23,18 +23,7 @@ _LEGEND = (
 
 
 def verdict_lines(folder: Path) -> list[str]:
-    """The verdict of a campaign: the answer, sizes with their intervals, the gap on held-out data, and the page.
-
-    Parameters
-    ----------
-    folder : Path
-        The campaign's folder of results.
-
-    Raises
-    ------
-    InputError
-        There is no verdict.
-    """
+    """The verdict of a campaign: the answer, sizes with their intervals, the gap on held-out data, and the page."""
     content = verdict.read(folder / VERDICT)
     told = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
     return [
@@ -64,13 +53,6 @@ def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
 
     The numbers are those of ``summary.json``, which the scenarios' pages have too. Scenarios without that file are left
     out; empty where there is none.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Scenarios that were summarised.
-    results : Path
-        Folder of the scenarios' folders.
     """
     paths = {name: results / name / SUMMARY for name in names}
     known = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items() if path.is_file()}

@@ -201,12 +201,6 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     Of all lengths that were found on the several descriptions of the motion, those with the smallest error simulated
     again are taken: over a whole settled revolution, or over the window where the scenario asks for one. Where others
     come within 1 % of that error, those are taken that differ least from one's own.
-
-    Parameters
-    ----------
-    frames : mapping of str to DataFrame
-        The tables `NEEDED`, by name.
-    scenario : Scenario
     """
     first, last = scenario.optimise.window
     stretch = "settled" if last - first >= _WHOLE_TURN else "window"
@@ -272,14 +266,6 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
 
 
 def ideal_swing(lengths: tuple[float, float], offset: float) -> tuple[float, float]:
-    """Smallest and largest transmission angle without clearance over a turn [rad].
-
-    Parameters
-    ----------
-    lengths : tuple of float
-        Crank and rod length [m].
-    offset : float
-        Of the slide [m].
-    """
+    """Smallest and largest transmission angle without clearance over a turn [rad]."""
     crank, rod = lengths
     return tuple(math.pi / 2 + float(np.arcsin((offset + side * crank) / rod)) for side in (-1, 1))

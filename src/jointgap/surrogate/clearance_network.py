@@ -28,35 +28,16 @@ SETTLING = np.radians(6.0)  # about where the first impact comes; any width of t
 
 @dataclass(frozen=True)
 class ClearanceNetwork:
-    """Clearance vector of one joint as a function of the crank angle.
+    """Clearance vector of one joint as a function of the crank angle."""
 
-    Attributes
-    ----------
-    joint : int
-        1 crank pivot, 2 crank pin, 3 piston pin.
-    layer : Layer
-        Neurons over the crank angle [rad].
-    weights : ndarray of complex, shape (H,)
-        Output weights of the neurons, x + i y [m].
-    bias : complex
-    start_angle : float
-        Crank angle at the start [rad].
-    settling : float
-        Width of the factor s [rad]; infinite where s is 1.
-    speed : CrankSpeed
-        Speed of the crank over its angle.
-    turns : int
-        Whole turns to add to gamma, so that it continues the simulation's.
-    """
-
-    joint: int
-    layer: Layer
-    weights: np.ndarray
+    joint: int  # 1 crank pivot, 2 crank pin, 3 piston pin
+    layer: Layer  # Neurons over the crank angle [rad]
+    weights: np.ndarray  # shape (H,); output weights of the neurons, x + i y [m]
     bias: complex
-    start_angle: float
-    settling: float
-    speed: CrankSpeed
-    turns: int = 0
+    start_angle: float  # Crank angle at the start [rad]
+    settling: float  # Width of the factor s [rad]; infinite where s is 1
+    speed: CrankSpeed  # Speed of the crank over its angle
+    turns: int = 0  # Whole turns to add to gamma, so that it continues the simulation's
 
     def __post_init__(self):
         object.__setattr__(self, "_basis_weights", self.layer.from_tansig(self.weights, self.bias))
@@ -67,15 +48,7 @@ class ClearanceNetwork:
         object.__setattr__(self, "_gamma", (grid, gamma))
 
     def vector(self, crank_angle: np.ndarray, orders: int = DERIVATIVES + 1) -> list[np.ndarray]:
-        """w and its derivatives by the crank angle, complex arrays of shape (n,) for angles of shape (n,).
-
-        Parameters
-        ----------
-        crank_angle : ndarray, shape (n,)
-            [rad].
-        orders : int
-            How many: value, first, second, third derivative.
-        """
+        """w and its derivatives by the crank angle, complex arrays of shape (n,) for angles of shape (n,)."""
         order = np.argsort(crank_angle, kind="stable")
         derivatives = [np.empty(len(crank_angle), complex) for _ in range(orders)]
         for block in self.layer.blocks(crank_angle[order], orders):
@@ -103,19 +76,8 @@ class ClearanceNetwork:
         return r, [gamma, q1.imag, q2.imag, q3.imag]
 
     def output(self, name: str, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """One of the joint's four outputs and its derivative by the crank angle, in SI, of the shape of `crank_angle`.
-
-        Parameters
-        ----------
-        name : str
-            Column of the trajectory.
-        crank_angle : array_like
-            [rad].
-
-        Raises
-        ------
-        ValueError
-            The output belongs to another joint or is none.
+        """One of the joint's four outputs and its derivative by the crank angle, in SI, of the shape of
+        `crank_angle`.
         """
         names = {f"r{self.joint}": 0, **{f"gamma{self.joint}{dots}": n for n, dots in enumerate(("", "_dot", "_ddot"))}}
         if name not in names:
@@ -156,13 +118,7 @@ class ClearanceNetwork:
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, joint: int, speed: CrankSpeed | None = None) -> "ClearanceNetwork":
-        """The network of a joint from the long form; `speed` is needed where it is not constant.
-
-        Raises
-        ------
-        ValueError
-            The frame holds no network of this joint.
-        """
+        """The network of a joint from the long form; `speed` is needed where it is not constant."""
         rows = frame[frame["joint"] == joint]
         neurons, bias = rows[rows["neuron"] != BIAS].sort_values("neuron"), rows[rows["neuron"] == BIAS]
         if neurons.empty or len(bias) != 1:
@@ -181,14 +137,8 @@ class ClearanceNetwork:
 
 
 def start_factor(crank_angle: np.ndarray, start_angle: float, settling: float) -> list[np.ndarray]:
-    """s = tanh^2((angle - start) / settling), its three derivatives by the angle; 1, 0, 0, 0 if settling is infinite.
-
-    Parameters
-    ----------
-    crank_angle : ndarray, shape (n,)
-        [rad].
-    start_angle, settling : float
-        [rad].
+    """s = tanh^2((angle - start) / settling), its three derivatives by the angle; 1, 0, 0, 0 if settling is
+    infinite.
     """
     if np.isinf(settling):
         return [np.full(len(crank_angle), value) for value in (1.0, 0.0, 0.0, 0.0)]

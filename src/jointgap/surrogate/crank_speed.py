@@ -9,19 +9,11 @@ from scipy.interpolate import CubicHermiteSpline
 
 @dataclass(frozen=True)
 class CrankSpeed:
-    """Speed of the crank as a smooth function of its angle.
+    """Speed of the crank as a smooth function of its angle."""
 
-    Attributes
-    ----------
-    angle : ndarray, shape (n,)
-        Crank angles [rad], rising.
-    speed, slope : ndarray, shape (n,)
-        Speed there [rad/s] and its derivative by the angle [1/s].
-    """
-
-    angle: np.ndarray
-    speed: np.ndarray
-    slope: np.ndarray
+    angle: np.ndarray  # shape (n,); crank angles [rad], rising
+    speed: np.ndarray  # shape (n,); speed there [rad/s] and its derivative by the angle [1/s]
+    slope: np.ndarray  # shape (n,); speed there [rad/s] and its derivative by the angle [1/s]
 
     @classmethod
     def constant(cls, speed: float) -> "CrankSpeed":

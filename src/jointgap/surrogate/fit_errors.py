@@ -41,13 +41,7 @@ class Points:
 
     @classmethod
     def of(cls, crank_angle: np.ndarray, values: np.ndarray) -> "Points":
-        """Points of the samples that are defined.
-
-        Parameters
-        ----------
-        crank_angle, values : ndarray, shape (n,)
-            [rad], SI; NaN where undefined.
-        """
+        """Points of the samples that are defined."""
         defined = np.isfinite(values)
         return cls(crank_angle[defined], values[defined], int(np.sum(~defined)))
 
@@ -63,21 +57,7 @@ class Grid:
 
     @classmethod
     def of(cls, trajectory: pd.DataFrame, output: str, training_points: int) -> "Grid":
-        """Every k-th sample of the first revolution trains, both ends included; all the others are held out.
-
-        Parameters
-        ----------
-        trajectory : DataFrame
-            Columns crank_angle [rad], evenly spaced, and `output`.
-        output : str
-        training_points : int
-            361 in the paper: one per degree.
-
-        Raises
-        ------
-        InputError
-            The samples of a revolution are no multiple of the training intervals, or none would be held out.
-        """
+        """Every k-th sample of the first revolution trains, both ends included; all the others are held out."""
         angle = trajectory["crank_angle"].to_numpy()
         first = angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)
         angle, values = angle[first], trajectory[output].to_numpy()[first]
@@ -115,18 +95,7 @@ class Trained:
 def error_rows(
     grid: Grid, predict: Callable[[np.ndarray], np.ndarray], trained: Trained, training: Points | None = None
 ) -> list[dict[str, object]]:
-    """Rows of the table fit_errors: one per region.
-
-    Parameters
-    ----------
-    grid : Grid
-        Its training points give the range by which all errors are scaled; its held-out samples are predicted.
-    predict : callable
-        Crank angles (n,) [rad] to the output (n,) in SI.
-    trained : Trained
-    training : Points, optional
-        Where the model was trained, if not at the grid's training points. The spline goes through the same points.
-    """
+    """Rows of the table fit_errors: one per region."""
     scale = Scaling.of(grid.training.values)
     training = training or grid.training
     spline = CubicSpline(training.crank_angle, training.values)

@@ -44,66 +44,30 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Settings:
-    """When to stop, and the start of the damping.
+    """When to stop, and the start of the damping."""
 
-    Attributes
-    ----------
-    iterations : int
-        Solutions of the damped system at most, refused steps included.
-    minimum_gradient : float
-        Stop when the norm of the gradient of the mean square error is this small (trainlm's default).
-    largest_damping : float
-        Stop when the damping exceeds this.
-    stall_iterations, stall_gain : int, float
-        Stop when this many iterations lowered the mean square error by less than this share.
-    exact_error : float
-        Stop when the root mean square error is this small (data scaled to [0, 1]).
-    initial_damping : float
-        Damping to start with, relative to the mean diagonal element of J^T J.
-    largest_bend : float
-        Refuse a step whose bend 2|a|/|v| is larger than this (Transtrum and Sethna's alpha).
-    milestone : float
-        Keep the parameters of the first iteration whose mean square error is this small or smaller; training goes on.
-    snapshots : tuple of int
-        Keep the parameters after these numbers of iterations.
-    """
-
-    iterations: int = 20_000
+    iterations: int = 20_000  # Solutions of the damped system at most, refused steps included
     minimum_gradient: float = 1e-7
-    largest_damping: float = 1e10
-    stall_iterations: int = 1000
-    stall_gain: float = 1e-3
-    exact_error: float = 1e-14
-    initial_damping: float = 1e-3
-    largest_bend: float = 0.75
+    largest_damping: float = 1e10  # Stop when the damping exceeds this
+    stall_iterations: int = 1000  # Stop when this many iterations lowered the mean square error by less than this share
+    stall_gain: float = 1e-3  # Stop when this many iterations lowered the mean square error by less than this share
+    exact_error: float = 1e-14  # Stop when the root mean square error is this small (data scaled to [0, 1])
+    initial_damping: float = 1e-3  # Damping to start with, relative to the mean diagonal element of J^T J
+    largest_bend: float = 0.75  # Refuse a step whose bend 2|a|/|v| is larger than this (Transtrum and Sethna's alpha)
     milestone: float = 0.0
-    snapshots: tuple[int, ...] = ()
+    snapshots: tuple[int, ...] = ()  # Keep the parameters after these numbers of iterations
 
 
 @dataclass(frozen=True)
 class Result:
-    """One trained member.
+    """One trained member."""
 
-    Attributes
-    ----------
-    parameters : ndarray, shape (P,)
-    errors : ndarray, shape (iterations + 1,)
-        Mean square error at the start and after every iteration.
-    status : Status
-    gradient : float
-        Norm of the gradient of the mean square error at the end.
-    milestone : int or None
-        Iterations to the milestone; None if it was not reached.
-    kept : dict of int to ndarray, shape (P,)
-        Parameters by iterations done: at the milestone and the snapshots that were reached.
-    """
-
-    parameters: np.ndarray
-    errors: np.ndarray
+    parameters: np.ndarray  # shape (P,)
+    errors: np.ndarray  # shape (iterations + 1,); mean square error at the start and after every iteration
     status: Status
-    gradient: float
-    milestone: int | None
-    kept: dict[int, np.ndarray]
+    gradient: float  # Norm of the gradient of the mean square error at the end
+    milestone: int | None  # Iterations to the milestone; None if it was not reached
+    kept: dict[int, np.ndarray]  # shape (P,); parameters by iterations done
 
     @property
     def iterations(self) -> int:
@@ -111,27 +75,7 @@ class Result:
 
 
 def minimise(model: Model, targets: np.ndarray, start: np.ndarray, settings: Settings = Settings()) -> list[Result]:
-    """Least squares from every row of `start`, all in one batch.
-
-    Parameters
-    ----------
-    model : Model
-    targets : ndarray, shape (N,)
-        What the outputs should be.
-    start : ndarray, shape (B, P)
-        Parameters to start from, one row a member.
-    settings : Settings
-
-    Returns
-    -------
-    list of Result
-        One per row of `start`, in its order. Each is the same, to the last bit, as if it had been alone.
-
-    Raises
-    ------
-    ValueError
-        Targets or the outputs at the start are not finite.
-    """
+    """Least squares from every row of `start`, all in one batch."""
     if not np.isfinite(targets).all():
         raise ValueError("the targets hold values that are not finite; leave gaps out")
     target = torch.as_tensor(targets, dtype=torch.float64)
@@ -301,14 +245,7 @@ class _Dual(_Damped):
         self._spare = np.zeros_like(self._factor)
 
     def form(self, evaluation: Evaluation, index: int) -> float:
-        """Form J J^T and return its trace.
-
-        Parameters
-        ----------
-        evaluation : Evaluation
-        index : int
-            Member of the batch.
-        """
+        """Form J J^T and return its trace."""
         evaluation.products_of_rows(index, self._matrix, (self._factor, self._spare))
         return float(self._matrix[self._diagonal].sum())
 
@@ -317,13 +254,7 @@ class _Dual(_Damped):
 
     @staticmethod
     def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
-        """The step v = J^T u, shape (B, P).
-
-        Parameters
-        ----------
-        evaluation : Evaluation
-        solutions : Tensor, shape (B, N)
-        """
+        """The step v = J^T u, shape (B, P)."""
         return evaluation.pull_back(solutions)
 
 
@@ -334,14 +265,7 @@ class _Primal(_Damped):
         super().__init__(model.size)
 
     def form(self, evaluation: Evaluation, index: int) -> float:
-        """Form J^T J and return its trace.
-
-        Parameters
-        ----------
-        evaluation : Evaluation
-        index : int
-            Member of the batch.
-        """
+        """Form J^T J and return its trace."""
         self._jacobian = evaluation.jacobian()[index].numpy()
         self._matrix[...] = self._jacobian.T @ self._jacobian
         return float(self._matrix[self._diagonal].sum())
@@ -351,11 +275,5 @@ class _Primal(_Damped):
 
     @staticmethod
     def expand(evaluation: Evaluation, solutions: torch.Tensor) -> torch.Tensor:
-        """The step v: the solutions themselves, shape (B, P).
-
-        Parameters
-        ----------
-        evaluation : Evaluation
-        solutions : Tensor, shape (B, P)
-        """
+        """The step v: the solutions themselves, shape (B, P)."""
         return solutions

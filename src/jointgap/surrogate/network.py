@@ -18,15 +18,9 @@ BIAS = -1  # `source` of a bias in the long form
 
 @dataclass(frozen=True)
 class Layout:
-    """Sizes of a network with one input and one output.
+    """Sizes of a network with one input and one output."""
 
-    Attributes
-    ----------
-    hidden : tuple of int
-        Neurons of each hidden layer; the paper's are (10, 10, 10, 10).
-    """
-
-    hidden: tuple[int, ...]
+    hidden: tuple[int, ...]  # Neurons of each hidden layer; the paper's are (10, 10, 10, 10)
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
@@ -58,22 +52,6 @@ def activations_and_outputs(
 
     A single network or a batch of them, in numpy or with the products of another library: its arrays must be readable
     as numpy arrays without a copy.
-
-    Parameters
-    ----------
-    matrices : list of arrays, shapes (..., neurons, sources + 1)
-        As `Layout.split` gives them.
-    inputs : array, shape (..., 2, N)
-        Scaled inputs above a row of ones.
-    multiply : callable
-        Product of a layer's matrix and the activations before it.
-
-    Returns
-    -------
-    list of ndarray, shapes (..., neurons + 1, N)
-        Inputs, then each hidden layer; the last row is ones, so that a bias is a weight like the others.
-    ndarray, shape (..., N)
-        Scaled outputs.
     """
     activations = [np.asarray(inputs)]
     for matrix in matrices[:-1]:
@@ -102,13 +80,7 @@ class Scaling:
 
     @classmethod
     def of(cls, values: ArrayLike) -> "Scaling":
-        """Scaling by the range of `values`.
-
-        Raises
-        ------
-        ValueError
-            The values are all the same, so that there is no range to scale by.
-        """
+        """Scaling by the range of `values`."""
         low, high = float(np.min(values)), float(np.max(values))
         if not high > low:
             raise ValueError(f"all values are {low:g}: there is no range to scale by")
@@ -136,14 +108,6 @@ def nguyen_widrow(layout: Layout, seed: int, input_range: tuple[float, float] = 
     [-1, 1]. That is the range of tansig, hence of every layer but the first; the first layer's weights and biases are
     transformed for inputs in `input_range`, so that it covers exactly the range of the data. The linear output starts
     with weights and bias uniform in [-1, 1]. All this is what MATLAB's initnw does.
-
-    Parameters
-    ----------
-    layout : Layout
-    seed : int
-        Seed of all random numbers drawn here.
-    input_range : (float, float)
-        Lowest and highest input; the data are scaled to [0, 1].
     """
     random = np.random.default_rng(seed)
     matrices = []
@@ -165,20 +129,12 @@ def nguyen_widrow(layout: Layout, seed: int, input_range: tuple[float, float] = 
 
 @dataclass(frozen=True)
 class Network:
-    """A trained network from crank angle [rad] to one output in its SI unit.
-
-    Attributes
-    ----------
-    layout : Layout
-    parameters : ndarray, shape (layout.size,)
-    input, output : Scaling
-        Scaling of the crank angle and of the output.
-    """
+    """A trained network from crank angle [rad] to one output in its SI unit."""
 
     layout: Layout
-    parameters: np.ndarray
-    input: Scaling
-    output: Scaling
+    parameters: np.ndarray  # shape (layout.size,)
+    input: Scaling  # Scaling of the crank angle and of the output
+    output: Scaling  # Scaling of the crank angle and of the output
 
     def values(self, crank_angle: ArrayLike) -> np.ndarray:
         """The output at crank angles of any shape [rad], in its SI unit; same shape."""
@@ -201,15 +157,7 @@ class Network:
         return self.output.expand(outputs).reshape(angle.shape), slope.reshape(angle.shape)
 
     def to_frame(self, seed: int, model: str = "network") -> pd.DataFrame:
-        """Long form, one row per weight: the columns of the table `fit`.
-
-        Parameters
-        ----------
-        seed : int
-            Of the start.
-        model : str
-            Which recipe made the network.
-        """
+        """Long form, one row per weight: the columns of the table `fit`."""
         rows = []
         for layer, (neurons, columns) in enumerate(self.layout.shapes):
             sources = [*range(columns - 1), BIAS]
@@ -226,22 +174,7 @@ class Network:
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, seed: int | None = None, model: str = "network") -> "Network":
-        """The network in a long form, whatever the order of its rows.
-
-        Parameters
-        ----------
-        frame : DataFrame
-            Columns of the table `fit`.
-        seed : int, optional
-            Which of the networks in the frame; the first row's when absent (the default seed is written first).
-        model : str
-            Which recipe's.
-
-        Raises
-        ------
-        ValueError
-            The frame holds no network of this seed, or weights are missing or doubled.
-        """
+        """The network in a long form, whatever the order of its rows."""
         frame = frame[frame["model"] == model]
         if frame.empty:
             raise ValueError(f"no {model} in the table")

@@ -54,14 +54,7 @@ class Model(Protocol):
 
 
 class NetworkModel:
-    """The outputs of networks as a function of their parameters.
-
-    Parameters
-    ----------
-    layout : Layout
-    inputs : ndarray, shape (N,)
-        Scaled inputs.
-    """
+    """The outputs of networks as a function of their parameters."""
 
     def __init__(self, layout: Layout, inputs: np.ndarray):
         self.layout = layout
@@ -83,12 +76,7 @@ class NetworkModel:
 
 
 class NetworkEvaluation:
-    """Networks at one point of their parameter space: outputs, and derivatives on demand.
-
-    Attributes
-    ----------
-    outputs : Tensor, shape (B, N)
-    """
+    """Networks at one point of their parameter space: outputs, and derivatives on demand."""
 
     def __init__(self, layout: Layout, parameters: torch.Tensor, inputs: torch.Tensor):
         self._layout = layout
@@ -112,13 +100,7 @@ class NetworkEvaluation:
         return chosen
 
     def replaced(self, other: "NetworkEvaluation", members: torch.Tensor) -> "NetworkEvaluation":
-        """This evaluation with the members of a mask (B,) taken from another one.
-
-        Parameters
-        ----------
-        other : NetworkEvaluation
-        members : Tensor of bool, shape (B,)
-        """
+        """This evaluation with the members of a mask (B,) taken from another one."""
         if members.all():
             return other
         merged = object.__new__(NetworkEvaluation)
@@ -165,14 +147,6 @@ class NetworkEvaluation:
         A row of J is, layer by layer, the outer product of sensitivities and activations, so the scalar product of
         two rows is the sum over layers of (product of the sensitivities) times (product of the activations):
         Hadamard products of matrices of rank 10 and 11. That costs a third of multiplying J by its transpose.
-
-        Parameters
-        ----------
-        member : int
-        out : ndarray, shape (N, N), Fortran order
-            Filled with J J^T in its lower triangle; the upper one keeps what it had.
-        work : two ndarrays like `out`
-            Overwritten. Memory that is new every time would cost as much as the products.
         """
         total = torch.from_numpy(out.T)  # the same memory, row by row
         left, right = work

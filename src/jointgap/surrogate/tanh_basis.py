@@ -22,15 +22,7 @@ DERIVATIVES = 3
 
 @dataclass(frozen=True)
 class Block:
-    """Points that see the same basis functions.
-
-    Attributes
-    ----------
-    points : slice
-    functions : slice
-    values : list of ndarray, shape (points, functions)
-        The basis functions' values and derivatives by x, orders 0, 1, 2, ...
-    """
+    """Points that see the same basis functions."""
 
     points: slice
     functions: slice
@@ -39,18 +31,10 @@ class Block:
 
 @dataclass(frozen=True)
 class Layer:
-    """Places of the neurons.
+    """Places of the neurons."""
 
-    Attributes
-    ----------
-    centres : ndarray, shape (H,)
-        Where each neuron's sum is 0, rising.
-    widths : ndarray, shape (H,)
-        Inverse of each neuron's input weight.
-    """
-
-    centres: np.ndarray
-    widths: np.ndarray
+    centres: np.ndarray  # shape (H,); where each neuron's sum is 0, rising
+    widths: np.ndarray  # shape (H,); inverse of each neuron's input weight
 
     @property
     def functions(self) -> int:
@@ -68,15 +52,7 @@ class Layer:
         return np.diff(basis_weights) / 2.0, (basis_weights[0] + basis_weights[-1]) / 2.0
 
     def blocks(self, points: np.ndarray, orders: int) -> Iterator[Block]:
-        """Rising points cut into blocks, each with the basis functions that are not zero there.
-
-        Parameters
-        ----------
-        points : ndarray, shape (n,)
-            In rising order.
-        orders : int
-            How many of value, first, second and third derivative.
-        """
+        """Rising points cut into blocks, each with the basis functions that are not zero there."""
         begins = np.concatenate([[-np.inf], self.centres - REACH * self.widths])
         ends = np.concatenate([self.centres + REACH * self.widths, [np.inf]])
         begins = np.minimum.accumulate(begins[::-1])[::-1]

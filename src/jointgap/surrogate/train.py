@@ -23,23 +23,12 @@ SNAPSHOTS = tuple(sorted({round(10 ** (n / 4)) for n in range(4, 25)}))
 
 @dataclass(frozen=True)
 class Fit:
-    """The networks trained for one output, the default seed first.
-
-    Attributes
-    ----------
-    output : str
-    networks : dict of int to Network
-        By seed.
-    results : dict of int to Result
-        By seed: errors per iteration, status.
-    grid : Grid
-        Training points and samples held out.
-    """
+    """The networks trained for one output, the default seed first."""
 
     output: str
-    networks: dict[int, Network]
-    results: dict[int, Result]
-    grid: Grid
+    networks: dict[int, Network]  # By seed
+    results: dict[int, Result]  # By seed: errors per iteration, status
+    grid: Grid  # Training points and samples held out
 
     @property
     def default(self) -> Network:
@@ -91,28 +80,7 @@ class Fit:
 
 
 def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> Fit:
-    """Train the network of one output from every seed.
-
-    Parameters
-    ----------
-    trajectory : DataFrame
-        Columns crank_angle [rad], evenly spaced over at least one revolution, and `output`; undefined values are NaN,
-        left out and counted.
-    output : str
-        One of `jointgap.tables.outputs` of the loose joints.
-    options : Surrogate
-        Layers, training points, seeds and iterations.
-
-    Returns
-    -------
-    Fit
-        The same to the last bit for the same input and versions of the numerical libraries.
-
-    Raises
-    ------
-    InputError
-        The training points are not among the samples.
-    """
+    """Train the network of one output from every seed."""
     torch.set_num_threads(1)  # the matrices are small, and several outputs train side by side
     grid = Grid.of(trajectory, output, options.training_points)
     layout = Layout(options.hidden)

@@ -36,22 +36,12 @@ PASSES = 2
 
 @dataclass(frozen=True)
 class JointFit:
-    """The network of one joint and how it came about.
-
-    Attributes
-    ----------
-    network : ClearanceNetwork
-    samples : Samples
-    rounds : int
-        Linear problems solved.
-    stop : str
-        Why no more neurons were added.
-    """
+    """The network of one joint and how it came about."""
 
     network: ClearanceNetwork
     samples: Samples
-    rounds: int
-    stop: str
+    rounds: int  # Linear problems solved
+    stop: str  # Why no more neurons were added
 
 
 @dataclass(frozen=True)
@@ -87,24 +77,7 @@ class ClearanceFit:
 def train_clearance(
     trajectory: pd.DataFrame, fine: pd.DataFrame, options: Surrogate, loose: Iterable[str]
 ) -> ClearanceFit:
-    """Train the second surrogate.
-
-    Parameters
-    ----------
-    trajectory : DataFrame
-        The simulation's table; its samples are held out.
-    fine : DataFrame
-        The first revolution of the same motion, with a multiple of the samples.
-    options : Surrogate
-        Training points of the paper's networks: their range scales the errors.
-    loose : iterable of str
-        Names of the loose joints.
-
-    Raises
-    ------
-    InputError
-        `fine` does not fit the trajectory.
-    """
+    """Train the second surrogate."""
     start, speed, joints = float(fine["crank_angle"].iloc[0]), CrankSpeed.of(trajectory), {}
     for joint in (JOINT_NUMBERS[name] for name in loose):
         samples = Samples.of(trajectory, fine, joint, options.training_points)
@@ -115,18 +88,7 @@ def train_clearance(
 
 
 def grow(samples: Samples, joint: int, start_angle: float, speed: CrankSpeed, settling: float) -> JointFit:
-    """Train the network of one joint, adding neurons.
-
-    Parameters
-    ----------
-    samples : Samples
-    joint : int
-    start_angle : float
-        Of the crank [rad].
-    speed : CrankSpeed
-    settling : float
-        Width of the factor s [rad]; infinite for a motion that does not start with r = 0.
-    """
+    """Train the network of one joint, adding neurons."""
     angle = samples.crank_angle
     centres = np.arange(angle[0] - MARGIN * FIRST_DISTANCE, angle[-1] + MARGIN * FIRST_DISTANCE, FIRST_DISTANCE)
     for round_ in range(1, ROUNDS + 1):

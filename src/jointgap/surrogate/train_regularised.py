@@ -34,28 +34,14 @@ EVIDENCE_PASSES = 5
 
 @dataclass(frozen=True)
 class RegularisedFit:
-    """The regularised network of one output.
+    """The regularised network of one output."""
 
-    Attributes
-    ----------
-    seed : int
-        The default one; it decides which samples are held out.
-    network : Network
-    grid : Grid
-        The paper's training points, whose range scales all errors, and the samples held out from this network.
-    training : Points
-    parameters : list of ndarray, shape (P,)
-        Of the network, at the start and after every iteration.
-    stop : str
-        Why training stopped.
-    """
-
-    seed: int
+    seed: int  # The default one; it decides which samples are held out
     network: Network
-    grid: Grid
+    grid: Grid  # The paper's training points, whose range scales all errors, and the samples held out from this network
     training: Points
-    parameters: list[np.ndarray]
-    stop: str
+    parameters: list[np.ndarray]  # shape (P,); of the network, at the start and after every iteration
+    stop: str  # Why training stopped
 
     def weights(self) -> pd.DataFrame:
         """Frame of the table fit."""
@@ -79,30 +65,7 @@ class RegularisedFit:
 
 
 def train_regularised(trajectory: pd.DataFrame, fine: pd.DataFrame, output: str, options: Surrogate) -> RegularisedFit:
-    """Train the regularised network of one output.
-
-    Parameters
-    ----------
-    trajectory : DataFrame
-        As for `jointgap.surrogate.train.train`.
-    fine : DataFrame
-        The same motion over the first revolution, with a multiple of the samples.
-    output : str
-        One of `jointgap.tables.outputs` of the loose joints.
-    options : Surrogate
-        Neurons and iterations of this network, and the default seed; the paper's training points give the range that
-        scales all errors.
-
-    Returns
-    -------
-    RegularisedFit
-        The same to the last bit for the same input and versions of the numerical libraries.
-
-    Raises
-    ------
-    InputError
-        The training points are not among the samples.
-    """
+    """Train the regularised network of one output."""
     torch.set_num_threads(1)
     grid = Grid.of(trajectory, output, options.training_points)
     scale = Scaling.of(grid.training.values)

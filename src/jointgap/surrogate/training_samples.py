@@ -25,39 +25,19 @@ MISSED = 0.3  # error of the interpolation, in errors allowed, that makes a samp
 
 
 def column(kind: str, joint: int) -> str:
-    """Column of the trajectory: r_dot of joint 2 is r2_dot.
-
-    Parameters
-    ----------
-    kind : str
-        r, r_dot, gamma ...
-    joint : int
-        The paper's number.
-    """
+    """Column of the trajectory: r_dot of joint 2 is r2_dot."""
     quantity, _, dots = kind.partition("_")
     return f"{quantity}{joint}{'_' * bool(dots)}{dots}"
 
 
 @dataclass(frozen=True)
 class Samples:
-    """What a joint's network learns from, at n rising crank angles.
+    """What a joint's network learns from, at n rising crank angles."""
 
-    Attributes
-    ----------
-    crank_angle : ndarray, shape (n,)
-    values : dict of str to ndarray, shape (n,)
-        By kind: r, gamma and their derivatives by the crank angle.
-    simulated : dict of str to ndarray, shape (n,)
-        The same as the simulation has them, derivatives by time.
-    scales : dict of str to float
-        Error allowed in each of them: the range at the paper's training points times the root of its mean square
-        error; that of r for the derivatives of r.
-    """
-
-    crank_angle: np.ndarray
-    values: dict[str, np.ndarray]
-    simulated: dict[str, np.ndarray]
-    scales: dict[str, float]
+    crank_angle: np.ndarray  # shape (n,)
+    values: dict[str, np.ndarray]  # shape (n,); by kind: r, gamma and their derivatives by the crank angle
+    simulated: dict[str, np.ndarray]  # shape (n,); the same as the simulation has them, derivatives by time
+    scales: dict[str, float]  # Error allowed in each of them
 
     @property
     def shares(self) -> np.ndarray:
@@ -67,24 +47,7 @@ class Samples:
 
     @classmethod
     def of(cls, trajectory: pd.DataFrame, fine: pd.DataFrame, joint: int, training_points: int) -> "Samples":
-        """Samples of the first revolution of `fine` that are none of `trajectory`'s.
-
-        Parameters
-        ----------
-        trajectory : DataFrame
-            Its samples are held out; every k-th of them gives the ranges that scale the errors.
-        fine : DataFrame
-            The same motion, with a multiple of the samples.
-        joint : int
-            1 crank pivot, 2 crank pin, 3 piston pin.
-        training_points : int
-            Points of the paper's networks.
-
-        Raises
-        ------
-        InputError
-            `fine` is not fine enough, or its samples are no multiple of the trajectory's.
-        """
+        """Samples of the first revolution of `fine` that are none of `trajectory`'s."""
         angle = fine["crank_angle"].to_numpy()
         angle = angle[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
         held_out = trajectory["crank_angle"].to_numpy()
@@ -124,21 +87,7 @@ def _chosen(angle: np.ndarray, values: dict[str, np.ndarray], scales: dict[str, 
 
 
 def refined(angle: np.ndarray, table: np.ndarray, kept: np.ndarray, usable: np.ndarray, missed: float) -> np.ndarray:
-    """Indices `kept`, and those of further samples, that interpolation between kept neighbours would miss; rising.
-
-    Parameters
-    ----------
-    angle : ndarray, shape (n,)
-        [rad], rising.
-    table : ndarray, shape (n, k)
-        Values at the samples.
-    kept : ndarray of int
-        Samples to begin with, rising.
-    usable : ndarray of bool, shape (n,)
-        Which samples may be kept.
-    missed : float
-        Error of the cubic interpolation in any column that makes a sample be kept.
-    """
+    """Indices `kept`, and those of further samples, that interpolation between kept neighbours would miss; rising."""
     while True:
         between = (kept[:-1] + kept[1:]) // 2
         between = np.where(usable[between], between, between + 1)

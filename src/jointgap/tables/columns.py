@@ -7,47 +7,23 @@ from importlib import import_module
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table.
-
-    Attributes
-    ----------
-    name : str
-    unit : str
-        SI unit, ``'rad'``, ``'1'`` for pure numbers, ``''`` for text.
-    description : str
-    kind : str
-        ``'float'``, ``'int'``, ``'text'``, ``'category'`` (one of a few texts) or ``'bool'``.
-    nullable : bool
-        Whether the quantity can be undefined. Undefined is null in the file and NaN (None) in the frame, never 0.
-    """
+    """One column of a table."""
 
     name: str
-    unit: str
+    unit: str  # SI unit, ``'rad'``, ``'1'`` for pure numbers, ``''`` for text
     description: str
-    kind: str = "float"
-    nullable: bool = False
+    kind: str = "float"  # ``'float'``, ``'int'``, ``'text'``, ``'category'`` (one of a few texts) or ``'bool'``
+    nullable: bool = False  # Whether the quantity can be undefined
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table that stages hand on.
-
-    Attributes
-    ----------
-    name, description : str
-    content : tuple of Column, or str
-        The columns in the order of the file; or ``module:name`` of the tuple, where they stand with code that takes
-        long to load.
-    path : str
-        Its place within the results folder of a scenario or a campaign; ``{output}`` stands for an output of a loose
-        joint, ``{stage}`` for one of several stages that write it. Empty for a table whose place is given on the
-        command line.
-    """
+    """A table that stages hand on."""
 
     name: str
     description: str
-    content: tuple[Column, ...] | str
-    path: str = ""
+    content: tuple[Column, ...] | str  # The columns in the order of the file
+    path: str = ""  # Its place within the results folder of a scenario or a campaign
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -29,13 +29,7 @@ def write_digest(path: Path | str) -> None:
 
 
 def is_as_written(path: Path | str) -> bool | None:
-    """Whether all bytes of a file are those that were written; None where no digest is found in it.
-
-    Raises
-    ------
-    OSError
-        It cannot be read.
-    """
+    """Whether all bytes of a file are those that were written; None where no digest is found in it."""
     with open(path, "rb") as file:
         entry = _entry(file)
         return _digest(file, entry[0]) == entry[1] if entry else None

@@ -16,22 +16,6 @@ def export(source: Path, to: Path | None = None, units: Sequence[str] = (), forc
 
     In the first line stand names with units, ``crank_angle [rad]``; those of pure numbers and text have none. What is
     absent is empty. Numbers have all their digits.
-
-    Parameters
-    ----------
-    source : Path
-        A Parquet file, or a folder of which all Parquet files are taken, at any depth.
-    to : Path, optional
-        Folder to write into, where a folder's files keep their places; beside each Parquet file by default.
-    units : sequence of str
-        Units to write instead of SI, such as ``mm``, ``deg`` or ``rpm``: a column takes the first of its dimension.
-    force : bool
-        Whether files that are there are written over.
-
-    Raises
-    ------
-    InputError
-        Nothing to export, not Parquet or damaged, no such unit, a file that is there, or one that cannot be written.
     """
     for unit in units:
         try:

@@ -17,13 +17,6 @@ class ResultsFolder:
     """Tables in one folder.
 
     A table is given as such or by its name; `part` is the output, or the one of several stages, that it belongs to.
-
-    Parameters
-    ----------
-    path : Path
-        ``results/{scenario}`` or ``results/campaigns/{campaign}``.
-    places : mapping of str to Path, optional
-        Files of single tables that lie elsewhere, by the table's name.
     """
 
     def __init__(self, path: Path, places: Mapping[str, Path] | None = None):
@@ -59,20 +52,7 @@ class ResultsFolder:
         check_writable(*(self.path / path for path in paths))
 
     def check_apart(self, inputs: Iterable[Path | str], written: Iterable[str]) -> None:
-        """Make sure that no result is written over what it is made from.
-
-        Parameters
-        ----------
-        inputs : iterable of Path
-            Files that are read.
-        written : iterable of str
-            Places of results in the folder.
-
-        Raises
-        ------
-        InputError
-            One of the inputs has the place of a result.
-        """
+        """Make sure that no result is written over what it is made from."""
         results = {(self.path / place).resolve() for place in written}
         for path in inputs:
             if Path(path).resolve() in results:

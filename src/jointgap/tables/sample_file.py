@@ -51,48 +51,17 @@ class Csv(Section):
 
 @dataclass(frozen=True)
 class Columns:
-    """Numbers of a file by column.
+    """Numbers of a file by column."""
 
-    Attributes
-    ----------
-    values : dict of str to (n,) array
-        As written; NaN where the file has a gap.
-    rows : (n,) array of int
-        Line of the file (CSV) or row counted from 1 (Parquet) of each sample, for messages.
-    units : dict of str to str
-        What a row of units below the headings says, brackets removed; empty without one.
-    remarks : tuple of str
-        What was skipped or converted.
-    is_dated : bool
-        Whether the times were dates, and are now seconds since the first.
-    """
-
-    values: dict[str, np.ndarray]
-    rows: np.ndarray
-    units: dict[str, str]
-    remarks: tuple[str, ...] = ()
-    is_dated: bool = False
+    values: dict[str, np.ndarray]  # As written; NaN where the file has a gap
+    rows: np.ndarray  # Line of the file (CSV) or row counted from 1 (Parquet) of each sample, for messages
+    units: dict[str, str]  # What a row of units below the headings says, brackets removed; empty without one
+    remarks: tuple[str, ...] = ()  # What was skipped or converted
+    is_dated: bool = False  # Whether the times were dates, and are now seconds since the first
 
 
 def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") -> Columns:
-    """The columns `wanted` of a file.
-
-    Parameters
-    ----------
-    path : Path
-    wanted : sequence of str
-        Headings.
-    form : Csv
-        Separator, decimal mark and rows above the headings, where the campaign states them.
-    clock : str
-        Heading of the times, which may be ISO dates; empty without one.
-
-    Raises
-    ------
-    InputError
-        No such file, another format, a column missing or there twice, text or an infinite value among numbers, rows of
-        another length than the headings, no samples; with file, column, row and what to do.
-    """
+    """The columns `wanted` of a file."""
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # a zero byte in the name is a ValueError

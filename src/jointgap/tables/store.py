@@ -44,19 +44,7 @@ def schema(table: Table) -> pa.Schema:
 
 
 def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
-    """`frame` as an Arrow table of exactly the columns that `table` names.
-
-    Parameters
-    ----------
-    table : Table
-    frame : DataFrame
-        A column for each of the table's, in any order.
-
-    Raises
-    ------
-    ValueError
-        A column too many or too few, a value missing or not finite where the table allows none.
-    """
+    """`frame` as an Arrow table of exactly the columns that `table` names."""
     wanted = table.names
     if sorted(frame.columns) != sorted(wanted):
         missing, extra = sorted(set(wanted) - set(frame.columns)), sorted(set(frame.columns) - set(wanted))
@@ -75,13 +63,7 @@ def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
 
 
 def write_atomically(path: Path | str, save: Callable[[str], object]) -> None:
-    """Let `save(temporary_path)` write a file beside `path`, then rename it: nothing half-written stays behind.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be made or written, or the disk is full.
-    """
+    """Let `save(temporary_path)` write a file beside `path`, then rename it: nothing half-written stays behind."""
     path = Path(path)
     temporary = _temporary_file(path)
     try:
@@ -100,13 +82,7 @@ def write_text(path: Path | str, text: str) -> None:
 
 
 def check_writable(*paths: Path | str) -> None:
-    """Make sure that files can be written, before hours of work whose result would find no place.
-
-    Raises
-    ------
-    InputError
-        As `write_atomically`; or one file is named twice, and would hold the last of two results.
-    """
+    """Make sure that files can be written, before hours of work whose result would find no place."""
     taken = set()
     for path in map(Path, paths):
         if path.resolve() in taken:
@@ -141,14 +117,6 @@ def _umask() -> int:
 def write(table: Table, frame: pd.DataFrame, path: Path | str, told: Mapping[str, str] | None = None) -> None:
     """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each
     column, and with the digest of the file.
-
-    Parameters
-    ----------
-    table : Table
-    frame : DataFrame
-    path : path
-    told : mapping of str to str, optional
-        What else the file's metadata shall say, by key.
     """
     arrow = to_arrow(table, frame)
     arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(told or {})})
@@ -166,16 +134,7 @@ def write(table: Table, frame: pd.DataFrame, path: Path | str, told: Mapping[str
 
 @contextmanager
 def writer(path: str, schema: pa.Schema, **options: Any) -> Iterator[pq.ParquetWriter]:
-    """A Parquet file of a table, to be filled; it gets its digest when it is closed.
-
-    Parameters
-    ----------
-    path : str
-    schema : Schema
-        Of `schema`.
-    options
-        As `pyarrow.parquet.ParquetWriter` takes them.
-    """
+    """A Parquet file of a table, to be filled; it gets its digest when it is closed."""
     with pq.ParquetWriter(path, schema, **options) as file:
         yield file
         file.add_key_value_metadata(BLANK)
@@ -183,13 +142,7 @@ def writer(path: str, schema: pa.Schema, **options: Any) -> Iterator[pq.ParquetW
 
 
 def read(table: Table, path: Path | str) -> pd.DataFrame:
-    """The frame in the file `path` that `write` made of a `table`; null becomes NaN (None in text).
-
-    Raises
-    ------
-    InputError
-        No such file, not Parquet, damaged, another table, other columns, or columns of another type.
-    """
+    """The frame in the file `path` that `write` made of a `table`; null becomes NaN (None in text)."""
     arrow, has_digest = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
     held = _word((arrow.schema.metadata or {}).get(b"jointgap_table", b"?"))
     wanted = table.names
@@ -305,13 +258,7 @@ def read_columns(path: Path | str, columns: Sequence[str]) -> pa.Table:
 
 
 def describe(path: Path | str) -> pd.DataFrame:
-    """Column, unit and description of any Parquet file, one row a column (empty where it says none).
-
-    Raises
-    ------
-    InputError
-        No such file, not Parquet, or damaged.
-    """
+    """Column, unit and description of any Parquet file, one row a column (empty where it says none)."""
     return _open(_columns, path, "check the path")[0]
 
 

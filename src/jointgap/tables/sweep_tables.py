@@ -100,13 +100,7 @@ ALL_MEASURES = (*MEASURES, *BEST_LENGTHS, *PRINTED_OPTIMA)
 
 
 def measured(best_lengths: bool, printed_numbers: bool) -> tuple[Column, ...]:
-    """What is measured of each design of a sweep.
-
-    Parameters
-    ----------
-    best_lengths, printed_numbers : bool
-        Whether it asks for them; the printed numbers bring the best lengths along.
-    """
+    """What is measured of each design of a sweep."""
     return (
         *MEASURES,
         *(BEST_LENGTHS if best_lengths or printed_numbers else ()),

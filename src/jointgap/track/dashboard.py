@@ -35,27 +35,7 @@ def dashboard(
     say: Callable[[str], object] = print,
     browse: bool = False,
 ) -> None:
-    """Print what to open, then become MLflow's server until it is interrupted.
-
-    Parameters
-    ----------
-    results : Path
-        Folder of the default store.
-    port : int
-        Port from which to look for a free one.
-    tracking_uri : str, optional
-        Another store; ``None`` takes ``MLFLOW_TRACKING_URI``, else the one in `results`. A server is already serving:
-        then only the addresses are printed.
-    say : callable
-        Takes the lines to show.
-    browse : bool
-        Whether the first of the comparisons is opened in the browser, where there is a screen for one.
-
-    Raises
-    ------
-    InputError
-        No store, or no free port.
-    """
+    """Print what to open, then become MLflow's server until it is interrupted."""
     address = address_for(results, tracking_uri)
     remote = address.startswith("http")
     file = file_of(address)
@@ -114,13 +94,7 @@ def _become_server(address: str, artifacts: Path, port: str) -> None:
 
 
 def free_port(first: int) -> int:
-    """The first port from `first` on that nothing on this machine listens on.
-
-    Raises
-    ------
-    InputError
-        Not one of a hundred is free.
-    """
+    """The first port from `first` on that nothing on this machine listens on."""
     ports = range(first, min(first + _PORTS, 65536))
     for port in ports:
         with socket.socket() as probe:
@@ -134,15 +108,7 @@ def free_port(first: int) -> int:
 
 
 def addresses(store_address: str, base: str) -> dict[str, str]:
-    """Addresses by what they show; empty when nothing is published.
-
-    Parameters
-    ----------
-    store_address : str
-        The MLflow store.
-    base : str
-        Where its interface is served, e.g. ``http://127.0.0.1:5000``.
-    """
+    """Addresses by what they show; empty when nothing is published."""
     store, links = Store(store_address, Path()), {}
     for stage, (title, mode) in _COMPARED.items():
         if experiment := _published(store, stage):

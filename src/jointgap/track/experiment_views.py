@@ -33,48 +33,24 @@ _SCENARIO = ("loose", "clearance_mm", "restitution", "friction", "drive", "speed
 
 @dataclass(frozen=True)
 class Section:
-    """Charts under one heading; each is titled by its metric, whose name ends with the unit.
-
-    Attributes
-    ----------
-    heading : str
-    metrics : sequence of str
-        Numbers become bars, curves lines over the iterations on a logarithmic axis.
-    curves : bool
-        Whether the metrics are curves.
-    columns : int
-        Charts side by side.
-    """
+    """Charts under one heading; each is titled by its metric, whose name ends with the unit."""
 
     heading: str
-    metrics: Sequence[str]
-    curves: bool = False
-    columns: int = 3
+    metrics: Sequence[str]  # Numbers become bars, curves lines over the iterations on a logarithmic axis
+    curves: bool = False  # Whether the metrics are curves
+    columns: int = 3  # Charts side by side
 
 
 @dataclass(frozen=True)
 class View:
-    """How an experiment is shown.
+    """How an experiment is shown."""
 
-    Attributes
-    ----------
-    note : str
-        What its runs are, in Markdown.
-    columns : sequence of str
-        Of the table of runs: ``params.NAME``, ``metrics.NAME`` or ``tags.NAME``.
-    sections : sequence of Section
-    parallel : tuple of (sequence of str, sequence of str)
-        Parameters and metrics of a chart of parallel coordinates, which many runs are seen in; none by default.
-    opened, closed : sequence of str
-        Further sections of metrics, by what stands before the slash: unfolded, and behind them those that are folded.
-    """
-
-    note: str
-    columns: Sequence[str] = ()
+    note: str  # What its runs are, in Markdown
+    columns: Sequence[str] = ()  # Of the table of runs: ``params.NAME``, ``metrics.NAME`` or ``tags.NAME``
     sections: Sequence[Section] = ()
     parallel: tuple[Sequence[str], Sequence[str]] = ((), ())
-    opened: Sequence[str] = ()
-    closed: Sequence[str] = ()
+    opened: Sequence[str] = ()  # Further sections of metrics, by what stands before the slash
+    closed: Sequence[str] = ()  # Further sections of metrics, by what stands before the slash
 
     def state(self) -> str:
         """The value of the tag."""

@@ -21,23 +21,12 @@ TablePaths = Mapping[str, Path]
 
 @dataclass(frozen=True)
 class FinishedTables:
-    """One scenario's options, tables and costs.
-
-    Attributes
-    ----------
-    options : Scenario
-    sections : mapping of str to sequence of str
-        The sections of a scenario that each stage reads.
-    tables : dict of str to Path
-        Parquet files by ``table`` or ``table/output``.
-    costs : dict of str to dict of str to float
-        As `read_costs` gives them.
-    """
+    """One scenario's options, tables and costs."""
 
     options: Scenario
-    sections: Mapping[str, Sequence[str]]
-    tables: dict[str, Path]
-    costs: dict[str, dict[str, float]]
+    sections: Mapping[str, Sequence[str]]  # The sections of a scenario that each stage reads
+    tables: dict[str, Path]  # Parquet files by ``table`` or ``table/output``
+    costs: dict[str, dict[str, float]]  # As `read_costs` gives them
 
     def has(self, table: Table) -> bool:
         """Whether any file of the table was given."""
@@ -80,24 +69,7 @@ class FinishedTables:
 
 
 def read_costs(benchmarks: Sequence[Path]) -> dict[str, dict[str, float]]:
-    """Seconds and peak memory by what was measured.
-
-    Parameters
-    ----------
-    benchmarks : sequence of Path
-        Snakemake's benchmark files, e.g. ``results/paper/benchmarks/surrogate/r2.tsv``.
-
-    Returns
-    -------
-    dict of str to dict of str to float
-        ``seconds`` and ``peak_memory_mb`` by the file's place under ``benchmarks``, without suffix, e.g.
-        ``surrogate/r2``; a measurement that failed is left out. Repeats are averaged.
-
-    Raises
-    ------
-    InputError
-        A file that is not a benchmark file.
-    """
+    """Seconds and peak memory by what was measured."""
     return {_job(path): _read_cost(path) for path in benchmarks}
 
 

@@ -40,13 +40,7 @@ def default_address(results: Path) -> str:
 
 
 def address_for(results: Path, tracking_uri: str | None = None) -> str:
-    """The store to use: `tracking_uri`, else ``MLFLOW_TRACKING_URI``, else the one in the folder `results`.
-
-    Raises
-    ------
-    InputError
-        An address of SQLite that names no file, or one that no address can name.
-    """
+    """The store to use: `tracking_uri`, else ``MLFLOW_TRACKING_URI``, else the one in the folder `results`."""
     address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or default_address(results)
     file = sqlite_store.file_of(address)
     if file is None and not address.startswith("sqlite"):
@@ -72,18 +66,6 @@ def opened(address: str, results: Path) -> Iterator["Store"]:
     MLflow's making of a store fails when two processes start it, SQLite takes one writer, and what one process has
     begun to publish another one would delete as cut short. So there is a lock (`jointgap.track.store_lock.locked`). It
     does not keep everybody out of a server of MLflow: `Store.exclusive` says so.
-
-    Parameters
-    ----------
-    address : str
-        As `address_for` gives it.
-    results : Path
-        Folder for the artifacts of a database that has none of its own.
-
-    Raises
-    ------
-    InputError
-        The store cannot be made, reached or opened, or the lock's folder cannot be written.
     """
     with locked(address) as exclusive:
         if (file := sqlite_store.file_of(address)) is not None:
@@ -102,22 +84,7 @@ class StoredRun:
 
 
 class Store:
-    """A connection to one MLflow store, in jointgap's words.
-
-    Parameters
-    ----------
-    address : str
-        ``sqlite:///...``, ``postgresql://...`` or ``http://...``.
-    results : Path
-        Folder for the artifacts of a database that has none of its own.
-    exclusive : bool
-        Whether nobody else writes meanwhile.
-
-    Raises
-    ------
-    InputError
-        The store cannot be reached or opened.
-    """
+    """A connection to one MLflow store, in jointgap's words."""
 
     def __init__(self, address: str, results: Path, exclusive: bool = False):
         self.address, self.exclusive = address, exclusive
@@ -202,13 +169,7 @@ class Store:
             )
 
     def runs(self, experiment_id: str, tags: dict[str, str]) -> list[StoredRun]:
-        """Runs of the experiment `experiment_id` that carry all `tags` and are not deleted, newest first.
-
-        Raises
-        ------
-        InputError
-            A tag's value cannot be searched for; or as the class.
-        """
+        """Runs of the experiment `experiment_id` that carry all `tags` and are not deleted, newest first."""
         wanted = " and ".join(f"tags.`{key}` = {_quoted(value)}" for key, value in tags.items())
         matching, token = [], None
         with self._explained():
@@ -231,23 +192,7 @@ class Store:
         ]
 
     def write(self, experiment_id: str, name: str, record: Record, tags: dict[str, str], after: int = 0) -> str:
-        """Log a `record` whole and mark it complete last.
-
-        Parameters
-        ----------
-        experiment_id, name : str
-            The experiment, and what the run is called.
-        record : Record
-        tags : dict of str to str
-            Of the run.
-        after : int
-            Time [ms since 1970] after which it is to have begun, whatever the clock of this machine says.
-
-        Returns
-        -------
-        str
-            The run's id.
-        """
+        """Log a `record` whole and mark it complete last."""
         entities, begun = self._entities, max(time.time_ns() // 10**6, after + 1)
         with self._explained():
             run_id = self._client.create_run(experiment_id, begun, tags, name).info.run_id

@@ -32,15 +32,7 @@ def to_files(network: Network, output: str) -> dict[str, bytes]:
 
 
 def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
-    """The network of a joint's clearance vector as the same two files.
-
-    Parameters
-    ----------
-    fit : DataFrame
-        Table `CLEARANCE_FIT`.
-    joint : int
-        1 crank pivot, 2 crank pin, 3 piston pin.
-    """
+    """The network of a joint's clearance vector as the same two files."""
     rows = fit[fit["joint"] == joint]
     neurons, bias = rows[rows["neuron"] >= 0].sort_values("neuron"), rows[rows["neuron"] < 0].iloc[0]
     slope = 1.0 / neurons["width"].to_numpy()
@@ -81,13 +73,7 @@ def _pack(layers: list[tuple[np.ndarray, np.ndarray]], description: dict) -> dic
 
 
 def load(folder: Path | str) -> Network:
-    """The network of one output in a folder that holds `network.json` and `weights.npz`.
-
-    Raises
-    ------
-    InputError
-        A file is missing or not what it should be.
-    """
+    """The network of one output in a folder that holds `network.json` and `weights.npz`."""
     folder = Path(folder)
     try:
         description = json.loads((folder / "network.json").read_text(encoding="utf-8"))

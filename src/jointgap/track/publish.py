@@ -57,38 +57,7 @@ def publish(
     tracking_uri: str | None,
     results_folder: Path,
 ) -> dict:
-    """Publish what one scenario's stages wrote.
-
-    Parameters
-    ----------
-    scenario_name : str
-        Name of the scenario; with stage and output it is what a run is known by.
-    options : Scenario
-        The scenario's configuration.
-    sections : mapping of str to sequence of str
-        The sections of it that each stage reads.
-    tables : mapping of str to Path
-        Parquet files by the name of their table; where there is one per output, ``table/output``, as in ``fit/r2``.
-    figures : sequence of Path
-        Files of figures.
-    benchmarks : sequence of Path
-        Snakemake's benchmark files; the name says the stage (``simulate.tsv``) or the output (``surrogate/r2.tsv``).
-    tracking_uri : str, optional
-        Address of the store; ``None`` takes ``MLFLOW_TRACKING_URI``, else the SQLite file in `results_folder`.
-    results_folder : Path
-        Folder of the default store.
-
-    Returns
-    -------
-    dict
-        ``store``, ``scenario``, ``runs`` (by ``stage`` or ``stage/output``: ``run_id``, ``digest``, and whether it was
-        ``written`` or ``kept``) and ``deleted`` (how many old runs went).
-
-    Raises
-    ------
-    InputError
-        A table cannot be read, or the store cannot be reached.
-    """
+    """Publish what one scenario's stages wrote."""
     content = records(options, sections, tables, figures, benchmarks)
     return publish_records(scenario_name, options.description, content, tracking_uri, results_folder)
 
@@ -96,19 +65,7 @@ def publish(
 def publish_records(
     name: str, description: str, content: list[Record], tracking_uri: str | None, results_folder: Path
 ) -> dict:
-    """Publish records of any kind.
-
-    Parameters
-    ----------
-    name : str
-        With stage and output it is what a run is known by.
-    description : str
-        In a sentence, for the runs' pages.
-    content : list of Record
-        A stage's own run before those nested in it.
-    tracking_uri, results_folder
-        As in `publish`, as are what is given back and the errors.
-    """
+    """Publish records of any kind."""
     shared = _Scenario(name, description, commit(), _user())
     address = address_for(results_folder, tracking_uri)
     runs, deleted = {}, 0
@@ -232,11 +189,6 @@ def _user() -> str:
 def commit(folder: Path = Path(__file__).parent) -> str:
     """The commit that `folder` is checked out at, with ``-changed`` where tracked files differ; ``unknown`` outside
     git.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder under version control; by default the package's.
     """
     head = _git(folder, "rev-parse", "HEAD")
     tracked = _git(folder, "ls-files", "--error-unmatch", ".")  # a package in .venv of another project is not tracked

@@ -7,20 +7,7 @@ from jointgap.config import Scenario
 
 
 def run_parameters(options: Scenario, window: bool = False) -> dict[str, str]:
-    """What sets a scenario apart, by short names.
-
-    Parameters
-    ----------
-    options : Scenario
-    window : bool
-        Whether the crank angles that the optimum counts belong to it.
-
-    Returns
-    -------
-    dict of str to str
-        ``loose`` (joints), ``clearance_mm``, ``restitution``, ``friction``, ``drive``, ``speed_rpm`` and
-        ``window_deg``; one value where all loose joints agree, else one of each.
-    """
+    """What sets a scenario apart, by short names."""
     mechanism = options.mechanism.applied()
     loose = mechanism.loose
     contacts = [mechanism.joint(joint).contact for joint in loose]

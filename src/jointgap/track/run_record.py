@@ -23,21 +23,11 @@ def file_digest(path: Path) -> str:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A table that a run was made from, or that it made.
+    """A table that a run was made from, or that it made."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the table.
-    path : Path
-        Its Parquet file, or a folder of Parquet files that are one table.
-    context : str
-        ``'input'`` or ``'result'``.
-    """
-
-    name: str
-    path: Path
-    context: str
+    name: str  # Name of the table
+    path: Path  # Its Parquet file, or a folder of Parquet files that are one table
+    context: str  # ``'input'`` or ``'result'``
 
     @property
     def files(self) -> list[Path]:
@@ -55,18 +45,10 @@ class Dataset:
 
 @dataclass(frozen=True)
 class Curve:
-    """One metric over the iterations of a training or a search.
+    """One metric over the iterations of a training or a search."""
 
-    Attributes
-    ----------
-    steps : np.ndarray
-        Iterations, increasing, shape (n,).
-    values : np.ndarray
-        Shape (n,).
-    """
-
-    steps: np.ndarray
-    values: np.ndarray
+    steps: np.ndarray  # Iterations, increasing, shape (n,)
+    values: np.ndarray  # Shape (n,)
 
     def thinned(self, points: int = CURVE_POINTS) -> "Curve":
         """At most `points` of the curve, spaced evenly on a logarithmic axis of steps, first and last included.
@@ -90,39 +72,17 @@ class Curve:
 
 @dataclass(frozen=True)
 class Record:
-    """One run: what it is, and what it holds.
+    """One run: what it is, and what it holds."""
 
-    Attributes
-    ----------
-    stage : str
-        Stage whose experiment the run belongs to.
-    output : str
-        Which of the stage's runs it is; empty for the run that stands for the whole stage.
-    params : mapping of str to str
-        What sets the run apart, by short names.
-    metrics : mapping of str to float
-        Numbers; those that are not finite are left out.
-    curves : mapping of str to Curve
-        Metrics over iterations.
-    datasets : tuple of Dataset
-        Tables read and written.
-    files : mapping of str to Path or bytes
-        Artifacts by their path in the run.
-    costs : mapping of str to float
-        Metrics that say what the run cost. They differ from one go to the next, so they take no part in the digest.
-    notes : mapping of str to str
-        Words about the result, kept as tags.
-    """
-
-    stage: str
-    output: str = ""
-    params: Mapping[str, str] = field(default_factory=dict)
-    metrics: Mapping[str, float] = field(default_factory=dict)
-    curves: Mapping[str, Curve] = field(default_factory=dict)
-    datasets: tuple[Dataset, ...] = ()
-    files: Mapping[str, Path | bytes] = field(default_factory=dict)
-    costs: Mapping[str, float] = field(default_factory=dict)
-    notes: Mapping[str, str] = field(default_factory=dict)
+    stage: str  # Stage whose experiment the run belongs to
+    output: str = ""  # Which of the stage's runs it is; empty for the run that stands for the whole stage
+    params: Mapping[str, str] = field(default_factory=dict)  # What sets the run apart, by short names
+    metrics: Mapping[str, float] = field(default_factory=dict)  # Numbers; those that are not finite are left out
+    curves: Mapping[str, Curve] = field(default_factory=dict)  # Metrics over iterations
+    datasets: tuple[Dataset, ...] = ()  # Tables read and written
+    files: Mapping[str, Path | bytes] = field(default_factory=dict)  # Artifacts by their path in the run
+    costs: Mapping[str, float] = field(default_factory=dict)  # Metrics that say what the run cost
+    notes: Mapping[str, str] = field(default_factory=dict)  # Words about the result, kept as tags
 
     @property
     def nested(self) -> bool:

@@ -33,23 +33,7 @@ def records(
     figures: Sequence[Path],
     benchmarks: Sequence[Path],
 ) -> list[Record]:
-    """The runs that one scenario's finished tables make, a stage's own run before those nested in it.
-
-    Parameters
-    ----------
-    options : Scenario
-    sections : mapping of str to sequence of str
-        The sections of a scenario that each stage reads.
-    tables : mapping of str to Path
-        Parquet files by ``table`` or ``table/output``. A stage whose tables are missing makes no run.
-    figures, benchmarks : sequence of Path
-        Files of figures, and Snakemake's benchmark files.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read as what it is said to be.
-    """
+    """The runs that one scenario's finished tables make, a stage's own run before those nested in it."""
     finished = FinishedTables(options, sections, dict(tables), read_costs(benchmarks))
     stages = (_simulate_records, surrogate_records, _kinematics_records, optimise_records, _compare_records)
     return [record for stage in stages for record in stage(finished)] + _figure_records(finished, figures)

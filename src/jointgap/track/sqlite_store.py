@@ -32,13 +32,7 @@ def file_of(address: str) -> Path | None:
 
 
 def look(file: Path) -> Holds:
-    """What `file` holds; it is not changed.
-
-    Raises
-    ------
-    InputError
-        It is something else than a store, is damaged, or was made by another version of MLflow and holds something.
-    """
+    """What `file` holds; it is not changed."""
     try:
         if not file.exists() or file.stat().st_size == 0:  # SQLite makes an empty file first
             return Holds.ABSENT
@@ -113,18 +107,6 @@ def make(file: Path, artifacts: Path) -> None:
 
     MLflow makes a store in dozens of steps, and one that was killed between them is never usable again. To be called
     by one process at a time.
-
-    Parameters
-    ----------
-    file : Path
-        The store's, absolute.
-    artifacts : Path
-        Folder for artifacts of what others log without naming an experiment.
-
-    Raises
-    ------
-    InputError
-        As `look`; or the folder cannot be written, or the disk is full.
     """
     if look(file) is Holds.STORE:
         return

@@ -15,13 +15,7 @@ _IMPATIENT = {"MLFLOW_HTTP_REQUEST_TIMEOUT": "5", "MLFLOW_HTTP_REQUEST_MAX_RETRI
 
 
 def check(address: str) -> None:
-    """Whether the store at `address` answers; a SQLite file is made when it is first needed.
-
-    Raises
-    ------
-    InputError
-        There is no such server, database, user or password, or the address is of no known kind; after some seconds.
-    """
+    """Whether the store at `address` answers; a SQLite file is made when it is first needed."""
     if sqlite_store.file_of(address) is not None:
         return
     if is_postgresql(address):

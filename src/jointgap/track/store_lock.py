@@ -38,11 +38,6 @@ def locked(address: str) -> Iterator[bool]:
     Of a SQLite file the lock lies beside it, of a database of PostgreSQL in the server: whoever writes to these is kept
     out, from any machine. A server of MLflow has no locks; then it lies on this machine, and processes of another
     machine or user write too. Each lock is let go when its process ends, however it ends.
-
-    Raises
-    ------
-    InputError
-        The lock's folder cannot be written, or the database cannot be reached.
     """
     if is_postgresql(address):
         with explained(address, reached=False):
@@ -72,12 +67,8 @@ def locked(address: str) -> Iterator[bool]:
 
 
 def connected(address: str) -> "Connection":
-    """A connection to the database of PostgreSQL at `address`, to be closed; tried once, where MLflow tries for long.
-
-    Raises
-    ------
-    sqlalchemy.exc.SQLAlchemyError, ModuleNotFoundError
-        There is no such server, database, user or password; the driver is not installed.
+    """A connection to the database of PostgreSQL at `address`, to be closed; tried once, where MLflow tries for
+    long.
     """
     import sqlalchemy
 

@@ -20,20 +20,7 @@ def without_password(address: str) -> str:
 
 @contextmanager
 def explained(address: str, reached: bool) -> Iterator[None]:
-    """Turn what MLflow and its database raise into one sentence that names the store.
-
-    Parameters
-    ----------
-    address : str
-        The store's.
-    reached : bool
-        Whether it has answered before: then what it does not take is no fault of the address.
-
-    Raises
-    ------
-    InputError
-        In place of what a store raises; other errors go through.
-    """
+    """Turn what MLflow and its database raise into one sentence that names the store."""
     from requests.exceptions import RequestException
 
     try:

@@ -56,24 +56,12 @@ _LONGEST_TEXT = 500
 
 @dataclass(frozen=True)
 class Part:
-    """What a stage adds to the run.
+    """What a stage adds to the run."""
 
-    Attributes
-    ----------
-    tables : mapping of str to Path
-        Its tables by name, with their places in the scenario's folder.
-    metrics : mapping of str to float
-        Its main numbers, as its page names them.
-    params : mapping of str to str
-        What it was asked.
-    varied : iterable of str
-        Parameters that it gives many values: of these the scenario's own one does not tell it apart.
-    """
-
-    tables: Mapping[str, Path]
-    metrics: Mapping[str, float]
-    params: Mapping[str, str] = field(default_factory=dict)
-    varied: Iterable[str] = ()
+    tables: Mapping[str, Path]  # Its tables by name, with their places in the scenario's folder
+    metrics: Mapping[str, float]  # Its main numbers, as its page names them
+    params: Mapping[str, str] = field(default_factory=dict)  # What it was asked
+    varied: Iterable[str] = ()  # Parameters that it gives many values
 
 
 def _of_sweep(options: Scenario, folder: Path) -> Part | None:

@@ -16,20 +16,7 @@ _OF_A_PARAMETER = {"clearance": "clearance_mm", "speed": "speed_rpm"}
 
 
 def sweep_record(options: Scenario, folder: Path) -> Record:
-    """The run of a scenario's many designs, with what each stage adds that the scenario asks for.
-
-    Parameters
-    ----------
-    options : Scenario
-    folder : Path
-        Of the scenario's results.
-
-    Raises
-    ------
-    InputError
-        The options ask for no stage of many designs, a table is missing or cannot be read, or the dataset of the sweep
-        is not the one that the options ask for.
-    """
+    """The run of a scenario's many designs, with what each stage adds that the scenario asks for."""
     parts = {name: part for name, of in PARTS.items() if (part := of(options, folder)) is not None}
     if not parts:
         raise InputError(

@@ -24,21 +24,7 @@ _GAIN_OF_AN_EFFECT = DEFAULT_SETTINGS.confirmation.min_fall_of_features
 
 
 def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
-    """The verdict on a campaign, what the baseline methods name, and the processor time it took.
-
-    Parameters
-    ----------
-    campaign : Path
-        Folder of the campaign; a copy of it is all that the analysis finds around it.
-    results : Path
-        Folder for ``verdict.json``; what is there is replaced.
-
-    Returns
-    -------
-    dict
-        id, seconds, doubts (what `measure` found to contradict), and verdict, greedy, sparse, statistics and fits (of
-        `least_chi2`), or error.
-    """
+    """The verdict on a campaign, what the baseline methods name, and the processor time it took."""
     from jointgap.stages.campaign_pipeline import analyse
 
     begin = time.process_time()
@@ -72,13 +58,7 @@ def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
 
 
 def doubts(results: Path) -> list[dict[str, str]]:
-    """Run, channel, other channel and kind of what `measure` found to contradict; none where it refused the files.
-
-    Parameters
-    ----------
-    results : Path
-        Of a campaign.
-    """
+    """Run, channel, other channel and kind of what `measure` found to contradict; none where it refused the files."""
     folder = ResultsFolder(results)
     if not folder.place(CONTRADICTIONS).is_file():
         return []
@@ -93,26 +73,14 @@ def _all_fits(results: Path) -> pd.DataFrame:
 
 
 def least_chi2(fits: pd.DataFrame) -> dict[str, Any]:
-    """How many ``samples`` count, and the least ``chi2`` by explanation.
-
-    Parameters
-    ----------
-    fits : DataFrame
-        Table `jointgap.tables.FITS`.
-    """
+    """How many ``samples`` count, and the least ``chi2`` by explanation."""
     finished = fits.dropna(subset=["chi2"])
     least = finished.groupby("explanation")["chi2"].min()
     return {"samples": int(finished["samples"].max()), "chi2": {str(name): float(chi2) for name, chi2 in least.items()}}
 
 
 def greedy_names(fits: pd.DataFrame) -> list[str]:
-    """Labels that steps of least BIC add one at a time, whatever remains unexplained.
-
-    Parameters
-    ----------
-    fits : DataFrame
-        Table `jointgap.tables.FITS`.
-    """
+    """Labels that steps of least BIC add one at a time, whatever remains unexplained."""
     finished = fits.dropna(subset=["bic"])
     (best,) = finished.loc[finished["kind"] == "base", "bic"]
     least = finished.groupby("explanation")["bic"].min()  # some are fitted twice, from other starts
@@ -129,13 +97,6 @@ def greedy_names(fits: pd.DataFrame) -> list[str]:
 def statistics_names(verdict: Mapping[str, Any], ranking: pd.DataFrame) -> list[str]:
     """Labels of the explanation whose features of the cycle are best, each effect of it at the price of a fixed gain;
     those of the verdict where statistics decided it.
-
-    Parameters
-    ----------
-    verdict : mapping
-        Content of ``verdict.json``.
-    ranking : DataFrame
-        Table `jointgap.tables.RANKING`.
     """
     if verdict["basis"] == "statistics":
         return _labels(verdict)

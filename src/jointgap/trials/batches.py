@@ -20,20 +20,7 @@ def folder_digest(folder: Path) -> str:
 
 
 def listed_trials(path: Path, campaigns: Path) -> list[str]:
-    """The identifiers in a batch's list.
-
-    Parameters
-    ----------
-    path : Path
-        Text file that ``jointgap blind-conceal`` wrote.
-    campaigns : Path
-        Folder with a folder for each campaign.
-
-    Raises
-    ------
-    InputError
-        No such file, or a campaign has no folder.
-    """
+    """The identifiers in a batch's list."""
     trials = _read_text(path, "--listed", "blind-conceal").split()
     for trial in trials:
         if not (campaigns / trial).is_dir():
@@ -45,19 +32,7 @@ def listed_trials(path: Path, campaigns: Path) -> list[str]:
 
 
 def read_trial_records(path: Path, option: str, command: str) -> list[dict[str, Any]]:
-    """The trials in a JSON file, each with its ``id``.
-
-    Parameters
-    ----------
-    path : Path
-    option, command : str
-        Of the command line: what names the file, and what writes it.
-
-    Raises
-    ------
-    InputError
-        No such file, or it holds something else.
-    """
+    """The trials in a JSON file, each with its ``id``."""
     text = _read_text(path, option, command)
     try:
         records = json.loads(text)
@@ -87,17 +62,6 @@ def cached_record(
     """The record that `make` gives: read from `path` where the same code has written it, else made and written there.
 
     What ended in an ``error`` is made again: another machine, or the same with more memory, may do better.
-
-    Parameters
-    ----------
-    path : Path
-        JSON file, written whole or not at all.
-    code : str
-        Digest of the code and of its input.
-    make : function
-        Gives a mapping that JSON can hold.
-    required : mapping, optional
-        Further entries that the file has to hold.
     """
     try:
         record = json.loads(path.read_text(encoding="utf-8"))

@@ -36,20 +36,7 @@ _FILE_TIME = 1_577_836_800  # [s] 2020-01-01 for every file, so that times of fi
 
 
 def write_campaign(rng: np.random.Generator, rig: VirtualRig, readings: Readings, folder: Path, name: str) -> None:
-    """Write the campaign.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        For units, names of columns and layout.
-    rig : VirtualRig
-    readings : dict of str to dict of str to (n,) array
-        Noisy readings by run and channel, SI, NaN in gaps; ``time``, ``crank_angle`` where there is an encoder, and the
-        noise's standard deviations as ``{channel} sd`` among them.
-    folder : Path
-    name : str
-        Of the campaign.
-    """
+    """Write the campaign."""
     channels = [*(["crank_angle"] if rig.angle_noise else []), *rig.sensors]
     prefix = str(rng.choice(_COLUMN_PREFIXES))
     columns = {channels[index]: f"{prefix}{number}" for number, index in enumerate(rng.permutation(len(channels)), 1)}

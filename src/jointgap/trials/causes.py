@@ -21,19 +21,7 @@ def cause(
     named: frozenset[str],
     equal: Collection[frozenset[str]] = (),
 ) -> str:
-    """Why not the truth was found; the first of the causes that holds.
-
-    Parameters
-    ----------
-    truth : mapping
-        The sealed truth, as `jointgap.trials.make_trial` writes it.
-    analysis : mapping
-        As `jointgap.trials.analyse_trial` gives it.
-    hidden, named : frozenset of str
-        Labels of the effects; of what is named empty where nothing is.
-    equal : collection of frozenset of str
-        Labels of the explanations that an ``ambiguous`` verdict leaves.
-    """
+    """Why not the truth was found; the first of the causes that holds."""
     if "verdict" not in analysis:
         return "the analysis failed"
     if "damage" in truth:
@@ -57,13 +45,7 @@ def cause(
 
 
 def has_idle_effect(truth: Mapping[str, Any]) -> bool:
-    """Whether an effect is hidden that is none (`jointgap.trials.idle_effects`).
-
-    Parameters
-    ----------
-    truth : mapping
-        The sealed truth; one that was sealed before this was asked does not say, and none is taken as idle.
-    """
+    """Whether an effect is hidden that is none (`jointgap.trials.idle_effects`)."""
     return any(effect.get("idle", False) for effect in truth["effects"])
 
 

@@ -200,24 +200,7 @@ def _remember(geometry, contacts, time, q, v, memory, before, pins):
 
 
 def simulate(content: Mapping, run: CrankRun, tolerance: float = TOLERANCE) -> dict[str, np.ndarray]:
-    """Readings of all channels at the samples of a run, by the names of measured channels.
-
-    Parameters
-    ----------
-    content : mapping
-        Content of a mechanism file with one loose pin or both, the crank pivot ideal; of its effects those in
-        `jointgap.trials.trial_plan.EXUDYN_LOOSE_EFFECTS`.
-    run : CrankRun
-    tolerance : float
-        As `TOLERANCE`.
-
-    Raises
-    ------
-    MissingPackage
-        Exudyn is not installed.
-    SimulationError
-        Exudyn stops.
-    """
+    """Readings of all channels at the samples of a run, by the names of measured channels."""
     return _ContactModel(content, run).readings(tolerance)
 
 

@@ -24,52 +24,14 @@ _BODIES = {name: (JOINT[name].partner, JOINT[name].body) for name in FROM_FRAME}
 
 
 def simulate(content: Mapping, speed: float, phase: float, times: np.ndarray, settling: int) -> dict[str, np.ndarray]:
-    """Readings of all channels at `times`, by the names of measured channels.
-
-    Parameters
-    ----------
-    content : mapping
-        Content of a mechanism file; of its effects those in `jointgap.trials.trial_plan.EXUDYN_EFFECTS`.
-    speed, phase : float
-        Of the crank [rad/s], [rad]; the phase is the angle at time 0.
-    times : (n,) array
-        [s], in steps of equal length from 0 on.
-    settling : int
-        Revolutions before time 0 at least.
-
-    Raises
-    ------
-    MissingPackage
-        Exudyn is not installed.
-    SimulationError
-        Exudyn stops.
-    """
+    """Readings of all channels at `times`, by the names of measured channels."""
     spacing = float(times[1] - times[0])
     lead = math.ceil(2 * math.pi * settling / speed / spacing)
     return _IdealModel(content, speed, phase - speed * lead * spacing).run(times, lead)
 
 
 class ExudynSystem:
-    """An empty system of Exudyn, the bodies' numbers with the effects that are nothing but data, and the start.
-
-    Parameters
-    ----------
-    content : mapping
-        Content of a mechanism file.
-    speed, phase : float
-        Of the crank [rad/s], [rad]; the phase is the angle at the start.
-
-    Attributes
-    ----------
-    crank, rod, crank_centre, rod_centre : float
-        Lengths, and distances of the mass centres from the end nearer to the crank's pivot [m].
-    slider_mass : float
-        [kg].
-    end, end_velocity : (2,) array
-        The crank's end at the start [m, m/s].
-    rod_angle, rod_rate, start, start_velocity : float
-        Angle of the rod [rad, rad/s], position of the slider [m, m/s] at the start, of the mechanism with ideal joints.
-    """
+    """An empty system of Exudyn, the bodies' numbers with the effects that are nothing but data, and the start."""
 
     def __init__(self, content: Mapping, speed: float, phase: float):
         with needs("a trial of Exudyn", "peers"):
@@ -105,15 +67,7 @@ class ExudynSystem:
         return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=node, coordinate=number))
 
     def add_slider_effects(self, marker: int, origin: float) -> None:
-        """Loads, springs and dampers on the slider.
-
-        Parameters
-        ----------
-        marker : int
-            Of the slider's coordinate.
-        origin : float
-            Its position [m] where that coordinate is 0.
-        """
+        """Loads, springs and dampers on the slider."""
         add, items, slider = self.system, self.items, [self.fixed, marker]
         for name, values in self.effects.items():
             if name == "slider_constant_force":

@@ -17,17 +17,6 @@ def idle_effects(campaign_file: Path, effects: Sequence[Mapping[str, Any]]) -> l
     A slider of 0.487 kg is no added mass where the file says 0.454 to 0.492 kg: the model without an effect leaves
     noise alone, and a name for it would be wrong. Gaps do not tell where joints are loose, since the recalibration by
     which they are measured is linear. Friction of a pin is none beside a clearance that states its contact's friction.
-
-    Parameters
-    ----------
-    campaign_file : Path
-    effects : sequence of mappings
-        Records of the sealed truth: ``name``, ``site`` and ``parameters`` [SI].
-
-    Raises
-    ------
-    InputError
-        The campaign cannot be read, or its mechanism cannot be simulated, or is impossible with some of the effects.
     """
     if not effects:
         return []

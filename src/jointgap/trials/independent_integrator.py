@@ -158,29 +158,7 @@ def _integrate(p, z, times, tolerance, states, auxiliary_states, modes_at, appro
 
 
 def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=None) -> dict[str, np.ndarray]:
-    """All signals of a motion at `times`, from the start of `jointgap.dynamics.solver.initial_state` on.
-
-    Parameters
-    ----------
-    p : Parameters
-        Not under a motor.
-    times : (n,) array
-        [s] from the start, growing.
-    tolerance : float
-        Local error of a step [m].
-    perturbation : (4,) array_like, optional
-        As in `jointgap.dynamics.simulation`.
-
-    Returns
-    -------
-    dict of str to (n,) array
-        By column of `jointgap.dynamics.solver.sampling.SAMPLE`.
-
-    Raises
-    ------
-    SimulationError
-        The integration cannot go on.
-    """
+    """All signals of a motion at `times`, from the start of `jointgap.dynamics.solver.initial_state` on."""
     y, x = start_state(p, perturbation)
     n = times.size
     states, auxiliary_states = np.empty((n, STATES)), np.empty((n, AUXILIARY_STATES))

@@ -25,25 +25,13 @@ Parameters = dict[str, float]
 
 @dataclass(frozen=True)
 class RigScales:
-    """The scales of a rig that the sizes of effects follow.
+    """The scales of a rig that the sizes of effects follow."""
 
-    Attributes
-    ----------
-    mechanism : mapping
-        Content of a mechanism file.
-    speed : float
-        Largest of the runs [rad/s].
-    loose, channels : tuple of str
-        Loose joints, measured channels.
-    spread : mapping of str to float
-        Standard deviation of each channel in the fastest run [SI].
-    """
-
-    mechanism: Mapping
-    speed: float
-    loose: tuple[str, ...]
-    channels: tuple[str, ...]
-    spread: Mapping[str, float]
+    mechanism: Mapping  # Content of a mechanism file
+    speed: float  # Largest of the runs [rad/s]
+    loose: tuple[str, ...]  # Loose joints, measured channels
+    channels: tuple[str, ...]  # Loose joints, measured channels
+    spread: Mapping[str, float]  # Standard deviation of each channel in the fastest run [SI]
 
     @property
     def force(self) -> float:
@@ -63,34 +51,17 @@ class RigScales:
 
 @dataclass(frozen=True)
 class InjectedEffect:
-    """One effect that acts, at a size still open.
+    """One effect that acts, at a size still open."""
 
-    Attributes
-    ----------
-    name, site : str
-        As in a verdict; of an effect that is not on the list, its own name.
-    parameters : function
-        From the size to the parameters of a verdict [SI].
-    first, most, least : float
-        Size to begin with, largest and smallest size.
-    listed : bool
-        Whether it is among the candidates of the naming.
-    sensor : str
-        Channel of a sensor's fault, else empty.
-    formula : tuple of (kind, text), optional
-        Of a law that is not on the list: ``discovered_slider_force`` or ``discovered_crank_torque``, and the formula,
-        in which s is the size.
-    """
-
-    name: str
-    site: str
-    parameters: Callable[[float], Parameters]
-    first: float
-    most: float
-    least: float = 0.0
-    listed: bool = True
-    sensor: str = ""
-    formula: tuple[str, str] | None = None
+    name: str  # As in a verdict; of an effect that is not on the list, its own name
+    site: str  # As in a verdict; of an effect that is not on the list, its own name
+    parameters: Callable[[float], Parameters]  # From the size to the parameters of a verdict [SI]
+    first: float  # Size to begin with, largest and smallest size
+    most: float  # Size to begin with, largest and smallest size
+    least: float = 0.0  # Size to begin with, largest and smallest size
+    listed: bool = True  # Whether it is among the candidates of the naming
+    sensor: str = ""  # Channel of a sensor's fault, else empty
+    formula: tuple[str, str] | None = None  # Of a law that is not on the list
 
     def in_file(self, size: float) -> list[dict]:
         """Entries of a mechanism file's effects; none for a sensor's fault."""

@@ -59,39 +59,16 @@ ANGLE_PIECES = 72
 
 @dataclass(frozen=True)
 class TrialDraw:
-    """A rig with the effects to inject.
-
-    Attributes
-    ----------
-    rig : VirtualRig
-    calibrator : SizeCalibrator or StatisticsSizeCalibrator
-    effects : list of (InjectedEffect, size)
-    gaps : list of float
-        That each effect causes alone [1].
-    """
+    """A rig with the effects to inject."""
 
     rig: VirtualRig
     calibrator: SizeCalibrator | StatisticsSizeCalibrator
     effects: list[tuple[InjectedEffect, float]]
-    gaps: list[float]
+    gaps: list[float]  # That each effect causes alone [1]
 
 
 def make_trial(plan: TrialPlan, seed: int, folder: Path) -> dict:
-    """Write a campaign, and return the truth that is to be sealed.
-
-    Parameters
-    ----------
-    plan : TrialPlan
-    seed : int
-        The set's.
-    folder : Path
-        For the campaign.
-
-    Raises
-    ------
-    MissingPackage
-        Of the kind ``exudyn``, and Exudyn is not installed.
-    """
+    """Write a campaign, and return the truth that is to be sealed."""
     rng = np.random.default_rng([seed, 1, plan.number])
     draw = draw_trial(plan, rng, *(np.random.default_rng([seed, stream, plan.number]) for stream in (2, 4, 5)))
     read = _exudyn_readings if plan.kind == "exudyn" else _own_readings
@@ -108,16 +85,7 @@ def draw_trial(
     contacts: np.random.Generator,
     encoders: np.random.Generator | None = None,
 ) -> TrialDraw:
-    """Draw rigs until one shows the effects of a plan as large as asked for.
-
-    Parameters
-    ----------
-    plan : TrialPlan
-    rng, unmeasured, contacts, encoders : numpy.random.Generator
-        The second one draws how the runs begin and how contacts that last are damped, the third one the contacts of
-        joints that the model has as ideal, the fourth one encoders whose angle the crank follows, the first one all
-        else.
-    """
+    """Draw rigs until one shows the effects of a plan as large as asked for."""
     catalogue = OFF_LIST if plan.kind == "off_list" else LISTED
     film = [name.partition(":")[2] for name in plan.effects if name.startswith("lubricated_joint")]
     encoder = "encoder_offset" in plan.effects or plan.damage in NEED_ENCODER or plan.measured_angle
@@ -247,13 +215,6 @@ def parameters_beyond_nominal(rig: VirtualRig, effect: InjectedEffect, size: flo
 
     A mass that is added to one that is not exactly known, and likewise a length, is known by their sum alone: it counts
     from what the mechanism file says.
-
-    Parameters
-    ----------
-    rig : VirtualRig
-    effect : InjectedEffect
-    size : float
-        In the unit of the effect's first parameter.
     """
     values = dict(effect.parameters(size))
     added = EFFECTS[effect.name].ADDS_TO if effect.name in EFFECTS else {}

@@ -120,18 +120,7 @@ TRIALS = Table(
 
 
 def score_batches(truths: Iterable[Path], analyses: Iterable[Path]) -> pd.DataFrame:
-    """The table `TRIALS` of all trials of several batches.
-
-    Parameters
-    ----------
-    truths, analyses : iterable of Path
-        JSON files of the sealed truths, and of the verdicts on them.
-
-    Raises
-    ------
-    InputError
-        A file that is not there or no list of trials, a trial without its truth, or a truth without its trial.
-    """
+    """The table `TRIALS` of all trials of several batches."""
     truth, analysis = (
         {record["id"]: record for path in paths for record in read_trial_records(path, option, command)}
         for paths, option, command in ((truths, "--truth", "blind-conceal"), (analyses, "--found", "blind-analyse"))
@@ -166,20 +155,7 @@ def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -
 
 
 def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[str, Any]:
-    """One trial.
-
-    Parameters
-    ----------
-    truth : mapping
-        The sealed truth, as `jointgap.trials.make_trial` writes it.
-    analysis : mapping
-        As `jointgap.trials.analyse_trial` gives it: the verdict or an error, and what the baseline methods name.
-
-    Returns
-    -------
-    dict
-        A row of the table `TRIALS`.
-    """
+    """One trial."""
     verdict = analysis.get("verdict")
     hidden = frozenset(effect_label(effect) for effect in truth["effects"])
     row = dict.fromkeys(_NUMBERS, math.nan) | {

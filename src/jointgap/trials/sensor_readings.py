@@ -28,49 +28,23 @@ _LAGS_BEFORE = 5.0  # lags that are simulated before the first sample: what was 
 
 @dataclass(frozen=True)
 class Numerics:
-    """What an integrator may choose.
+    """What an integrator may choose."""
 
-    Attributes
-    ----------
-    tolerance : float
-        Local error of a step [m].
-    friction_law : str
-        ``coulomb`` (a hyperbolic tangent) or ``threlfall`` (an exponential).
-    friction_speed : float
-        Sliding speed over which friction in loose pins is regularised [m/s].
-    sign_factor : float
-        Factor on the width of the slider's and the crank's sign functions.
-    """
-
-    tolerance: float = 1e-11
-    friction_law: str = "coulomb"
-    friction_speed: float = 1e-3
-    sign_factor: float = 1.0
+    tolerance: float = 1e-11  # Local error of a step [m]
+    friction_law: str = "coulomb"  # ``coulomb`` (a hyperbolic tangent) or ``threlfall`` (an exponential)
+    friction_speed: float = 1e-3  # Sliding speed over which friction in loose pins is regularised [m/s]
+    sign_factor: float = 1.0  # Factor on the width of the slider's and the crank's sign functions
 
 
 @dataclass(frozen=True)
 class CrankRun:
-    """How the crank turns in one run, and when it is sampled.
+    """How the crank turns in one run, and when it is sampled."""
 
-    Attributes
-    ----------
-    speed : float
-        Mean speed [rad/s].
-    phase : float
-        Angle at time 0 [rad].
-    times : (n,) array
-        Of the samples [s].
-    start_angle : float
-        Crank angle at which the motion begins [rad], within a turn.
-    settling : int
-        Whole revolutions between the start and time 0; the part of one that leads to `phase` comes on top.
-    """
-
-    speed: float
-    phase: float
-    times: np.ndarray
-    start_angle: float = 0.0
-    settling: int = SETTLING_REVOLUTIONS
+    speed: float  # Mean speed [rad/s]
+    phase: float  # Angle at time 0 [rad]
+    times: np.ndarray  # Of the samples [s]
+    start_angle: float = 0.0  # Crank angle at which the motion begins [rad], within a turn
+    settling: int = SETTLING_REVOLUTIONS  # Whole revolutions between the start and time 0
 
 
 def _compile(content: Mapping, run: CrankRun, numerics: Numerics) -> Parameters:
@@ -93,22 +67,7 @@ def simulate_signals(
     numerics: Numerics,
     perturbation: Sequence[float] | None = None,
 ) -> dict[str, np.ndarray]:
-    """The motion at the samples of a run, without sensors.
-
-    Parameters
-    ----------
-    content : mapping
-        Of a mechanism file, its effects included.
-    run : CrankRun
-    numerics : Numerics
-    perturbation : (4,) sequence, optional
-        Clearance vectors at the start [m].
-
-    Returns
-    -------
-    dict of str to (n,) array
-        By column of `jointgap.dynamics.solver.sampling` [SI]; the crank angle is the phase at time 0.
-    """
+    """The motion at the samples of a run, without sensors."""
     turned = 2 * math.pi * run.settling
     begin = -(run.phase - run.start_angle + turned) / run.speed
     signals = integrate(_compile(content, run, numerics), run.times - begin, numerics.tolerance, perturbation)
@@ -124,24 +83,7 @@ def with_injected_effects(content: Mapping, effects: InjectedEffects) -> dict:
 def noise_free_readings(
     content: Mapping, run: CrankRun, numerics: Numerics, channels: Sequence[str], effects: InjectedEffects = ()
 ) -> dict[str, np.ndarray]:
-    """What the sensors would read without noise.
-
-    Parameters
-    ----------
-    content : mapping
-        Of a mechanism file.
-    run : CrankRun
-    numerics : Numerics
-    channels : sequence of str
-        Those that are read beside ``crank_angle``.
-    effects : sequence of (effect, size)
-        Injected into mechanism and sensors.
-
-    Returns
-    -------
-    dict of str to (n,) array
-        By channel [SI].
-    """
+    """What the sensors would read without noise."""
     content = with_injected_effects(content, effects)
     signals = simulate_signals(content, run, numerics)
     readings = {channel: signals[channel].copy() for channel in {*channels, "crank_angle"}}
@@ -159,17 +101,7 @@ def noise_free_readings(
 
 
 def faulty_reading(name: str, values: Mapping[str, float], true: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """What a sensor reads whose fault has no memory, (n,).
-
-    Parameters
-    ----------
-    name : str
-        Of the fault.
-    values : mapping
-        Its parameters [SI].
-    true, times : (n,) array
-        The signal [SI] and when it is sampled [s].
-    """
+    """What a sensor reads whose fault has no memory, (n,)."""
     if name == "encoder_offset":
         return true + values["offset_rad"]
     if name == "sensor_bias":

@@ -45,14 +45,7 @@ class _ChannelNoise:
 
 
 class SizeCalibrator:
-    """Measures gaps of one rig: noise-free differences between a truth and the recalibrated base, over the noise.
-
-    Parameters
-    ----------
-    rig : VirtualRig
-    runs : sequence of str
-        Those that are measured.
-    """
+    """Measures gaps of one rig: noise-free differences between a truth and the recalibrated base, over the noise."""
 
     def __init__(self, rig: VirtualRig, runs: Sequence[str]):
         self.rig, self.runs = rig, tuple(runs)
@@ -272,14 +265,6 @@ def calibrate_size(
 
     Secants in the logarithms of size and excess, kept between sizes that are too small and too large. Sizes that cannot
     be simulated are too large.
-
-    Parameters
-    ----------
-    calibrator : SizeCalibrator or StatisticsSizeCalibrator
-        Of the rig.
-    effect : InjectedEffect
-    target : float
-        Gap, over 1 [1].
     """
     goal = target**2 - 1
     low, high, size = None, None, min(effect.first, effect.most)

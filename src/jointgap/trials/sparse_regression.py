@@ -29,18 +29,8 @@ _DERIVATIVE = {
 
 
 def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | None:
-    """Names that sparse regression gives; empty where a model without any term is best, None where no channel serves.
-
-    Parameters
-    ----------
-    campaign_file : Path
-    residuals : DataFrame
-        Table `jointgap.tables.RESIDUALS` of the campaign: measured, and base as recalibrated.
-
-    Raises
-    ------
-    MissingPackage
-        pysindy is not installed.
+    """Names that sparse regression gives; empty where a model without any term is best, None where no channel
+    serves.
     """
     with needs("a sparse regression", "peers"):
         from pysindy import STLSQ

@@ -87,49 +87,21 @@ class Sets(Section):
 
 @dataclass(frozen=True)
 class TrialPlan:
-    """What one trial is to hide.
+    """What one trial is to hide."""
 
-    Attributes
-    ----------
-    id : str
-        Of the trial; says nothing about it.
-    number : int
-        Its place in the set.
-    kind : str
-        nothing, single, pair, off_list, exudyn, clearance or wiring.
-    base : str
-        One of `jointgap.trials.virtual_rig.BASES`.
-    size : float
-        Gap that each effect is to cause; 0 where nothing is injected.
-    effects : tuple of str
-        Names in `jointgap.trials.injected_effects.LISTED` or `OFF_LIST`.
-    damage : str
-        Of the kind wiring: how the data are damaged, one of `jointgap.trials.wiring.DAMAGES`; else empty.
-    loose : str
-        A joint that has to be loose in the analyst's model; empty where it may be any.
-    measured_angle : bool
-        Whether the analyst's crank follows the angle that was read, instead of a constant speed.
-    """
-
-    id: str
-    number: int
-    kind: str
-    base: str
-    size: float
-    effects: tuple[str, ...]
-    damage: str = ""
-    loose: str = ""
+    id: str  # Of the trial; says nothing about it
+    number: int  # Its place in the set
+    kind: str  # nothing, single, pair, off_list, exudyn, clearance or wiring
+    base: str  # One of `jointgap.trials.virtual_rig.BASES`
+    size: float  # Gap that each effect is to cause; 0 where nothing is injected
+    effects: tuple[str, ...]  # Names in `jointgap.trials.injected_effects.LISTED` or `OFF_LIST`
+    damage: str = ""  # Of the kind wiring
+    loose: str = ""  # A joint that has to be loose in the analyst's model; empty where it may be any
     measured_angle: bool = False
 
 
 def read_sets(path: Path | str) -> dict[str, TrialSet]:
-    """The sets in a file such as ``config/blind.yaml``.
-
-    Raises
-    ------
-    InputError
-        No such file, or a wrong key or value in it.
-    """
+    """The sets in a file such as ``config/blind.yaml``."""
     return validate(Sets, read_yaml(path), str(path)).sets
 
 
@@ -186,19 +158,7 @@ def plan_batch(chosen: TrialSet, batch: int) -> list[TrialPlan]:
 
 
 def batches_of(chosen: TrialSet, first: int | None = None) -> range:
-    """The batches of a set, or the first ones alone: trials are shuffled, so these are a random part of it.
-
-    Parameters
-    ----------
-    chosen : TrialSet
-    first : int, optional
-        How many; all by default.
-
-    Raises
-    ------
-    InputError
-        Not a whole number from 1 to how many there are.
-    """
+    """The batches of a set, or the first ones alone: trials are shuffled, so these are a random part of it."""
     count = len(parts(len(plan_trials(chosen)), chosen.batch))
     if first is None:
         return range(count)

@@ -14,23 +14,7 @@ TRIAL_STAGES = Stages()
 def blind_conceal(
     sets: Path, name: str, batch: int, campaigns: Path, sealed: Path, listed: Path, truth: Path, code: str
 ) -> str:
-    """Draw the campaigns of one batch, hide effects in their data, and seal the truth elsewhere.
-
-    Parameters
-    ----------
-    sets : Path
-        YAML file of the sets of trials.
-    name : str
-        Of the set.
-    batch : int
-        Which batch of the set.
-    campaigns, sealed : Path
-        Folders of the campaigns, and of their truths.
-    listed, truth : Path
-        Files to write: names of the trials, and their truths (JSON).
-    code : str
-        Digest of the code: trials made by the same code are not made again.
-    """
+    """Draw the campaigns of one batch, hide effects in their data, and seal the truth elsewhere."""
     from jointgap.trials.batches import cached_record, folder_digest
     from jointgap.trials.make_trial import make_trial
     from jointgap.trials.trial_plan import plan_batch, read_sets, trial_set
@@ -52,19 +36,7 @@ def blind_conceal(
 
 @TRIAL_STAGES.stage()
 def blind_analyse(listed: Path, campaigns: Path, verdicts: Path, found: Path, code: str) -> None:
-    """Name what is missing in the campaigns of one batch, each in a folder that holds it alone.
-
-    Parameters
-    ----------
-    listed : Path
-        Names of the trials, one a line.
-    campaigns, verdicts : Path
-        Folders of the campaigns, and of what is concluded from them.
-    found : Path
-        JSON file to write: the records of the batch.
-    code : str
-        Digest of the code: what the same code analysed is not analysed again.
-    """
+    """Name what is missing in the campaigns of one batch, each in a folder that holds it alone."""
     from jointgap.trials.analyse_trial import analyse_trial
     from jointgap.trials.batches import cached_record, folder_digest, listed_trials
 
@@ -82,17 +54,7 @@ def blind_analyse(listed: Path, campaigns: Path, verdicts: Path, found: Path, co
 
 @TRIAL_STAGES.stage()
 def blind_score(name: str, truths: Sequence[Path], founds: Sequence[Path], folder: Path) -> str:
-    """Open the seals: how often the naming was right, wrong or silent, with intervals, and what the baselines do.
-
-    Parameters
-    ----------
-    name : str
-        Of the set.
-    truths, founds : sequence of Path
-        Files of `blind_conceal` and `blind_analyse`, by batch.
-    folder : Path
-        To write into.
-    """
+    """Open the seals: how often the naming was right, wrong or silent, with intervals, and what the baselines do."""
     from jointgap.figures import style
     from jointgap.report.page import to_html, to_markdown
     from jointgap.trials.score import TRIALS, score_batches
@@ -113,19 +75,7 @@ def blind_score(name: str, truths: Sequence[Path], founds: Sequence[Path], folde
 
 @TRIAL_STAGES.stage()
 def blind_track(name: str, folder: Path, store: Path, published: Path) -> None:
-    """Publish the score of a set of blind trials to MLflow; nothing twice.
-
-    Parameters
-    ----------
-    name : str
-        Of the set.
-    folder : Path
-        Of its score.
-    store : Path
-        Of MLflow.
-    published : Path
-        JSON file to write: what was published.
-    """
+    """Publish the score of a set of blind trials to MLflow; nothing twice."""
     from jointgap.track.publish import publish_records
     from jointgap.trials.trials_report import DESCRIPTION, mlflow_records
 

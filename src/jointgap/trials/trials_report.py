@@ -58,11 +58,6 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
     """The rates and medians of a set, one a row: what, group, count, value, low, high.
 
     Shares have Clopper and Pearson's interval; medians have the one that order statistics give.
-
-    Parameters
-    ----------
-    trials : DataFrame
-        Table `jointgap.trials.score.TRIALS`.
     """
     is_one = trials["kind"].isin(["single", "exudyn", "clearance"]) & (trials["hidden"] != "nothing")
     one, is_drawn_evenly = trials[is_one & trials["detectable"]], trials["kind"] != "clearance"
@@ -244,15 +239,7 @@ def _without_sites(names: str) -> str:
 
 
 def page(name: str, trials: pd.DataFrame) -> Page:
-    """The summary on one page, with the figures of the score.
-
-    Parameters
-    ----------
-    name : str
-        Of the set.
-    trials : DataFrame
-        Table `jointgap.trials.score.TRIALS`.
-    """
+    """The summary on one page, with the figures of the score."""
     rows = [
         (row.what, row.group, str(row.count), _number(row.value), f"{_number(row.low)} - {_number(row.high)}")
         for row in rates(trials).itertuples()
@@ -311,18 +298,7 @@ def metrics(trials: pd.DataFrame) -> dict[str, float]:
 
 
 def mlflow_records(folder: Path) -> list[Record]:
-    """The set as one run of MLflow with every score, so that sets can be compared.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the score: ``trials.parquet``, ``summary.md`` and the figures.
-
-    Raises
-    ------
-    InputError
-        There is no table of trials, or it cannot be read.
-    """
+    """The set as one run of MLflow with every score, so that sets can be compared."""
     place = folder / "trials.parquet"
     trials = tables.read(TRIALS, place)
     scores = {_mlflow_name(name): value for name, value in metrics(trials).items()}

@@ -38,71 +38,31 @@ _MOST_DRAWS = 200  # rigs, until one moves as its base asks at all three speeds
 
 @dataclass(frozen=True)
 class Sensor:
-    """How one channel is measured.
+    """How one channel is measured."""
 
-    Attributes
-    ----------
-    noise_share : float
-        Standard deviation of the noise over that of the signal.
-    correlation : float
-        Of the noise of neighbouring samples.
-    gaps : bool
-        Whether samples are lost.
-    """
-
-    noise_share: float
-    correlation: float
-    gaps: bool
+    noise_share: float  # Standard deviation of the noise over that of the signal
+    correlation: float  # Of the noise of neighbouring samples
+    gaps: bool  # Whether samples are lost
 
 
 @dataclass(frozen=True)
 class VirtualRig:
-    """One rig with its true, hidden values; angles in rad, speeds in rad/s.
+    """One rig with its true, hidden values; angles in rad, speeds in rad/s."""
 
-    Attributes
-    ----------
-    base : str
-        One of `BASES`.
-    nominal, true : dict
-        Contents of mechanism files: the analyst's, and with the true values of the nuisances.
-    nuisance_bounds : dict of str to (low, high)
-        By key of the campaign file, SI; those of ``speed`` are a share.
-    nuisance_values : dict of str to float
-        True values, SI, ``speed@run`` for a run's.
-    runs : dict of str to CrankRun
-        By id, in the order of the campaign file.
-    nominal_speeds : dict of str to float
-        By run.
-    confirm_run : str
-        The held-out run.
-    sensors : dict of str to Sensor
-        By channel.
-    angle_noise : float
-        Standard deviation of the crank angle's reading; 0 where there is no encoder.
-    noise_is_stated : bool
-        Whether the campaign file says how noisy the channels are.
-    numerics : Numerics
-        By which the data are simulated.
-    angle_step : float
-        Of the encoder, where the campaign file states that in place of its noise; else 0.
-    drive : str
-        Of the campaign file.
-    """
-
-    base: str
-    nominal: dict
-    true: dict
-    nuisance_bounds: dict[str, tuple[float, float]]
-    nuisance_values: dict[str, float]
-    runs: dict[str, CrankRun]
-    nominal_speeds: dict[str, float]
-    confirm_run: str
-    sensors: dict[str, Sensor]
-    angle_noise: float
-    noise_is_stated: bool
-    numerics: Numerics
-    angle_step: float = 0.0
-    drive: str = "constant_speed"
+    base: str  # One of `BASES`
+    nominal: dict  # Contents of mechanism files: the analyst's, and with the true values of the nuisances
+    true: dict  # Contents of mechanism files: the analyst's, and with the true values of the nuisances
+    nuisance_bounds: dict[str, tuple[float, float]]  # By key of the campaign file, SI; those of ``speed`` are a share
+    nuisance_values: dict[str, float]  # True values, SI, ``speed@run`` for a run's
+    runs: dict[str, CrankRun]  # By id, in the order of the campaign file
+    nominal_speeds: dict[str, float]  # By run
+    confirm_run: str  # The held-out run
+    sensors: dict[str, Sensor]  # By channel
+    angle_noise: float  # Standard deviation of the crank angle's reading; 0 where there is no encoder
+    noise_is_stated: bool  # Whether the campaign file says how noisy the channels are
+    numerics: Numerics  # By which the data are simulated
+    angle_step: float = 0.0  # Of the encoder, where the campaign file states that in place of its noise; else 0
+    drive: str = "constant_speed"  # Of the campaign file
 
     @property
     def loose(self) -> tuple[str, ...]:
@@ -168,15 +128,7 @@ def _draw_mechanism(rng: np.random.Generator, base: str, needed: str) -> dict:
 
 
 def revolution_spread(content: dict, speed: float) -> float:
-    """RMS difference of settled revolutions that began differently or are some apart, over the standard deviation.
-
-    Parameters
-    ----------
-    content : dict
-        Of a mechanism file.
-    speed : float
-        Of the crank [rad/s].
-    """
+    """RMS difference of settled revolutions that began differently or are some apart, over the standard deviation."""
     times = np.arange(90) / 90 * 2 * math.pi / speed
     nudge = [1e-7 if content["joints"][joint]["loose"] else 0.0 for joint in PINS]  # [m]
     settled = SETTLING_REVOLUTIONS
@@ -247,18 +199,7 @@ def with_nuisances(content: dict, values: dict[str, float]) -> dict:
 
 
 def draw_rig(rng: np.random.Generator, base: str, needed: str = "", encoder: bool = False) -> VirtualRig:
-    """Draw a rig whose settled motion is as `base` says: the same in each revolution, or not.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    base : str
-        One of `BASES`.
-    needed : str
-        A joint that has to be loose.
-    encoder : bool
-        Whether the crank angle has to be measured.
-    """
+    """Draw a rig whose settled motion is as `base` says: the same in each revolution, or not."""
     for _ in range(_MOST_DRAWS):
         nominal = _draw_mechanism(rng, base, needed)
         slowest = rng.uniform(150, 330)
@@ -314,12 +255,6 @@ def with_drawn_starts(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
     """The rig, each of whose runs began at an angle and ran for a number of revolutions that `rng` draws.
 
     Where no joint is loose the start leaves no trace, and nothing is drawn.
-
-    Parameters
-    ----------
-    rig : VirtualRig
-    rng : numpy.random.Generator
-        Of its own, so that what else is drawn of a trial does not depend on it.
     """
     if not rig.loose:
         return rig
@@ -335,14 +270,7 @@ def with_drawn_starts(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
 
 
 def with_drawn_damping(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
-    """The rig, whose loose joints damp a contact that lasts less or more than the analyst's file says.
-
-    Parameters
-    ----------
-    rig : VirtualRig
-    rng : numpy.random.Generator
-        Of its own, so that what else is drawn of a trial does not depend on it.
-    """
+    """The rig, whose loose joints damp a contact that lasts less or more than the analyst's file says."""
     reach = math.log(_DAMPING_FACTOR)
     values = {f"lasting_damping_{joint}": float(rng.uniform(-reach, reach)) for joint in rig.loose}
     return replace(rig, true=with_nuisances(rig.true, values), nuisance_values=rig.nuisance_values | values)
@@ -353,12 +281,6 @@ def with_measured_angle(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig
 
     A crank that turns as it was read needs an encoder that is good for that: 0.01 to 0.06 degrees, or 1000 to 10 000
     steps a turn with little noise between them. Its speed is no nuisance.
-
-    Parameters
-    ----------
-    rig : VirtualRig
-    rng : numpy.random.Generator
-        Of its own, so that what else is drawn of a trial does not depend on it.
     """
     noise, step = math.radians(rng.uniform(0.01, 0.06)), 0.0
     if rng.random() < 0.5:
@@ -374,13 +296,6 @@ def with_drawn_contact(rig: VirtualRig, effect: InjectedEffect, rng: np.random.G
 
     Nobody measured that contact. Restitution, friction and stiffness are anywhere in the ranges that a fit allows them,
     and a contact that lasts is damped as those of the rig's other loose joints are.
-
-    Parameters
-    ----------
-    rig : VirtualRig
-    effect : InjectedEffect
-    rng : numpy.random.Generator
-        Of its own, so that what else is drawn of a trial does not depend on it.
     """
     if effect.site not in JOINTS or not effect.name.endswith("_clearance") or effect.site in rig.loose:
         return effect

@@ -31,13 +31,7 @@ CLIPPED_SHARES = (0.03, 0.15)
 
 
 class _Files:
-    """The files of a written campaign, read and written in the form that they have.
-
-    Parameters
-    ----------
-    folder : Path
-    rng : numpy.random.Generator
-    """
+    """The files of a written campaign, read and written in the form that they have."""
 
     def __init__(self, folder: Path, rng: np.random.Generator):
         self.folder, self.rng = folder, rng
@@ -176,21 +170,7 @@ gain wrong, a channel from another run's file, times stretched or the speed of a
 
 
 def damage_campaign(rng: np.random.Generator, damage: str, folder: Path) -> dict:
-    """Damage the written campaign in `folder`; what was done, for the sealed truth.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        For channel, run and size.
-    damage : str
-        One of `DAMAGES`.
-    folder : Path
-
-    Returns
-    -------
-    dict
-        ``what``, ``channels`` (of times and speeds: ``time``), and what is known of the size.
-    """
+    """Damage the written campaign in `folder`; what was done, for the sealed truth."""
     files = _Files(folder, rng)
     done = _BY_NAME[damage](files)
     files.write()

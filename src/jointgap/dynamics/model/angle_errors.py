@@ -20,23 +20,7 @@ _MOST_ERRORS = 100
 
 
 class AngleErrors:
-    """The independent errors of a smooth angle, each of one standard deviation.
-
-    Parameters
-    ----------
-    time, angle : (n,) arrays
-        [s, rad] As `jointgap.dynamics.model.measured_drive.smooth_angle` was given them.
-    smooth : PPoly
-        What it returned.
-    stepped : bool
-        Whether the encoder's step told how smooth: then the spline has few knots, and no orders beside it.
-    copies : (n, m) sparse array
-        How the errors of these angles come of those of the m readings, of which some are copies.
-    noise : float or None
-        Standard deviation of a reading [rad], independent of the others; None for what smoothing leaves.
-    common : (m, j) array, optional
-        Errors that readings share [rad], each of one standard deviation.
-    """
+    """The independent errors of a smooth angle, each of one standard deviation."""
 
     def __init__(
         self,

@@ -12,14 +12,7 @@ STILL_SHARE = 1.0 - 2.0 * _SHARE * _SHARE
 
 @inlined
 def bending_levers(bodies, bend) -> tuple:
-    """How a bending rod turns: levers [m] of a force along and across it at its mass centre, inertia [kg m^2].
-
-    Parameters
-    ----------
-    bodies : BodyParameters
-    bend : float
-        Deflection at midspan [m].
-    """
+    """How a bending rod turns: levers [m] of a force along and across it at its mass centre, inertia [kg m^2]."""
     m, k, beyond = bodies.rod_mass, _SHARE, 0.5 * bodies.rod_length - bodies.rod_centre
     along, across = k * bend, 2.0 * k * k * beyond / STILL_SHARE
     inertia = bodies.rod_inertia + m * (0.5 * bend**2 - 2.0 * k * k * beyond**2)
@@ -34,21 +27,6 @@ def rod_accelerations(bodies, rod_cos, rod_sin, speed, bend, bend_rate, fx, fy, 
     A flexible rod is a uniform beam, pinned at both ends, in its first mode w = q sin(pi s / L), a floating frame
     through the ends: with the speed v of the frame, kinetic energy 1/2 int rho [(v_t - W w)^2 + (v_n + w')^2] ds,
     stiffness and damping of a mode of the given frequency. Its equations are Lagrange's, all terms kept.
-
-    Parameters
-    ----------
-    bodies : BodyParameters
-    rod_cos, rod_sin, speed : float
-        Direction and angular velocity [rad/s].
-    bend, bend_rate : float
-        Deflection q at midspan [m] and its rate.
-    fx, fy, moment : float
-        Forces [N] at the rod, their moment about its mass centre [N m].
-
-    Returns
-    -------
-    tuple of 4 floats
-        Mass centre x, y [m/s^2], angle [rad/s^2], deflection [m/s^2].
     """
     if bodies.rod_angular_frequency == 0.0:
         ax = fx * bodies.rod_inverse_mass + bodies.gravity_x
@@ -73,35 +51,14 @@ def rod_accelerations(bodies, rod_cos, rod_sin, speed, bend, bend_rate, fx, fy, 
 
 @inlined
 def crank_moment(bodies, crank) -> tuple:
-    """First moment of the crank's mass about its pivot end [kg m], x and y.
-
-    Parameters
-    ----------
-    bodies : BodyParameters
-    crank : Crank
-    """
+    """First moment of the crank's mass about its pivot end [kg m], x and y."""
     hx = bodies.crank_moment_x * crank.cosine - bodies.crank_moment_y * crank.sine
     return hx, bodies.crank_moment_x * crank.sine + bodies.crank_moment_y * crank.cosine
 
 
 @compiled
 def crank_accelerations(p, crank, torque, pivot, pin):
-    """Accelerations of the crank.
-
-    Parameters
-    ----------
-    p : Parameters
-    crank : Crank
-    torque : float
-        Of drive and losses on the crank [N m]; not looked at where the crank angle is prescribed.
-    pivot, pin : tuples
-        Force of the frame on the crank in the pivot, of the crank on the rod in the pin: see `joint_force`.
-
-    Returns
-    -------
-    tuple of 3 floats
-        Its end at the pivot x, y [m/s^2], angle [rad/s^2].
-    """
+    """Accelerations of the crank."""
     b, alpha = p.bodies, crank.acceleration
     inertia = b.crank_inertia + p.drive.rotor_inertia
     hx, hy = crank_moment(b, crank)
@@ -120,24 +77,7 @@ def crank_accelerations(p, crank, torque, pivot, pin):
 
 @inlined
 def bodies_under(p, crank, here, x, torque, force, pin, piston, pivot) -> tuple:
-    """Accelerations of everything under given forces.
-
-    Parameters
-    ----------
-    p, crank, here : Parameters, Crank, Pose
-    x : tuple
-        Auxiliary states.
-    torque, force : float
-        On the crank [N m], where it is free; on the slider along +x beyond its joint [N].
-    pin, piston, pivot : tuples
-        Forces in the joints: see `joint_force`.
-
-    Returns
-    -------
-    tuple of 8 floats
-        Second rates of the clearance vectors of crank pin (x, y), piston pin (x, y) and crank pivot (x, y) [m/s^2], of
-        the crank angle [rad/s^2] and of the rod's deflection [m/s^2].
-    """
+    """Accelerations of everything under given forces."""
     b, c, s, speed = p.bodies, here.rod_cos, here.rod_sin, here.rod_speed
     near, far, radius = b.rod_centre, b.rod_length - b.rod_centre, b.crank_length
     pivot_x = pivot_y = 0.0

@@ -121,14 +121,7 @@ def _drive(options: Simulate, pieces: np.ndarray | None) -> DriveParameters:
 
 
 def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
-    """The numbers of `mechanism`, its effects applied, under the drive of `options`.
-
-    Raises
-    ------
-    InputError
-        Effects that make it impossible, a measured crank angle that cannot be used, a tolerance too coarse for a
-        clearance, a contact too soft for the loads, a crank that turns clockwise.
-    """
+    """The numbers of `mechanism`, its effects applied, under the drive of `options`."""
     if options.speed < 0:
         raise InputError(
             f"simulate.speed {options.speed:g} rad/s is clockwise: a single simulation turns so, all else does not; "

@@ -11,30 +11,13 @@ from jointgap.dynamics.model.formula_evaluator import evaluate
 
 @compiled
 def formula_value(program, v, x, crank_speed, crank_angle, time):
-    """Value of a formula whose program is a record.
-
-    Parameters
-    ----------
-    program : record
-        See `jointgap.dynamics.model.parameters.program_record`.
-    v, x, crank_speed, crank_angle, time : float
-        Slider's velocity [m/s] and position [m], crank's speed [rad/s] and angle [rad], time [s].
-    """
+    """Value of a formula whose program is a record."""
     return evaluate(program.codes[: program.length], program.numbers, v, x, crank_speed, crank_angle, time)
 
 
 @compiled
 def table_value(e, table, crank_angle, time):
-    """Force [N] of a periodic table.
-
-    Parameters
-    ----------
-    e : EffectParameters
-    table : record
-        See `jointgap.dynamics.model.parameters.table_record`.
-    crank_angle, time : float
-        [rad], [s].
-    """
+    """Force [N] of a periodic table."""
     place = (e.table_sign * crank_angle if e.table_over == 1 else time) - e.table_begin
     place -= math.floor(place / e.table_period) * e.table_period
     row = min(int(place / e.table_period * table.count), table.count - 1)
@@ -54,18 +37,7 @@ def varying(share, phase):
 
 @compiled
 def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
-    """Force [N] along +x on the slider.
-
-    Parameters
-    ----------
-    p : Parameters
-    guide_force : float
-        Normal force of the guide [N].
-    x, v : float
-        Position [m] and speed [m/s] of the slider.
-    crank_speed, crank_angle, time : float
-        [rad/s], [rad], [s].
-    """
+    """Force [N] along +x on the slider."""
     e = p.effects
     sign = math.tanh(v / e.slider_sign_speed)
     force = e.constant - (e.coulomb + e.load_friction * abs(guide_force)) * sign - e.viscous * v - e.drag * v * abs(v)
@@ -109,12 +81,5 @@ def crank_losses(p, x, v, crank_speed, crank_angle, time):
 
 @compiled
 def motor_torque(drive, speed):
-    """Torque [N m] of a motor with a straight line from its stall torque to its no-load speed.
-
-    Parameters
-    ----------
-    drive : DriveParameters
-    speed : float
-        Of the crank [rad/s].
-    """
+    """Torque [N m] of a motor with a straight line from its stall torque to its no-load speed."""
     return drive.stall_torque * (1.0 - speed / drive.no_load_speed)

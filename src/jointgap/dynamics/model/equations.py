@@ -48,15 +48,7 @@ class Pose(NamedTuple):
 
 @inlined
 def pose(bodies, crank, y, x) -> Pose:
-    """Where rod and slider are, from the clearance vectors.
-
-    Parameters
-    ----------
-    bodies : BodyParameters
-    crank : Crank
-    y, x : tuples of 8 and 11 floats
-        Clearance state and auxiliary state.
-    """
+    """Where rod and slider are, from the clearance vectors."""
     length, inverse = bodies.rod_length, bodies.rod_inverse_length
     end_y = bodies.crank_length * crank.sine + y[1] + x[1]
     end_vy = bodies.crank_length * crank.speed * crank.cosine + y[5] + x[5]
@@ -71,25 +63,7 @@ def pose(bodies, crank, y, x) -> Pose:
 
 @inlined
 def accelerations(p, time, crank_angle, crank, y, x, modes, damping) -> tuple:
-    """All accelerations at a state, and the forces behind them.
-
-    Parameters
-    ----------
-    p : Parameters
-    time, crank_angle : float
-        [s], [rad].
-    crank : Crank
-    y, x : tuples of 8 and 11 floats
-        State and auxiliary states.
-    modes, damping : tuples of 3
-        Modes of crank pin, piston pin and crank pivot, chi / d'_0 [s/m] of their contacts.
-
-    Returns
-    -------
-    tuple
-        Accelerations as `bodies_under` has them; forces in crank pin, piston pin, crank pivot; torque of motor and
-        losses on the crank [N m], force on the slider [N]; rates of the bristles (3).
-    """
+    """All accelerations at a state, and the forces behind them."""
     here = pose(p.bodies, crank, y, x)
     pin = joint_force(p.crank_pin, modes[0], damping[0], y[0], y[1], y[4], y[5], here.rod_speed, crank.speed, x[8])
     piston = joint_force(p.piston_pin, modes[1], damping[1], y[2], y[3], y[6], y[7], here.rod_speed, 0.0, x[9])

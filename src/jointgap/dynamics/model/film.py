@@ -56,22 +56,6 @@ def film_force(joint, ex, ey, vx, vy, body_rate, partner_rate):
     The pair of forces acts halfway between the centres, so that no angular momentum is lost; to this comes the couple
     of the shear in the whole film, 2 pi mu R^3 L / (c sqrt(1 - eps^2)) times the difference of the rates. Beyond the
     eccentricity where dry contact begins the film stays as thin as it is there.
-
-    Parameters
-    ----------
-    joint : JointParameters
-        film_viscosity, film_length, film_clearance, film_least, the journal's radius.
-    ex, ey, vx, vy : float
-        Clearance vector [m] from the partner's centre to the body's, and its rate [m/s]. Which of the two is the
-        journal makes no difference but for its radius.
-    body_rate, partner_rate : float
-        Angular velocities [rad/s].
-
-    Returns
-    -------
-    tuple of 4 floats
-        Force on the body at its centre, x, y [N]; the partner feels the opposite. Moment on the body about its centre
-        and on the partner about its own [N m].
     """
     if joint.film_viscosity == 0.0:
         return 0.0, 0.0, 0.0, 0.0

@@ -28,20 +28,7 @@ def _slots(typing_context):
 
 @compiled
 def evaluate(codes, numbers, v, x, w, theta, t):
-    """Value of a program; 0 where it has no operations.
-
-    Parameters
-    ----------
-    codes, numbers : arrays
-        Of a `jointgap.formula.Program`.
-    v, x, w, theta, t : float
-        Velocity [m/s] and position [m] of the slider, speed [rad/s] and angle [rad] of the crank, time [s].
-
-    Returns
-    -------
-    float
-        NaN or infinity where the formula is not defined, such as the root of a negative number.
-    """
+    """Value of a program; 0 where it has no operations."""
     stack = carray(_slots(), (DEEPEST_STACK,))
     below, top = -1, 0.0  # numbers in the stack's array, less one; the number on top, which is not in it
     for i in range(codes.shape[0]):

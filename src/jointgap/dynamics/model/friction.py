@@ -25,13 +25,6 @@ def coulomb(speed, friction, friction_speed):
     """Coulomb friction made smooth through zero, mu tanh(v / v_0): 76 % of mu is reached at v_0.
 
     Of the many smooth forms of the law of C. A. Coulomb, Théorie des machines simples (1785), the one that is analytic.
-
-    Parameters
-    ----------
-    speed, friction_speed : float
-        v and v_0 [m/s].
-    friction : float
-        mu.
     """
     if abs(speed) > _TANH_IS_ONE * friction_speed:  # to the last digit, and the function is slow
         return math.copysign(friction, speed)
@@ -44,13 +37,6 @@ def threlfall(speed, friction, friction_speed):
 
     The exponential is followed beyond v_0 too, so that the coefficient tends to mu; some quote the law with a plateau
     of 95 % of mu from v_0 on.
-
-    Parameters
-    ----------
-    speed, friction_speed : float
-        v and v_0 [m/s].
-    friction : float
-        mu.
     """
     ratio = abs(speed) / friction_speed
     if ratio > _THRELFALL_IS_ONE:
@@ -64,13 +50,6 @@ def ambrosio(speed, friction, dead_band_speed, friction_speed):
 
     J. A. C. Ambrósio, Impact of rigid and flexible multibody systems: deformation description and contact models, in:
     Virtual Nonlinear Multibody Systems, NATO Science Series 103 (2003) 57-81.
-
-    Parameters
-    ----------
-    speed, dead_band_speed, friction_speed : float
-        v, the dead band's and v_0 [m/s].
-    friction : float
-        mu.
     """
     size = abs(speed)
     if size >= friction_speed:
@@ -85,13 +64,6 @@ def bengisu_akay(speed, friction, static_friction, friction_speed, stribeck_spee
     """A parabola up to mu_s at v_0, then mu + (mu_s - mu) exp(-(|v| - v_0) / v_s): the coefficient falls with speed.
 
     M. T. Bengisu and A. Akay, J. Sound Vib. 171 (1994) 557-570; their rate of decay is 1 / v_s with the Stribeck speed.
-
-    Parameters
-    ----------
-    speed, friction_speed, stribeck_speed : float
-        v, v_0 and v_s [m/s].
-    friction, static_friction : float
-        mu and mu_s.
     """
     beyond = abs(speed) - friction_speed
     if beyond >= 0.0:
@@ -101,19 +73,7 @@ def bengisu_akay(speed, friction, static_friction, friction_speed, stribeck_spee
 
 @compiled
 def lugre_bristle_rate(speed, bristle, friction, static_friction, stribeck_speed, stiffness):
-    """dz/dt = v - sigma_0 |v| z / (mu + (mu_s - mu) exp(-(v / v_s)^2)) [m/s]; see `lugre`.
-
-    Parameters
-    ----------
-    speed, stribeck_speed : float
-        v and v_s [m/s].
-    bristle : float
-        z [m].
-    friction, static_friction : float
-        mu and mu_s.
-    stiffness : float
-        sigma_0 [1/m].
-    """
+    """dz/dt = v - sigma_0 |v| z / (mu + (mu_s - mu) exp(-(v / v_s)^2)) [m/s]; see `lugre`."""
     stribeck = friction + (static_friction - friction) * math.exp(-((speed / stribeck_speed) ** 2))
     return speed - stiffness * abs(speed) * bristle / stribeck
 
@@ -125,31 +85,13 @@ def lugre(speed, bristle, bristle_rate, stiffness, damping, viscous_friction):
     C. Canudas de Wit, H. Olsson, K. J. Åström and P. Lischinsky, IEEE Trans. Autom. Control 40 (1995) 419-425. In
     steady sliding this is sign(v) (mu + (mu_s - mu) exp(-(v / v_s)^2)) + sigma_2 v. Over every motion the contact takes
     up energy if sigma_1 (mu_s - mu) <= sigma_2 mu: N. Barahanov and R. Ortega, IEEE Trans. Autom. Control 45 (2000).
-
-    Parameters
-    ----------
-    speed, bristle_rate : float
-        v and dz/dt [m/s].
-    bristle : float
-        z [m].
-    stiffness, damping, viscous_friction : float
-        sigma_0 [1/m], sigma_1 and sigma_2 [s/m].
     """
     return stiffness * bristle + damping * bristle_rate + viscous_friction * speed
 
 
 @compiled
 def bristle_rate(joint, sliding_speed, bristle):
-    """Rate [m/s] of the bristles' deflection; zero for the laws that have none.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    sliding_speed : float
-        v [m/s].
-    bristle : float
-        z [m].
-    """
+    """Rate [m/s] of the bristles' deflection; zero for the laws that have none."""
     if joint.friction == 0.0 or joint.friction_law != LUGRE:
         return 0.0
     return lugre_bristle_rate(
@@ -164,19 +106,7 @@ def bristle_rate(joint, sliding_speed, bristle):
 
 @compiled
 def friction_coefficient(joint, sliding_speed, bristle):
-    """Friction force over normal force, with the sign of the sliding speed (of LuGre's bristles when they are bent).
-
-    Parameters
-    ----------
-    joint : JointParameters
-        friction is the kinetic coefficient mu: without it a joint has no friction at all. friction_speed is v_0,
-        stribeck_speed v_s, static_friction mu_s, bristle_stiffness, bristle_damping and viscous_friction are sigma_0,
-        sigma_1, sigma_2.
-    sliding_speed : float
-        v [m/s].
-    bristle : float
-        z [m]; only LuGre's law reads it.
-    """
+    """Friction force over normal force, with the sign of the sliding speed (of LuGre's bristles when they are bent)."""
     mu, law = joint.friction, joint.friction_law
     if mu == 0.0:
         return 0.0

@@ -125,21 +125,7 @@ def _with_friction(p, crank, here, x, torque, free, loaded, pin, piston, pivot, 
 
 @inlined
 def under_reactions(p, crank, here, x, torque, force, pin, piston, pivot) -> tuple:
-    """Accelerations of everything where a pin is ideal, and the forces that belong to them.
-
-    Parameters
-    ----------
-    p, crank, here, x, torque, pin, piston, pivot
-        As in `jointgap.dynamics.model.bodies.bodies_under`; forces of ideal pins are not looked at.
-    force : float
-        On the slider [N], without the friction of a guide that an ideal piston pin loads.
-
-    Returns
-    -------
-    tuple
-        Accelerations as `bodies_under` has them; forces in crank pin and piston pin; force on the slider [N]. NaN where
-        friction holds itself: no motion obeys the equations.
-    """
+    """Accelerations of everything where a pin is ideal, and the forces that belong to them."""
     solved = _compliance(p, crank, here, x[3])
     if not p.crank_pin.loose:
         pin = NOTHING

@@ -17,16 +17,7 @@ NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @inlined
 def arms_and_sliding(joint, penetration, swing, body_rate, partner_rate) -> tuple:
-    """Levers [m] of the contact point about both centres, sliding speed [m/s] there; `swing` is that of the centres.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    penetration : float
-        [m].
-    swing, body_rate, partner_rate : float
-        Speed of the centres along the tangent [m/s], angular velocities of the bodies [rad/s].
-    """
+    """Levers [m] of the contact point about both centres, sliding speed [m/s] there; `swing` is that of the centres."""
     body_arm = joint.side * joint.body_radius - 0.5 * penetration
     partner_arm = joint.side * joint.partner_radius + 0.5 * penetration
     return body_arm, partner_arm, swing + body_arm * body_rate - partner_arm * partner_rate
@@ -37,24 +28,6 @@ def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_
     """Force of the partner on the body in a loose joint.
 
     The bodies touch halfway through their overlap: one common point, so that no angular momentum is lost between them.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    mode, damping_factor
-        Mode of the joint and chi / d'_0 [s/m] of its contact.
-    ex, ey, vx, vy : float
-        Clearance vector [m] and its rate [m/s].
-    body_rate, partner_rate : float
-        Angular velocities [rad/s] of the two bodies.
-    bristle : float
-        Deflection of the bristles of LuGre friction [m].
-
-    Returns
-    -------
-    tuple of 6 floats
-        Force along the normal (pushing, >= 0 but for rounding) and along the tangent, x, y [N]; moments about the
-        body's centre on the body and about the partner's centre on the partner [N m].
     """
     if mode != CONTACT and joint.film_viscosity == 0.0:
         return NOTHING
@@ -95,15 +68,8 @@ def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle
 
 @compiled
 def pin_friction(joint, fx, fy, speed, sign_speed):
-    """Moment [N m] on the body by friction in an ideal joint under the reaction (fx, fy): -k r |F| sgn w, w = `speed`.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    fx, fy : float
-        Reaction [N].
-    speed, sign_speed : float
-        Of the body relative to its partner, and over which the sign is made smooth [rad/s].
+    """Moment [N m] on the body by friction in an ideal joint under the reaction (fx, fy): -k r |F| sgn w, w =
+    `speed`.
     """
     if joint.pin_friction == 0.0:
         return 0.0
@@ -113,13 +79,5 @@ def pin_friction(joint, fx, fy, speed, sign_speed):
 
 @compiled
 def reaction(fx, fy, moment):
-    """Force in an ideal joint, as `joint_force` has it, with the friction's `moment` [N m] on the body.
-
-    Parameters
-    ----------
-    fx, fy : float
-        [N].
-    moment : float
-        [N m].
-    """
+    """Force in an ideal joint, as `joint_force` has it, with the friction's `moment` [N m] on the body."""
     return math.sqrt(fx * fx + fy * fy), 0.0, fx, fy, moment, -moment

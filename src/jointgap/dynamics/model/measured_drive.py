@@ -22,14 +22,7 @@ _LEAST_TURNS = 3  # below, a drift and what repeats look alike
 
 
 def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and angles [rad, running on over turns] of a measured drive.
-
-    Raises
-    ------
-    InputError
-        No such file or column, one column for both; text, gaps, times that do not rise or steps over half a turn, with
-        their row; an angle that falls; a resolution larger than a quarter turn.
-    """
+    """Times [s] and angles [rad, running on over turns] of a measured drive."""
     drive = options.drive
     path = Path(drive.file)
     if drive.time == drive.angle:
@@ -101,11 +94,6 @@ def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.
 
     They are orders of that rotation, a polynomial of time, not of the crank angle: so nothing has to be solved for,
     however unsteadily the crank turns. No orders where turns or samples are too few to tell them from a drift.
-
-    Parameters
-    ----------
-    time, angle : (n,) arrays
-        [s, rad].
     """
     turns = (angle[-1] - angle[0]) / _TURN
     terms = int(min(turns, _DRIFT_TERMS)) + 1
@@ -122,13 +110,7 @@ def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """By how much [rad] a crank is ahead, in its first orders, of a rotation that drifts slowly: (n,) array.
-
-    Parameters
-    ----------
-    time, angle : (n,) arrays
-        [s, rad].
-    """
+    """By how much [rad] a crank is ahead, in its first orders, of a rotation that drifts slowly: (n,) array."""
     drift, orders = repeated_basis(time, angle)
     return orders @ np.linalg.lstsq(np.hstack([drift, orders]), angle, rcond=None)[0][drift.shape[1] :]
 
@@ -144,18 +126,6 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
 
     At the very ends, where samples lie on one side alone, the accelerations are weak: some ten times as far off as
     inside, and those of the cubic are zero there. Let a record begin and end some samples beyond what is simulated.
-
-    Parameters
-    ----------
-    time, angle : (n,) arrays
-        [s, rad].
-    resolution : float or None
-        q [rad].
-
-    Raises
-    ------
-    InputError
-        No spline keeps to the resolution.
     """
     steady = np.polyfit(time, angle, 1)
     rest, scale = angle - np.polyval(steady, time), time[-1] / (time.size - 1)
@@ -196,11 +166,6 @@ def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
     The time is zero there, the angle is shifted by whole turns to the start angle. Noise must not cost a record that
     begins or ends on the start angle a revolution: both ends reach further by the encoder's step, or else by three
     times the smoothing's residual but no more than a sample.
-
-    Raises
-    ------
-    InputError
-        As in `read_angle`; an angle that does not rise throughout, or not as far as the simulation goes.
     """
     path, resolution = options.drive.file, options.drive.resolution
     time, angle = read_angle(options)

@@ -16,17 +16,7 @@ PENALTY_SPEEDS = (0.1, 1.0)
 
 
 def remarks(mechanism: Mechanism) -> list[str]:
-    """Data that look mistaken, and where contacts do otherwise than one may think: ``crank_pin: ...``, one for each.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        With its effects.
-
-    Returns
-    -------
-    list of str
-    """
+    """Data that look mistaken, and where contacts do otherwise than one may think: ``crank_pin: ...``, one for each."""
     applied = mechanism.applied()
     return odd_data(mechanism) + [
         f"{name}: {sentence}"

@@ -138,24 +138,7 @@ LAWS: dict[str, Callable[[float], float]] = {
 def penalty_restitution(
     stiffness: float, exponent: float, penalty_damping: float, penalty_depth: float, mass: float, speed: float
 ) -> float:
-    """Coefficient of restitution of a free impact with the penalty form.
-
-    Parameters
-    ----------
-    stiffness, exponent : float
-        K [N/m^n] and n.
-    penalty_damping, penalty_depth : float
-        c_max [N s/m] and the depth d_max [m] at which it is reached.
-    mass : float
-        Reduced mass of the two bodies along the normal [kg].
-    speed : float
-        Approach speed [m/s].
-
-    Returns
-    -------
-    float
-        Rebound over approach speed, to about 1e-8.
-    """
+    """Coefficient of restitution of a free impact with the penalty form."""
     # Unknowns: depth over that of the elastic impact, speed over approach speed; so all numbers are near one.
     scale = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** (1 / (exponent + 1))
     damping, step_depth = penalty_damping * scale / (mass * speed), penalty_depth / scale
@@ -195,15 +178,7 @@ def penalty_restitution(
 
 
 def elastic_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:
-    """How long [s] an elastic impact lasts.
-
-    Parameters
-    ----------
-    stiffness, exponent : float
-        K [N/m^n] and n.
-    mass, speed : float
-        Reduced mass of the two bodies [kg], approach speed [m/s].
-    """
+    """How long [s] an elastic impact lasts."""
     power = 1 / (exponent + 1)
     depth = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** power
     return 2 * math.sqrt(math.pi) * math.gamma(1 + power) / math.gamma(0.5 + power) * depth / speed
@@ -211,13 +186,7 @@ def elastic_duration(stiffness: float, exponent: float, mass: float, speed: floa
 
 @compiled
 def smooth_step(x, x0, y0, x1, y1):
-    """y0 up to x0, y1 from x1 > x0 on, between them the cubic with zero slope at both ends.
-
-    Parameters
-    ----------
-    x, x0, y0, x1, y1 : float
-        Argument, and the two ends of the step.
-    """
+    """y0 up to x0, y1 from x1 > x0 on, between them the cubic with zero slope at both ends."""
     if x <= x0:
         return y0
     if x >= x1:
@@ -228,15 +197,7 @@ def smooth_step(x, x0, y0, x1, y1):
 
 @compiled
 def elastic_force(penetration, stiffness, exponent):
-    """K d^n [N]; 0 for d <= 0.
-
-    Parameters
-    ----------
-    penetration : float
-        d [m].
-    stiffness, exponent : float
-        K [N/m^n] and n.
-    """
+    """K d^n [N]; 0 for d <= 0."""
     if penetration <= 0.0:
         return 0.0
     if exponent == 1.5:
@@ -246,16 +207,7 @@ def elastic_force(penetration, stiffness, exponent):
 
 @inlined
 def damping_factor_at(joint, approach, begin, time) -> float:
-    """chi / d'_0 [s/m] of a contact, or what its memory has faded to.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    approach, begin : float
-        d'_0 [m/s] and the time [s] at which the contact began; infinite before the first one.
-    time : float
-        [s].
-    """
+    """chi / d'_0 [s/m] of a contact, or what its memory has faded to."""
     fading = time - begin - joint.memory_time
     if fading >= joint.fading_time:
         return joint.lasting_damping
@@ -273,11 +225,6 @@ def force_free_speed(joint, approach, begin, time) -> tuple:
     """Parting speed at which the force of a contact vanishes, 1 / `damping_factor_at`, and its time derivative.
 
     Arguments as in `damping_factor_at`.
-
-    Returns
-    -------
-    tuple of 2 floats
-        [m/s], [m/s^2].
     """
     fading = time - begin - joint.memory_time
     if not fading > 0.0:
@@ -293,16 +240,7 @@ def force_free_speed(joint, approach, begin, time) -> tuple:
 
 @compiled
 def normal_force(joint, penetration, rate, damping_factor):
-    """Force [N] that pushes journal and bearing apart; that it never pulls is the caller's to see to, as an event.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    penetration, rate : float
-        d [m] and d' [m/s].
-    damping_factor : float
-        See `damping_factor_at`; the penalty form does without.
-    """
+    """Force [N] that pushes journal and bearing apart; that it never pulls is the caller's to see to, as an event."""
     elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
     if joint.penalty_damping > 0.0:
         return elastic + smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping) * rate
@@ -311,23 +249,7 @@ def normal_force(joint, penetration, rate, damping_factor):
 
 @compiled
 def pushing_margin(joint, penetration, rate, curvature, free_speed, free_rate):
-    """How far a contact is from pulling: positive while its force pushes, zero where the force vanishes.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    penetration, rate, curvature : float
-        d [m], d' [m/s] and d'' [m/s^2].
-    free_speed, free_rate : float
-        See `force_free_speed`; the penalty form does without.
-
-    Returns
-    -------
-    tuple of 2 floats
-        Parting speed [m/s] that is still missing until the force vanishes, d' + free_speed or
-        d' + K d^n / c(d), and its time derivative [m/s^2]. Constants where the force cannot vanish, or only at
-        `PULL_FAR_OFF`.
-    """
+    """How far a contact is from pulling: positive while its force pushes, zero where the force vanishes."""
     if joint.penalty_damping > 0.0:
         if penetration <= 0.0:
             return PULL_FAR_OFF, 0.0

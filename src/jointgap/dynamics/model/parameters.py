@@ -21,52 +21,23 @@ LONGEST_PROGRAM, MOST_KNOTS = 1024, 16384
 
 
 class JointParameters(NamedTuple):
-    """One joint of a body (rod, rod, crank) with its partner (crank, slider, frame).
-
-    Attributes
-    ----------
-    loose : bool
-    clearance : float
-        Distance of the centres [m] at which dry contact begins.
-    body_radius, partner_radius : float
-        Radii of the surfaces [m].
-    side : float
-        Direction of the contact point along the clearance vector, which runs from the partner's centre to the body's:
-        -1 where the body carries the bearing, +1 where it carries the journal.
-    stiffness, exponent, damping : float
-        K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form.
-    least_approach : float
-        Approach speed [m/s] as which a slower one is damped.
-    memory_time, fading_time : float
-        How long [s] after it begins a contact is damped by its approach speed, infinite for the published form, and in
-        which time [s] after that its damping goes over to that of a lasting contact.
-    lasting_damping : float
-        chi / v_ref [s/m] of a lasting contact.
-    penalty_damping, penalty_depth : float
-        c_max [N s/m], 0 unless the penalty form, and d_max [m].
-    friction_law : int
-        See `jointgap.dynamics.model.friction`, which explains the other numbers of the laws too.
-    film_viscosity, film_length, film_clearance, film_least : float
-        Of the lubricant [Pa s], 0 without one; of the film [m], its radial clearance [m] and least thickness [m].
-    pin_friction, pin_radius : float
-        Coefficient of friction and radius [m] of a joint that is ideal.
-    """
+    """One joint of a body (rod, rod, crank) with its partner (crank, slider, frame)."""
 
     loose: bool = False
-    clearance: float = 1.0
-    body_radius: float = 0.0
-    partner_radius: float = 0.0
+    clearance: float = 1.0  # Distance of the centres [m] at which dry contact begins
+    body_radius: float = 0.0  # Radii of the surfaces [m]
+    partner_radius: float = 0.0  # Radii of the surfaces [m]
     side: float = -1.0
-    stiffness: float = 0.0
-    exponent: float = 1.5
-    damping: float = 0.0
-    least_approach: float = 1e-3
+    stiffness: float = 0.0  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
+    exponent: float = 1.5  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
+    damping: float = 0.0  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
+    least_approach: float = 1e-3  # Approach speed [m/s] as which a slower one is damped
     memory_time: float = math.inf
     fading_time: float = 1.0
-    lasting_damping: float = 0.0
-    penalty_damping: float = 0.0
-    penalty_depth: float = 0.0
-    friction_law: int = 0
+    lasting_damping: float = 0.0  # chi / v_ref [s/m] of a lasting contact
+    penalty_damping: float = 0.0  # c_max [N s/m], 0 unless the penalty form, and d_max [m]
+    penalty_depth: float = 0.0  # c_max [N s/m], 0 unless the penalty form, and d_max [m]
+    friction_law: int = 0  # See `jointgap.dynamics.model.friction`, which explains the other numbers of the laws too
     friction: float = 0.0
     friction_speed: float = 1.0
     dead_band_speed: float = 0.0
@@ -75,73 +46,47 @@ class JointParameters(NamedTuple):
     viscous_friction: float = 0.0
     bristle_stiffness: float = 0.0
     bristle_damping: float = 0.0
-    film_viscosity: float = 0.0
-    film_length: float = 0.0
-    film_clearance: float = 1.0
-    film_least: float = 0.0
-    pin_friction: float = 0.0
-    pin_radius: float = 0.0
+    film_viscosity: float = 0.0  # Of the lubricant [Pa s], 0 without one
+    film_length: float = 0.0  # Of the lubricant [Pa s], 0 without one
+    film_clearance: float = 1.0  # Of the lubricant [Pa s], 0 without one
+    film_least: float = 0.0  # Of the lubricant [Pa s], 0 without one
+    pin_friction: float = 0.0  # Coefficient of friction and radius [m] of a joint that is ideal
+    pin_radius: float = 0.0  # Coefficient of friction and radius [m] of a joint that is ideal
 
 
 class BodyParameters(NamedTuple):
-    """Lengths and masses of crank, rod and slider.
-
-    Attributes
-    ----------
-    crank_moment_x, crank_moment_y : float
-        First moment of the crank's mass about its pivot [kg m], along the crank and across it.
-    crank_inertia : float
-        About the pivot [kg m^2].
-    rod_centre : float
-        Distance of the rod's mass centre from its crank end [m].
-    rod_angular_frequency, rod_damping_ratio : float
-        Of the rod's bending mode [rad/s]; 0 for a rigid rod.
-    """
+    """Lengths and masses of crank, rod and slider."""
 
     crank_length: float
     crank_mass: float
-    crank_moment_x: float
-    crank_moment_y: float
-    crank_inertia: float
+    crank_moment_x: float  # First moment of the crank's mass about its pivot [kg m], along the crank and across it
+    crank_moment_y: float  # First moment of the crank's mass about its pivot [kg m], along the crank and across it
+    crank_inertia: float  # About the pivot [kg m^2]
     rod_length: float
     rod_inverse_length: float
     rod_mass: float
     rod_inertia: float
     rod_inverse_mass: float
     rod_inverse_inertia: float
-    rod_centre: float
+    rod_centre: float  # Distance of the rod's mass centre from its crank end [m]
     slider_mass: float
     slider_inverse_mass: float
     slider_offset: float
     gravity_x: float
     gravity_y: float
-    rod_angular_frequency: float
-    rod_damping_ratio: float
+    rod_angular_frequency: float  # Of the rod's bending mode [rad/s]; 0 for a rigid rod
+    rod_damping_ratio: float  # Of the rod's bending mode [rad/s]; 0 for a rigid rod
 
 
 class DriveParameters(NamedTuple):
-    """What turns the crank.
+    """What turns the crank."""
 
-    Attributes
-    ----------
-    kind : int
-        `CONSTANT`, `FLUCTUATING`, `MEASURED` or `MOTOR`.
-    speed : float
-        Speed, or the motor's at the start [rad/s].
-    start_angle : float
-        [rad].
-    ratio, order, phase : float
-        Of a fluctuating speed w0 (1 + ratio cos(order theta - phase)).
-    stall_torque, no_load_speed, rotor_inertia : float
-        The motor's line M = stall_torque (1 - w / no_load_speed) [N m, rad/s] and its inertia [kg m^2].
-    """
-
-    kind: int = CONSTANT
-    speed: float = 0.0
-    start_angle: float = 0.0
-    ratio: float = 0.0
-    order: float = 1.0
-    phase: float = 0.0
+    kind: int = CONSTANT  # `CONSTANT`, `FLUCTUATING`, `MEASURED` or `MOTOR`
+    speed: float = 0.0  # Speed, or the motor's at the start [rad/s]
+    start_angle: float = 0.0  # [rad]
+    ratio: float = 0.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
+    order: float = 1.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
+    phase: float = 0.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
     stall_torque: float = 0.0
     no_load_speed: float = 1.0
     rotor_inertia: float = 0.0
@@ -199,35 +144,16 @@ class EffectParameters(NamedTuple):
 
 
 class Switches(NamedTuple):
-    """What of the general equations a mechanism needs.
+    """What of the general equations a mechanism needs."""
 
-    Attributes
-    ----------
-    auxiliary : bool
-        It has states beyond the clearance vectors of both pins.
-    constrained : bool
-        A pin is ideal: its reaction has to be solved for.
-    free_crank : bool
-        The crank's motion is not prescribed: a motor turns it, or its pivot is loose.
-    bristles : bool
-        A joint has LuGre friction.
-    """
-
-    auxiliary: bool
-    constrained: bool
-    free_crank: bool
-    bristles: bool
+    auxiliary: bool  # It has states beyond the clearance vectors of both pins
+    constrained: bool  # A pin is ideal: its reaction has to be solved for
+    free_crank: bool  # The crank's motion is not prescribed: a motor turns it, or its pivot is loose
+    bristles: bool  # A joint has LuGre friction
 
 
 class Record(np.void):
-    """Numbers by name, as compiled code receives them.
-
-    Attributes
-    ----------
-    data : memoryview
-        Where the numbers are. Compiled code asks for it at each call, and numpy's own, which describes every field in
-        words, takes more than a microsecond.
-    """
+    """Numbers by name, as compiled code receives them."""
 
     __slots__ = ("data",)
 
@@ -251,32 +177,19 @@ class Parameters(NamedTuple):
 
     Records alone: with arrays among them compiled code would count references at every call, which costs more than the
     equations of motion.
-
-    Attributes
-    ----------
-    bodies, drive, effects, switches : record
-        `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`.
-    crank_pin, piston_pin, crank_pivot : record
-        `JointParameters`.
-    slider_formula, crank_formula : record
-        Programs for a force on the slider and for a torque on the crank: see `program_record`.
-    knots : record
-        A measured crank angle: see `knots_record`.
-    slider_table : record
-        A measured load on the slider: see `table_record`.
     """
 
-    bodies: Record
-    crank_pin: Record
-    piston_pin: Record
-    crank_pivot: Record
-    drive: Record
-    effects: Record
-    switches: Record
-    slider_formula: Record
-    crank_formula: Record
-    knots: Record
-    slider_table: Record
+    bodies: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    crank_pin: Record  # `JointParameters`
+    piston_pin: Record  # `JointParameters`
+    crank_pivot: Record  # `JointParameters`
+    drive: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    effects: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    switches: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    slider_formula: Record  # Programs for a force on the slider and for a torque on the crank: see `program_record`
+    crank_formula: Record  # Programs for a force on the slider and for a torque on the crank: see `program_record`
+    knots: Record  # A measured crank angle: see `knots_record`
+    slider_table: Record  # A measured load on the slider: see `table_record`
 
 
 def record(numbers: NamedTuple) -> Record:

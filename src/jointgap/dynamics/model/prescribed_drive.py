@@ -14,11 +14,6 @@ def fluctuation(ratio, anomaly):
 
     From tan(u/2) = sqrt((1 + ratio) / (1 - ratio)) tan(anomaly/2), written so that it runs on over the turns; `ratio`
     with its sign turned solves for the anomaly.
-
-    Parameters
-    ----------
-    ratio, anomaly : float
-        Relative amplitude of the speed; angle of the steady rotation [rad].
     """
     b = ratio / (1.0 + math.sqrt(1.0 - ratio * ratio))
     return anomaly + 2.0 * math.atan2(b * math.sin(anomaly), 1.0 - b * math.cos(anomaly))
@@ -29,12 +24,6 @@ def crank_motion(p, time):
     """Angle [rad], speed [rad/s] and acceleration [rad/s^2] of a prescribed crank at `time` [s].
 
     Beyond the ends of a measured angle its first and last pieces go on.
-
-    Parameters
-    ----------
-    p : Parameters
-    time : float
-        Since the start [s].
     """
     d = p.drive
     if d.kind == CONSTANT:
@@ -67,12 +56,6 @@ def crank_times(p, angles):
 
     The end of a measured angle, `p.knots.end`, for those that it does not reach. When a motor's crank passes them only
     the integration can tell: zeros.
-
-    Parameters
-    ----------
-    p : Parameters
-    angles : (n,) array
-        [rad].
     """
     times = np.zeros(angles.size)
     if p.drive.kind == MOTOR:

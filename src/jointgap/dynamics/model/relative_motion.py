@@ -20,27 +20,13 @@ def relative_motion(here) -> tuple:
 
 @inlined
 def clearances(y, x) -> tuple:
-    """Clearance vector and its rate at crank pin, piston pin and crank pivot, 4 numbers each [m, m/s].
-
-    Parameters
-    ----------
-    y, x : tuples of 8 and 11 floats
-        Clearance state and auxiliary state.
-    """
+    """Clearance vector and its rate at crank pin, piston pin and crank pivot, 4 numbers each [m, m/s]."""
     return (y[0], y[1], y[4], y[5]), (y[2], y[3], y[6], y[7]), (x[0], x[1], x[4], x[5])
 
 
 @compiled
 def swept_angle(before, after, duration):
-    """Angle [rad] through which a clearance vector turns between two instants of one step, whole turns included.
-
-    Parameters
-    ----------
-    before, after : tuples of 4 floats
-        Clearance vector [m] and its rate [m/s] at both instants.
-    duration : float
-        Time between them [s].
-    """
+    """Angle [rad] through which a clearance vector turns between two instants of one step, whole turns included."""
     x0, y0, x1, y1 = before[0], before[1], after[0], after[1]
     direct = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
     if abs(direct) < 0.5:
@@ -64,15 +50,6 @@ def turns_after(turns, before, after, duration):
     """Whole turns of a clearance vector after `duration` [s], counted where it passes the negative x-axis.
 
     Its direction is atan2(y, x) + 2 pi `turns`.
-
-    Parameters
-    ----------
-    turns : float
-        Whole turns before.
-    before, after : tuples of 4 floats
-        Clearance vector [m] and its rate [m/s].
-    duration : float
-        [s].
     """
     x0, y0, x1, y1 = before[0], before[1], after[0], after[1]
     along = x0 * x1 + y0 * y1
@@ -88,16 +65,7 @@ def turns_after(turns, before, after, duration):
 
 @inlined
 def all_turns(turns, before, after, duration) -> tuple:
-    """`turns_after` in all three joints.
-
-    Parameters
-    ----------
-    turns : tuple of 3 floats
-    before, after : tuples of 3 tuples
-        `clearances` at both instants.
-    duration : float
-        [s].
-    """
+    """`turns_after` in all three joints."""
     return (
         turns_after(turns[0], before[0], after[0], duration),
         turns_after(turns[1], before[1], after[1], duration),
@@ -107,15 +75,7 @@ def all_turns(turns, before, after, duration) -> tuple:
 
 @compiled
 def direction(turns, vector):
-    """Unwrapped direction [rad] of a clearance vector, NaN where its length is zero.
-
-    Parameters
-    ----------
-    turns : float
-        Whole turns counted so far.
-    vector : tuple of 2 floats or more
-        Clearance vector [m].
-    """
+    """Unwrapped direction [rad] of a clearance vector, NaN where its length is zero."""
     if vector[0] == 0.0 and vector[1] == 0.0:
         return math.nan
     return math.atan2(vector[1], vector[0]) + 2.0 * math.pi * turns

@@ -31,20 +31,7 @@ MODES = ("ideal", "flight", "impact", "contact")
 
 @inlined
 def follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k) -> None:
-    """Carry on the episodes over an accepted step whose stages are in `k`.
-
-    Parameters
-    ----------
-    episodes : (3, 4) array
-        By joint, changed in place.
-    here, there : Instant
-        Both ends of the step.
-    motion, there_motion : tuples
-        `relative_motion` there.
-    step_map, step_start, ds : int, float, float
-        Course and extent of the step.
-    k : record
-    """
+    """Carry on the episodes over an accepted step whose stages are in `k`."""
     flying = here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT
     if flying or ds == 0.0:
         return
@@ -66,16 +53,7 @@ def follow_episodes(episodes, here, there, motion, there_motion, step_map, step_
 
 @compiled
 def begin_episode(episodes, joint, time):
-    """A contact begins at `time` [s].
-
-    Parameters
-    ----------
-    episodes : (3, 4) array
-        By joint, changed in place.
-    joint : int
-    time : float
-        [s].
-    """
+    """A contact begins at `time` [s]."""
     for i in range(3):
         episodes[joint, i] = 0.0
     episodes[joint, 3] = time
@@ -83,19 +61,7 @@ def begin_episode(episodes, joint, time):
 
 @compiled
 def note_event(event, episodes, there, joint, begins, approach):
-    """Write a row of events: see `EVENT`.
-
-    Parameters
-    ----------
-    event : (9,) array
-        Overwritten.
-    episodes : (3, 4) array
-    there : Instant
-    joint : int
-    begins : bool
-    approach : float
-        Speed of approach [m/s].
-    """
+    """Write a row of events: see `EVENT`."""
     event[0], event[1], event[2], event[7] = there.time, joint, 1.0 if begins else 0.0, there.crank_angle
     event[3] = approach if begins else math.nan
     for i in range(3):
@@ -104,16 +70,7 @@ def note_event(event, episodes, there, joint, begins, approach):
 
 
 def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> np.ndarray:
-    """What each joint is in at samples, as places in `MODES`, shape (n, 3), int8.
-
-    Parameters
-    ----------
-    p : Parameters
-    times, modes : (n,), (n, 3) arrays
-        Samples [s] and modes of an integration.
-    events : (m, 9) array
-        Its events. A contact that lasts to the end of the integration counts as contact.
-    """
+    """What each joint is in at samples, as places in `MODES`, shape (n, 3), int8."""
     found = np.zeros((times.size, 3), np.int8)
     column = {name: i for i, name in enumerate(EVENT)}
     for number, joint in enumerate(JOINTS):
@@ -127,12 +84,6 @@ def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np
 
 
 def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns ``crank_pin_mode``, ... of the table ``trajectory``; parameters as `mode_numbers`.
-
-    Parameters
-    ----------
-    p, times, modes, events
-        As in `mode_numbers`.
-    """
+    """Columns ``crank_pin_mode``, ... of the table ``trajectory``; parameters as `mode_numbers`."""
     numbers = mode_numbers(p, times, modes, events)
     return {f"{joint}_mode": np.array(MODES, dtype=object)[numbers[:, i]] for i, joint in enumerate(JOINTS)}

@@ -38,25 +38,7 @@ rough.
 
 @compiled
 def prepare_inside(p, here, there, time_map, s, ds, tolerance, velocity_time, k):
-    """Make the further stages of a step and the coefficients of its interpolant.
-
-    Parameters
-    ----------
-    p : Parameters
-    here, there : Instant
-        Both ends of the step.
-    time_map, s, ds : int, float, float
-        As in `jointgap.dynamics.solver.runge_kutta.step`.
-    tolerance, velocity_time : float
-        As in `jointgap.dynamics.solver.integrate.integrate` [m], [s].
-    k : record
-        Holds the step's stages; takes up the further ones and the coefficients.
-
-    Returns
-    -------
-    bool
-        Whether the motion is smooth enough for it.
-    """
+    """Make the further stages of a step and the coefficients of its interpolant."""
     y, x, auxiliary = here.clearance_state, here.auxiliary_state, p.switches.auxiliary
     rates_over_s(k, COUNT, there, dt_ds(time_map, s + ds), auxiliary)
     for i in range(_MORE):
@@ -125,17 +107,7 @@ def _interpolate(terms, share, found) -> None:
 
 @compiled
 def state_inside(p, here, time_map, s, ds, time, smooth, velocity_time, k):
-    """State and auxiliary states at the `time` [s] within a step, after `prepare_inside`.
-
-    Parameters
-    ----------
-    p, here, time_map, s, ds, velocity_time, k
-        As there.
-    time : float
-        [s].
-    smooth : bool
-        What it returned.
-    """
+    """State and auxiliary states at the `time` [s] within a step, after `prepare_inside`."""
     part = ds_for(time_map, s, time - here.time)
     if not smooth:
         y, x, _ = step(p, here, time_map, s, part, velocity_time, k)

@@ -37,22 +37,6 @@ def conditions(joint, mode, approach, begin, time, relative) -> tuple:
     """Both conditions of a joint's mode with their time derivatives.
 
     `relative` is clearance vector, rate and second rate (ex, ey, vx, vy, ax, ay).
-
-    Parameters
-    ----------
-    joint : JointParameters
-    mode : int
-    approach, begin : float
-        Approach speed [m/s] at the start of the contact, and its time [s].
-    time : float
-        [s].
-    relative : tuple of 6 floats
-        Clearance vector [m], its rate [m/s] and second rate [m/s^2].
-
-    Returns
-    -------
-    tuple of 5 floats
-        First condition [m] and its first two derivatives, second condition [m/s] and its first derivative.
     """
     if not joint.loose:
         return 1.0, 0.0, 0.0, 1.0, 0.0
@@ -75,22 +59,7 @@ def conditions(joint, mode, approach, begin, time, relative) -> tuple:
 
 @compiled
 def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
-    """Fraction of a step at which a condition first falls through zero, on its quintic Hermite interpolant.
-
-    Parameters
-    ----------
-    g0, v0, a0, g1, v1, a1
-        Condition and its first two time derivatives at the start and at the end of the step.
-    duration : float
-        Length of the step [s].
-    margin : float
-        An inner minimum this little above zero is reported too: the interpolant may err.
-
-    Returns
-    -------
-    float
-        In [0, 1], or `NOWHERE`.
-    """
+    """Fraction of a step at which a condition first falls through zero, on its quintic Hermite interpolant."""
     if g0 <= 0.0 and v0 < 0.0:
         return 0.0
     # Besides a fall below zero: one minimum, or a minimum and a maximum, within the step.
@@ -160,15 +129,7 @@ def _sign_change(c, low, high, sign):
 
 @inlined
 def all_conditions(p, here, motion) -> tuple:
-    """`conditions` of crank pin, piston pin and crank pivot.
-
-    Parameters
-    ----------
-    p : Parameters
-    here : Instant
-    motion : tuple
-        `relative_motion` there.
-    """
+    """`conditions` of crank pin, piston pin and crank pivot."""
     return (
         conditions(p.crank_pin, here.modes[0], here.approaches[0], here.begins[0], here.time, motion[0]),
         conditions(p.piston_pin, here.modes[1], here.approaches[1], here.begins[1], here.time, motion[1]),
@@ -178,16 +139,8 @@ def all_conditions(p, here, motion) -> tuple:
 
 @compiled
 def next_event(before, after, duration, margin):
-    """Where in a step the first condition of any joint ends: fraction (or `NOWHERE`), joint, which of its conditions.
-
-    Parameters
-    ----------
-    before, after
-        `all_conditions` at both ends of the step.
-    duration : float
-        Its length [s].
-    margin : float
-        As in `first_crossing` [m].
+    """Where in a step the first condition of any joint ends: fraction (or `NOWHERE`), joint, which of its
+    conditions.
     """
     first, which, kind = NOWHERE, 0, DISTANCE
     for joint in range(JOINT_COUNT):
@@ -212,12 +165,6 @@ def switched(mode, approach, kind, speed, least):
     """Mode and approach speed of a joint after its condition `kind` has ended with the surfaces closing at `speed`.
 
     A slower impact is damped as one at the speed `least`: with d'_0 -> 0 the damping chi d'/d'_0 would have no bound.
-
-    Parameters
-    ----------
-    mode, kind : int
-    approach, speed, least : float
-        Approach speed so far, of this impact and the least that is damped as such [m/s].
     """
     if mode == FLIGHT:
         return CONTACT, max(speed, least)
@@ -232,24 +179,6 @@ def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tole
 
     Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
     the step runs in the root of the time left: see `jointgap.dynamics.solver.runge_kutta`.
-
-    Parameters
-    ----------
-    p, here, time_map, s, velocity_time, k
-        As in `step`.
-    limit, crossed : float, bool
-        The event is looked for up to `limit` [s] from here; whether it is known to lie before.
-    guess : float
-        Where it is thought to be [s].
-    close : float
-        The condition counts as zero below this.
-    tolerance : float
-        With a larger error [m] than this the search is given up.
-
-    Returns
-    -------
-    tuple
-        Whether there is such a point; its instant; time_map, s, ds and error [m] of the last step made; steps made.
     """
     to_separation = kind == DISTANCE and here.modes[joint] == CONTACT and not (time_map == AFTER and s == 0.0)
     low, high = 0.0, limit if crossed else math.inf
@@ -292,13 +221,8 @@ _UNKNOWN = np.bool_(False)  # whether an event is passed; not a literal, of whic
 
 @inlined
 def _separation_ahead(here, holding) -> tuple:
-    """Time [s] until a contact ends if its penetration goes on as a parabola, and its joint; infinite if it does not.
-
-    Parameters
-    ----------
-    here : Instant
-    holding : tuple
-        `all_conditions` there.
+    """Time [s] until a contact ends if its penetration goes on as a parabola, and its joint; infinite if it does
+    not.
     """
     first, which = math.inf, 0
     for joint in range(JOINT_COUNT):
@@ -320,24 +244,7 @@ def _holds(conditions) -> bool:
 
 @compiled
 def advance(p, here, motion, holding, time_map, s, duration, tolerance, velocity_time, k):
-    """Take a step of `duration` [s], or a shorter one to the first event in it.
-
-    Parameters
-    ----------
-    p, here, time_map, s, velocity_time, k
-        As in `jointgap.dynamics.solver.runge_kutta.step`.
-    motion, holding
-        `relative_motion` and `all_conditions` at `here`.
-    tolerance : float
-        Local error allowed [m].
-
-    Returns
-    -------
-    tuple
-        Whether the step ends at an event, the event's joint and condition; instant, motion and conditions at the end
-        of the step; its time_map, s, ds and error [m]; how many steps that took. With too large an error only time_map,
-        s, ds and error say anything.
-    """
+    """Take a step of `duration` [s], or a shorter one to the first event in it."""
     steps = 0
     # A step across a separation is lost, for the force ends in a kink: where one is near, aim at it.
     ahead, joint = _separation_ahead(here, holding)

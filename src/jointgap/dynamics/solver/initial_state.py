@@ -12,42 +12,13 @@ from jointgap.joints import JOINT, JOINTS
 
 
 def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
-    """Clearance vectors at the start, one start or several: those of `vectors` in loose joints, zero in ideal ones.
-
-    Parameters
-    ----------
-    vectors : (..., 6) array
-        r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m], as if all three joints were loose.
-    loose : collection of str
-        Names of the loose joints.
-
-    Returns
-    -------
-    (..., 6) array
-        [m].
-    """
+    """Clearance vectors at the start, one start or several: those of `vectors` in loose joints, zero in ideal ones."""
     return np.where(np.repeat([joint in loose for joint in JOINTS], 2), vectors, 0.0)
 
 
 def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
-    """State with given clearance vectors, their rates zero; by default the ideal mechanism's positions and velocities.
-
-    Parameters
-    ----------
-    p : Parameters
-    perturbation : (4,) or (6,) array_like, optional
-        Clearance vectors r2 x, r2 y, r3 x, r3 y and, where the crank pivot is loose, r1 x, r1 y [m]; zero by default,
-        and to be zero in a joint that is ideal.
-
-    Returns
-    -------
-    (8,) array, (11,) array
-        State and auxiliary states: see `jointgap.dynamics.model.equations`.
-
-    Raises
-    ------
-    InputError
-        Clearance vectors of another shape, not finite or as long as the clearance; a rod that does not reach the slide.
+    """State with given clearance vectors, their rates zero; by default the ideal mechanism's positions and
+    velocities.
     """
     vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
     if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():

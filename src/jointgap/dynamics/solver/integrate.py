@@ -35,63 +35,28 @@ _FAR = 20.0  # steps after an impact from which on its branch point no longer ma
 
 
 class Progress(NamedTuple):
-    """How far an integration has come: all that it needs to go on as if it had never stopped.
+    """How far an integration has come: all that it needs to go on as if it had never stopped."""
 
-    Attributes
-    ----------
-    here : Instant
-        From which the next step begins; the samples so far end before or within this step.
-    seen : tuple
-        `clearances` at the instant up to which the directions of the clearance vectors were followed.
-    seen_time : float
-        That instant [s].
-    turns : tuple of 3 floats
-        Angles through which the clearance vectors have turned [rad].
-    episodes : (3, 4) array
-        See `jointgap.dynamics.solver.contact_episodes`.
-    proposal : float
-        Length of the next step [s].
-    time_map : int
-        How time runs in it.
-    s : float
-        Where it begins in the variable of that map.
-    """
-
-    here: Instant
-    seen: tuple
-    seen_time: float
-    turns: tuple
-    episodes: np.ndarray
-    proposal: float
-    time_map: int
-    s: float
+    here: Instant  # From which the next step begins; the samples so far end before or within this step
+    seen: tuple  # `clearances` at the instant up to which the directions of the clearance vectors were followed
+    seen_time: float  # That instant [s]
+    turns: tuple  # Angles through which the clearance vectors have turned [rad]
+    episodes: np.ndarray  # See `jointgap.dynamics.solver.contact_episodes`
+    proposal: float  # Length of the next step [s]
+    time_map: int  # How time runs in it
+    s: float  # Where it begins in the variable of that map
 
 
 @compiled
 def contact_duration(joint, mass, speed):
-    """About how long [s] an elastic impact of `mass` at `speed` lasts.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    mass, speed : float
-        [kg], [m/s].
-    """
+    """About how long [s] an elastic impact of `mass` at `speed` lasts."""
     n = joint.exponent
     return 3.0 * ((n + 1.0) * mass / (2.0 * joint.stiffness) * speed ** (1.0 - n)) ** (1.0 / (n + 1.0))
 
 
 @compiled
 def contact_begins(p, joint, approach):
-    """`contact_duration` of a joint with the rod's mass, near enough.
-
-    Parameters
-    ----------
-    p : Parameters
-    joint : int
-    approach : float
-        [m/s].
-    """
+    """`contact_duration` of a joint with the rod's mass, near enough."""
     mass = 0.5 * p.bodies.rod_mass
     if joint == 0:
         return contact_duration(p.crank_pin, mass, approach)
@@ -100,13 +65,7 @@ def contact_begins(p, joint, approach):
 
 @compiled
 def least_approach(p, joint):
-    """Approach speed [m/s] of a joint as which a slower one is damped.
-
-    Parameters
-    ----------
-    p : Parameters
-    joint : int
-    """
+    """Approach speed [m/s] of a joint as which a slower one is damped."""
     if joint == 0:
         return p.crank_pin.least_approach
     return p.piston_pin.least_approach if joint == 1 else p.crank_pivot.least_approach
@@ -114,15 +73,7 @@ def least_approach(p, joint):
 
 @inlined
 def time_to_knot(p, here, resolution) -> float:
-    """Time [s] from `here` until the memory of a contact begins or ends to fade, where a step has to end.
-
-    Parameters
-    ----------
-    p : Parameters
-    here : Instant
-    resolution : float
-        A knot as near as this is passed [s].
-    """
+    """Time [s] from `here` until the memory of a contact begins or ends to fade, where a step has to end."""
     knot = min(
         next_knot(p.crank_pin, here.begins[0], here.time, resolution),
         next_knot(p.piston_pin, here.begins[1], here.time, resolution),
@@ -133,15 +84,7 @@ def time_to_knot(p, here, resolution) -> float:
 
 @compiled
 def replaced(values, place, value):
-    """Three values with one of them replaced.
-
-    Parameters
-    ----------
-    values : tuple of 3
-    place : int
-    value
-        What stands at `place` instead.
-    """
+    """Three values with one of them replaced."""
     return (
         value if place == 0 else values[0],
         value if place == 1 else values[1],
@@ -151,20 +94,7 @@ def replaced(values, place, value):
 
 @compiled
 def time_at_angle(p, here, there, step_map, step_start, ds, angle, smooth, velocity_time, k):
-    """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method.
-
-    Parameters
-    ----------
-    p : Parameters
-    here, there : Instant
-        Both ends of the step.
-    step_map, step_start, ds : int, float, float
-        Its time map, where it begins in s and its extent.
-    angle : float
-        [rad].
-    smooth, velocity_time, k
-        As in `jointgap.dynamics.solver.dense_output.state_inside`.
-    """
+    """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method."""
     low, high = here.time, there.time
     share = (angle - here.crank_angle) / (there.crank_angle - here.crank_angle)
     time = low + share * (high - low)
@@ -183,28 +113,14 @@ def time_at_angle(p, here, there, step_map, step_start, ds, angle, smooth, veloc
 
 @inlined
 def longest_step(p) -> float:
-    """Longest step [s].
-
-    Parameters
-    ----------
-    p : Parameters
-    """
+    """Longest step [s]."""
     fastest = max(p.drive.speed, p.drive.no_load_speed) if p.drive.kind == MOTOR else abs(p.drive.speed)
     return _LONGEST_TURN / fastest
 
 
 @compiled
 def beginning(p, y, x, time):
-    """Progress of an integration that has not begun, all joints in flight.
-
-    Parameters
-    ----------
-    p : Parameters
-    y, x : (8,), (11,) arrays
-        State and auxiliary states.
-    time : float
-        [s].
-    """
+    """Progress of an integration that has not begun, all joints in flight."""
     y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
     x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
     nowhere = (math.inf, math.inf, math.inf)
@@ -231,35 +147,7 @@ def integrate(
     begins_at,
     directions_at,
 ):
-    """Integrate on and take samples.
-
-    Parameters
-    ----------
-    p : Parameters
-    progress : Progress
-        From where: of `beginning`, or as an earlier call left it, whose samples lie before these.
-    times, angles : (n,) arrays
-        Samples [s, rad], growing. A motor's samples lie at `angles`, and `times` are overwritten; else they lie at
-        `times`.
-    tolerance : float
-        Local error of a step [m].
-    velocity_time : float
-        Time [s] that turns an error in a velocity into one in a position.
-    step_limit : int
-        Most steps, rejected ones included.
-    k : record
-        As in `jointgap.dynamics.solver.runge_kutta.step`.
-    states, auxiliary_states : (n, 8), (n, 11) arrays
-        Overwritten with the samples.
-    modes_at, approaches_at, begins_at, directions_at : (n, 3) arrays
-        Overwritten with the samples: modes, approach speeds [m/s] and begins [s] of the contacts, unwrapped directions
-        [rad] of the clearance vectors (NaN where the centres coincide).
-
-    Returns
-    -------
-    tuple
-        Status, progress, events as an (m, 9) array (see `jointgap.dynamics.solver.contact_episodes`), number of steps.
-    """
+    """Integrate on and take samples."""
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
     motor, longest = p.drive.kind == MOTOR, longest_step(p)
     here, seen, seen_time, turns, episodes, proposal, time_map, s = progress

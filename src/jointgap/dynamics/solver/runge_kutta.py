@@ -35,30 +35,14 @@ COS_4, COS_6, COS_8, COS_10 = (1 / math.factorial(n) for n in (4, 6, 8, 10))
 
 
 class Instant(NamedTuple):
-    """State of the integration at one time: all that a step starts from.
+    """State of the integration at one time: all that a step starts from."""
 
-    Attributes
-    ----------
-    time : float
-        [s].
-    clearance_state, auxiliary_state : tuples of 8 and 11 floats
-        Clearance vectors with their rates, and auxiliary states: see `jointgap.dynamics.model.equations`.
-    clearance_rates, auxiliary_rates : tuples of 8 and 11 floats
-        Their time derivatives.
-    crank_angle : float
-        [rad].
-    crank : Crank
-    modes, approaches, begins, normals : tuples of 3
-        Modes of crank pin, piston pin and crank pivot, approach speeds [m/s] and begins [s] of their contacts (no
-        contact: infinite), normal forces [N].
-    """
-
-    time: float
-    clearance_state: tuple[float, ...]
-    auxiliary_state: tuple[float, ...]
-    clearance_rates: tuple[float, ...]
-    auxiliary_rates: tuple[float, ...]
-    crank_angle: float
+    time: float  # [s]
+    clearance_state: tuple[float, ...]  # Clearance vectors with their rates, and auxiliary states
+    auxiliary_state: tuple[float, ...]  # Clearance vectors with their rates, and auxiliary states
+    clearance_rates: tuple[float, ...]  # Their time derivatives
+    auxiliary_rates: tuple[float, ...]  # Their time derivatives
+    crank_angle: float  # [rad]
     crank: Crank
     modes: tuple[int, int, int]
     approaches: tuple[float, float, float]
@@ -81,39 +65,19 @@ def turned(cosine, sine, angle) -> tuple:
 
 @inlined
 def elapsed_time(time_map, s, ds) -> float:
-    """Time [s] that passes between s and s + ds.
-
-    Parameters
-    ----------
-    time_map : int
-    s, ds : float
-    """
+    """Time [s] that passes between s and s + ds."""
     return ds if time_map == LINEAR else time_map * ds * (2.0 * s + ds)
 
 
 @inlined
 def dt_ds(time_map, s) -> float:
-    """dt/ds at s.
-
-    Parameters
-    ----------
-    time_map : int
-    s : float
-    """
+    """dt/ds at s."""
     return 1.0 if time_map == LINEAR else 2.0 * time_map * s
 
 
 @inlined
 def ds_for(time_map, s, duration) -> float:
-    """The ds that takes `duration` [s] from s on.
-
-    Parameters
-    ----------
-    time_map : int
-    s : float
-    duration : float
-        [s].
-    """
+    """The ds that takes `duration` [s] from s on."""
     if time_map == LINEAR:
         return duration
     inside = s * s + time_map * duration
@@ -122,16 +86,7 @@ def ds_for(time_map, s, duration) -> float:
 
 @inlined
 def damping_factors(p, approaches, begins, time) -> tuple:
-    """`damping_factor_at` of all contacts.
-
-    Parameters
-    ----------
-    p : Parameters
-    approaches, begins : tuples of 3 floats
-        Approach speeds [m/s] and begins [s].
-    time : float
-        [s].
-    """
+    """`damping_factor_at` of all contacts."""
     return (
         damping_factor_at(p.crank_pin, approaches[0], begins[0], time),
         damping_factor_at(p.piston_pin, approaches[1], begins[1], time),
@@ -141,28 +96,14 @@ def damping_factors(p, approaches, begins, time) -> tuple:
 
 @inlined
 def _fades(joint, begin, time, later) -> bool:
-    """Whether the memory of a contact fades between two times.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    begin, time, later : float
-        [s].
-    """
+    """Whether the memory of a contact fades between two times."""
     faded_from = begin + joint.memory_time
     return faded_from < later and time < faded_from + joint.fading_time
 
 
 @inlined
 def next_knot(joint, begin, time, resolution) -> float:
-    """Next time [s] at which the memory of a contact begins or ends to fade, infinite if there is none.
-
-    Parameters
-    ----------
-    joint : JointParameters
-    begin, time, resolution : float
-        Begin of the contact, time from which on, and how near to it a knot counts as passed [s].
-    """
+    """Next time [s] at which the memory of a contact begins or ends to fade, infinite if there is none."""
     knot = begin + joint.memory_time
     if knot > time + resolution:
         return knot
@@ -172,16 +113,7 @@ def next_knot(joint, begin, time, resolution) -> float:
 
 @inlined
 def crank_at(p, time, x) -> tuple:
-    """Angle [rad] of the crank and its `Crank`, from the time or, where a motor turns it, from the auxiliary states.
-
-    Parameters
-    ----------
-    p : Parameters
-    time : float
-        [s].
-    x : tuple of 11 floats
-        Auxiliary state.
-    """
+    """Angle [rad] of the crank and its `Crank`, from the time or, where a motor turns it, from the auxiliary states."""
     if p.drive.kind == MOTOR:
         return x[2], Crank(math.cos(x[2]), math.sin(x[2]), x[6], 0.0)
     angle, speed, acceleration = crank_motion(p, time)
@@ -190,32 +122,13 @@ def crank_at(p, time, x) -> tuple:
 
 @inlined
 def rates_of_auxiliary(x, found, bristles) -> tuple:
-    """Time derivatives of the auxiliary states; `found` are `accelerations`.
-
-    Parameters
-    ----------
-    x : tuple of 11 floats
-        Auxiliary state.
-    found, bristles : tuples of 8 and 3 floats
-        Accelerations, rates of the bristles [m/s].
-    """
+    """Time derivatives of the auxiliary states; `found` are `accelerations`."""
     return (x[4], x[5], x[6], x[7], found[4], found[5], found[6], found[7], bristles[0], bristles[1], bristles[2])
 
 
 @compiled
 def instant(p, time, y, x, modes, approaches, begins):
-    """The instant of a state.
-
-    Parameters
-    ----------
-    p : Parameters
-    time : float
-        [s].
-    y, x : tuples of 8 and 11 floats
-        Clearance state and auxiliary state.
-    modes, approaches, begins : tuples of 3
-        Modes of the joints, approach speeds [m/s] and begins [s] of their contacts.
-    """
+    """The instant of a state."""
     angle, crank = crank_at(p, time, x)
     damping = damping_factors(p, approaches, begins, time)
     a, pin, piston, pivot, _, _, bristles = accelerations(p, time, angle, crank, y, x, modes, damping)
@@ -231,21 +144,7 @@ instant_in_place = inlined(getattr(instant, "py_func", instant))
 
 @inlined
 def auxiliary_rows(p, weights, row, first, last, k) -> tuple:
-    """Weighted sums of the auxiliary states' rates that are kept; those of bristles only where a joint has some.
-
-    Parameters
-    ----------
-    p : Parameters
-    weights : (n, m) array
-    row, first, last : int
-        As in `jointgap.dynamics.solver.step_stages.weighted_rows`.
-    k : record
-        See `step`.
-
-    Returns
-    -------
-    tuple of 11 floats
-    """
+    """Weighted sums of the auxiliary states' rates that are kept; those of bristles only where a joint has some."""
     if p.switches.bristles:
         return weighted_auxiliary(k.auxiliary_rates, weights, row, first, last)[:AUXILIARY_STATES]
     return (*weighted_motion(k.auxiliary_rates, weights, row, first, last), 0.0, 0.0, 0.0)
@@ -253,15 +152,7 @@ def auxiliary_rows(p, weights, row, first, last, k) -> tuple:
 
 @inlined
 def auxiliary_after(p, x, ds, sums, weight, newest) -> tuple:
-    """Auxiliary states after `ds` from `x` on at rates that are summed up but for the newest one.
-
-    Parameters
-    ----------
-    p : Parameters
-    x, sums, newest : tuples of 11 floats
-    ds, weight : float
-        The newest rate's weight.
-    """
+    """Auxiliary states after `ds` from `x` on at rates that are summed up but for the newest one."""
     motion = (
         x[0] + ds * (sums[0] + weight * newest[0]), x[1] + ds * (sums[1] + weight * newest[1]),
         x[2] + ds * (sums[2] + weight * newest[2]), x[3] + ds * (sums[3] + weight * newest[3]),
@@ -290,20 +181,7 @@ def _scaled(factor, rates) -> tuple:
 
 @inlined
 def rates_over_s(k, row, here, factor, auxiliary) -> None:
-    """Keep the rates at an instant.
-
-    Parameters
-    ----------
-    k : record
-        Changed in place.
-    row : int
-        Where.
-    here : Instant
-    factor : float
-        dt/ds.
-    auxiliary : bool
-        Whether those of the auxiliary states as well.
-    """
+    """Keep the rates at an instant."""
     for i in range(STATES):
         k.rates[row, i] = factor * here.clearance_rates[i]
     if auxiliary:
@@ -313,25 +191,7 @@ def rates_over_s(k, row, here, factor, auxiliary) -> None:
 
 @compiled
 def step(p, here, time_map, s, ds, velocity_time, k):
-    """Advance the state from s to s + ds with the modes frozen.
-
-    Parameters
-    ----------
-    p : Parameters
-    here : Instant
-        Start of the step.
-    time_map, s, ds : int, float, float
-        How time runs, and where the step starts and how long it is.
-    velocity_time : float
-        Time [s] that turns an error in a velocity into one in a position.
-    k : record
-        Where the stages are kept: see `jointgap.dynamics.solver.step_stages`. Overwritten.
-
-    Returns
-    -------
-    tuple
-        State and auxiliary states at the end, estimated local error [m].
-    """
+    """Advance the state from s to s + ds with the modes frozen."""
     y, x, begins = here.clearance_state, here.auxiliary_state, here.begins
     damping, later = damping_factors(p, here.approaches, begins, here.time), here.time + elapsed_time(time_map, s, ds)
     fades = (
@@ -423,16 +283,6 @@ def relative_error(p, k, newest, velocity_time) -> float:
     """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by the 3rd-order one.
 
     Errors in velocities count by `velocity_time`, those of the crank angle by the crank's length.
-
-    Parameters
-    ----------
-    p : Parameters
-    k : record
-        The stages.
-    newest : tuple of 8 floats
-        Rates of the last stage.
-    velocity_time : float
-        [s].
     """
     fifth = _squares(_with_newest(k, 0, newest), velocity_time)
     third = _squares(_with_newest(k, 1, newest), velocity_time)

@@ -21,24 +21,7 @@ _TIME, _JOINT, _BEGINS, _PEAK_FORCE = (EVENT.index(name) for name in ("time", "j
 
 @compiled
 def angle_errors(p, angles, states, auxiliary_states, low, high):
-    """How far the transmission angle lies from that of the same lengths without clearance, equations (10) and (17).
-
-    Parameters
-    ----------
-    p : Parameters
-    angles : (n,) array
-        Crank angles [rad].
-    states, auxiliary_states : (n, 8), (n, 11) arrays
-        As `jointgap.dynamics.solver.integrate.integrate` leaves them.
-    low, high : float
-        Crank angles within a turn between which the error counts [rad].
-
-    Returns
-    -------
-    tuple of 4 floats
-        RMS, mean size and largest size of the error, NaN where no sample counts; smallest transmission angle of all
-        samples, as an acute one [rad].
-    """
+    """How far the transmission angle lies from that of the same lengths without clearance, equations (10) and (17)."""
     b, everywhere = p.bodies, low <= 0.0 and high >= 2.0 * math.pi - ROUNDING
     count, squares, total, peak, steepest = 0, 0.0, 0.0, 0.0, 0.0
     for n in range(angles.size):
@@ -65,22 +48,7 @@ def angle_errors(p, angles, states, auxiliary_states, low, high):
 
 @compiled
 def slider_and_forces(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at):
-    """The slider's motion, and the sizes of the normal forces as `jointgap.dynamics.solver.sampling` has them.
-
-    Parameters
-    ----------
-    p : Parameters
-    times, states, auxiliary_states, modes_at, approaches_at, begins_at
-        Samples as `jointgap.dynamics.solver.integrate.integrate` leaves them, of whole revolutions, both ends included.
-
-    Returns
-    -------
-    position, acceleration : (n,) arrays
-        Of the slider [m], [m/s^2].
-    peaks, rms : (3,) arrays
-        Of the normal forces in the joints [N], in their compiled order; the end, which is the beginning again, counts
-        in the peaks alone.
-    """
+    """The slider's motion, and the sizes of the normal forces as `jointgap.dynamics.solver.sampling` has them."""
     b, count = p.bodies, times.size
     position, acceleration = np.empty(count), np.empty(count)
     peaks, squares = np.zeros(3), np.zeros(3)
@@ -105,18 +73,7 @@ def slider_and_forces(p, times, states, auxiliary_states, modes_at, approaches_a
 
 @compiled
 def largest_change(states, auxiliary_states, apart):
-    """Largest distance of the clearance vectors of samples from those `apart` samples earlier [m].
-
-    Parameters
-    ----------
-    states, auxiliary_states : (n, 8), (n, 11) arrays
-        As `jointgap.dynamics.solver.integrate.integrate` leaves them.
-    apart : int
-
-    Returns
-    -------
-    float
-    """
+    """Largest distance of the clearance vectors of samples from those `apart` samples earlier [m]."""
     largest = 0.0
     for n in range(apart, len(states)):
         square = 0.0
@@ -130,20 +87,7 @@ def largest_change(states, auxiliary_states, apart):
 
 @compiled
 def contact_sums(events, begin, end):
-    """How long the joints are in contact between two times, how often they come into it, and how hard.
-
-    Parameters
-    ----------
-    events : (n, 9) array
-        Columns as `jointgap.dynamics.solver.contact_episodes.EVENT`, from the start of the motion on.
-    begin, end : float
-        [s].
-
-    Returns
-    -------
-    touching, impacts, peaks : (3,) arrays
-        By joint: time in contact [s]; contacts that begin; largest force of whole contacts [N], which samples may miss.
-    """
+    """How long the joints are in contact between two times, how often they come into it, and how hard."""
     touching, impacts, peaks = np.zeros(3), np.zeros(3), np.zeros(3)
     begun = np.full(3, math.inf)  # of contacts that have not ended
     for n in range(len(events)):

@@ -93,18 +93,6 @@ def polar_rates(vector, direction):
     """Length and direction of a clearance vector with two time derivatives each.
 
     Where the length is zero its derivatives are those just after, the direction and its derivatives NaN.
-
-    Parameters
-    ----------
-    vector : tuple of 6 floats
-        Clearance vector x, y [m], its rate [m/s], its second rate [m/s^2].
-    direction : float
-        Its unwrapped direction [rad].
-
-    Returns
-    -------
-    tuple of 6 floats
-        r [m], r' [m/s], r'' [m/s^2], gamma [rad], gamma' [rad/s], gamma'' [rad/s^2].
     """
     ex, ey, vx, vy, ax, ay = vector
     r = math.sqrt(ex * ex + ey * ey)
@@ -127,20 +115,8 @@ def _never_pulling(joint, force):
 
 @inlined
 def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
-    """Forces in crank pin, piston pin and crank pivot as samples show them: none pulls, and an ideal pivot has one too.
-
-    Parameters
-    ----------
-    p : Parameters
-    crank : Crank
-    alpha : float
-        Acceleration of the crank [rad/s^2].
-    pin, piston, pivot : tuples of 6 floats
-        As `jointgap.dynamics.model.equations.accelerations` leaves them.
-
-    Returns
-    -------
-    tuple of 3 such tuples
+    """Forces in crank pin, piston pin and crank pivot as samples show them: none pulls, and an ideal pivot has one
+    too.
     """
     pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
     if p.crank_pivot.loose:
@@ -155,16 +131,7 @@ def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
 
 @compiled
 def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at, directions_at, samples):
-    """Compute every number that follows from the sampled states of an integration.
-
-    Parameters
-    ----------
-    p : Parameters
-    times, states, auxiliary_states, modes_at, approaches_at, begins_at, directions_at
-        Samples as `jointgap.dynamics.solver.integrate.integrate` leaves them.
-    samples : (n,) array of `SAMPLE`
-        Overwritten.
-    """
+    """Compute every number that follows from the sampled states of an integration."""
     b = p.bodies
     for n in range(times.size):
         y, x, row = states[n], auxiliary_states[n], samples[n]

@@ -43,12 +43,8 @@ def room_for_stages() -> np.record:
 
 
 def _weighted_rows(count: int, width: int):
-    """`weighted_rows` over the first `count` of `width` numbers a row, in vectors; numba itself sums number by number.
-
-    Parameters
-    ----------
-    count, width : int
-        Multiples of the lanes.
+    """`weighted_rows` over the first `count` of `width` numbers a row, in vectors; numba itself sums number by
+    number.
     """
 
     @intrinsic
