@@ -31,8 +31,8 @@ smoke: set-up ## the whole chain, small: two minutes, then results/smoke-report.
 	@scripts/in-venv scripts/run-workflow results/smoke-report.html all \
 		--configfile config/smoke.yaml $(snakemake_options)
 
-study: set-up ## map clearance x speed x friction of the first scenario, then results/study-report.html
-	@scripts/in-venv scripts/run-workflow results/study-report.html studied $(snakemake_options)
+study:
+	@echo "make study is gone; use: make sweep CONFIG=config/map.yaml" >&2; exit 2
 
 sweep: set-up ## many designs, simulated and measured: config/sweep.yaml, or CONFIG=mine.yaml
 	@scripts/in-venv scripts/run-workflow swept \

@@ -23,9 +23,6 @@ _AGAIN = "read, dumped and read again it is the same"
 _EMPTY = ("", "~", "null", "Null", "NULL")
 _TRUE, _FALSE = {"true", "yes", "on", "y"}, {"false", "no", "off", "n"}
 
-_OF_LISTS = {"clearance": "m", "speed": "rad/s", "friction": ""}
-"""Units of the study's lists, for which the schema has none."""
-
 
 def prepare() -> None:
     """Load what reads configurations, and pint's units."""
@@ -78,7 +75,7 @@ def _campaign(writer: Writer) -> Pairs:
 def _config(writer: Writer) -> Pairs:
     content = Pairs([("mechanism", _mechanism(writer) if writer.chance(0.9) else "mechanism.yaml")])
     over = Pairs([("description", "one sentence")])
-    for section in ("simulate", "surrogate", "optimise", "figures", "ensemble", "study"):
+    for section in ("simulate", "surrogate", "optimise", "figures", "ensemble"):
         if writer.chance(0.4):
             own = writer.vary(Pairs(), reading.branches(schema("config")["properties"][section], writer.root), more=0.2)
             put(over if writer.chance(0.5) else content, section, own)
@@ -194,8 +191,8 @@ def _misread(value: reading.Written, held: Any, model: Any, root: yaml.Node) -> 
     ours = _held(held, path)
     if value.text in _EMPTY and not value.quoted:
         return None  # left out
-    if path[:1] in (("study",), ("ensemble",)) and not isinstance(path[-1], int) and last in ("from", "to", "number"):
-        return None if last == "number" else _end_of_span(value, held)
+    if path[:1] == ("ensemble",) and not isinstance(path[-1], int) and last in ("from", "to", "number"):
+        return None
     if ours is _ABSENT:
         return Complaint("a value is passed over", "nothing of it is held")
     if isinstance(ours, dict | list):
@@ -219,8 +216,6 @@ def _unit(value: reading.Written, root: yaml.Node) -> str | None:
     if path[:1] == ("channels",) and len(path) > 2 and path[2] in ("noise", "resolution"):
         own = reading.child(reading.child(reading.child(root, "channels"), path[1]), "unit")
         return own.value if own is not None else None
-    if path[:1] == ("study",) and len(path) == 3 and path[1] in _OF_LISTS:
-        return _OF_LISTS[path[1]]
     return None
 
 
@@ -237,19 +232,6 @@ def _misread_quantity(text: str, unit: str, ours: Any) -> Complaint | None:
         return Complaint(
             "a quantity is held with another size", f"held as {ours!r} {unit}, written is {theirs.value!r}"
         )
-    return None
-
-
-def _end_of_span(value: reading.Written, held: Any) -> Complaint | None:
-    """The first or last of values evenly apart."""
-    listed = _held(held, value.path[:-1])
-    name = value.path[-2]
-    if not isinstance(listed, list) or name not in _OF_LISTS or value.path[0] != "study":
-        return None
-    theirs = read(value.text, _OF_LISTS[name]).value
-    ours = listed[0 if value.path[-1] == "from" else -1]
-    if theirs is None or not math.isclose(ours, theirs, rel_tol=1e-8):
-        return Complaint("an end of a span is held with another size", f"held as {ours!r}, written is {theirs!r}")
     return None
 
 

@@ -59,7 +59,10 @@ def _complaint(item: dict, model: type[BaseModel], data: object) -> str:
     location = item["loc"]
     key = ".".join(_written(location, model))
     if item["type"] == "extra_forbidden":
-        hint = did_you_mean(location[-1], _model_at(model, location[:-1]).model_fields)
+        section = _model_at(model, location[:-1])
+        if instead := getattr(section, "removed", {}).get(location[-1]):
+            return f"key '{key}' is gone; {instead}"
+        hint = did_you_mean(location[-1], section.model_fields)
         return f"unknown key '{key}'; {hint}"
     if item["type"] == "missing":
         also = _LAID_OVER if "mechanism" in location[-2:-1] else ""

@@ -1,6 +1,6 @@
 """Base of every part of a configuration."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -31,5 +31,8 @@ def _example(section: type[BaseModel]) -> str:
 
 class Section(BaseModel, metaclass=_Called):
     """A part of a configuration: frozen, no unknown keys, defaults validated too."""
+
+    removed: ClassVar[dict[str, str]] = {}
+    """Keys of earlier versions, with what to use instead."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)

@@ -17,6 +17,7 @@ from jointgap.config import Scenario
 from jointgap.designs import designs_to_parquet
 from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import check_dataset, simulate_designs, table_of, write_designs
+from jointgap.designs.measures import high_order_rms
 from jointgap.dynamics import simulate
 from jointgap.dynamics.simulation import crank_angles
 from jointgap.ensembles.cycle_statistics import clearance_vectors
@@ -407,3 +408,22 @@ def test_the_table_says_unit_and_meaning_of_each_parameter_and_measure(measured,
     assert described.loc["clearance", "unit"] == "m"
     assert described.loc["angle_error_rms", "unit"] == "rad"
     assert (described["description"] != "").all()
+
+
+def test_high_orders_are_those_above_the_tenth():
+    turned = np.arange(400) * (2 * math.pi / 400)
+    quiet = 7.0 + 5.0 * np.cos(turned) + 2.0 * np.sin(10 * turned)
+    assert high_order_rms(quiet) < 1e-13
+    assert high_order_rms(quiet + 3.0 * np.cos(11 * turned) + 4.0 * np.sin(50 * turned)) == pytest.approx(
+        math.sqrt(12.5)
+    )
+
+
+def test_a_grid_of_two_or_three_parameters_is_drawn_as_a_map(tmp_path):
+    grid = {"clearance": [2e-4, 4e-4], "friction": [0.05, 0.1], "mechanism.joints.crank_pin.journal": ["crank", "rod"]}
+    made = scenario(grid, design="grid")
+    sweep(made, tmp_path, workers=1)
+    drawn, designs = pd.read_parquet(tmp_path / "map.parquet"), pd.read_parquet(tmp_path / "designs")
+    errors = drawn[drawn["series"] == "RMS error of the transmission angle"]["value"]
+    assert sorted(errors) == pytest.approx(sorted(np.degrees(designs["angle_error_rms"])))
+    assert "data:image/png" in (tmp_path / "summary.html").read_text()

@@ -63,7 +63,7 @@ def test_without_configuration_nothing_is_added(tmp_path):
 
 
 def test_no_target_of_the_makefile_is_taken_for_a_users_configuration():
-    for target, asked in (("study", "studied"), ("campaign", "campaigned"), ("run", "all")):
+    for target, asked in (("campaign", "campaigned"), ("run", "all")):
         command = ["make", "--dry-run", target, "ARGS=--config a=b"]
         said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
         assert 0 < said.index(f"report.html {asked} ") < said.index("--config a=b")

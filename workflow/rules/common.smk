@@ -17,7 +17,6 @@ from jointgap.parts import parts
 from jointgap.figures.catalogue import FIGURES
 from jointgap.stages.scenario_results import parts_of
 from jointgap.stages.scenario_stages import IMPACTS_PAGE, SCENARIO_STAGES
-from jointgap.ensembles.study_catalogue import FIGURES as STUDY_FIGURES
 from jointgap.tables import INFERRED_DESIGNS_PATH, INFERRED_TABLES, SENSITIVITY_TABLES, outputs, write_text
 
 # Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.
@@ -139,8 +138,8 @@ def of_each_output(table):
 
 
 def made_of_scenario(name):
-    """Every file that rules make of a scenario but for its study; of one whose joints are all ideal, its simulation and animation."""
-    # A sweep or a study goes without what learning and optimising need.
+    """Every file that rules make of a scenario; of one whose joints are all ideal, its simulation and animation."""
+    # A sweep goes without what learning and optimising need.
     try:
         check_whole(SCENARIOS[name], name)
     except InputError as error:
@@ -165,17 +164,6 @@ def made_of_scenario(name):
         for path in paths
         for file in expand(path, scenario=name, output=learned if "{output}" in path else "")
     ]
-
-
-def made_of_study(name):
-    """Every file that rules make of a scenario's study."""
-    paths = [str(path) for path in (*rules.study_points.output, *rules.study.output)]
-    return [file for path in paths for file in expand(path, scenario=name, part=parts_of_study(name))]
-
-
-def parts_of_study(name):
-    """First point and number of points of each part, by the part's name."""
-    return parts(SCENARIOS[name].study.points, SCENARIOS[name].study.points_per_job)
 
 
 def drawn(name, ending):

@@ -1,6 +1,6 @@
 # The report of a run: one page in one file, written by `jointgap report` once all that it shows is there. What people
 # ask for decides which: results/report.html holds every scenario and campaign, results/smoke-report.html the same of the
-# small configuration; results/campaign-report.html and results/study-report.html hold campaigns and a study alone.
+# small configuration; results/campaign-report.html holds campaigns alone.
 
 
 rule whole_report:
@@ -45,18 +45,5 @@ use rule whole_report as campaign_report with:
         "results/logs/campaign-report.log",
     params:
         shown=[text for name in CAMPAIGNS for text in ("--campaign", name)],
-        code=digest_of("report"),
-        results=subpath(output.report, parent=True),
-
-
-use rule whole_report as study_report with:
-    input:
-        lambda wildcards: whole(path for name in LOOSE[:1] for path in made_of_study(name)),
-    output:
-        report="results/study-report.html",
-    log:
-        "results/logs/study-report.log",
-    params:
-        shown=lambda wildcards: named_options("--study", LOOSE[:1], "study"),
         code=digest_of("report"),
         results=subpath(output.report, parent=True),

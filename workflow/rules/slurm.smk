@@ -82,7 +82,7 @@ def check_arrays():
         if most and jobs[name] >= int(most[1]):
             refuse_slurm(
                 f"{jobs[name]} jobs of {name} are more than the {int(most[1]) - 1} that arrays may have here (MaxArraySize of "
-                "SLURM); give each job more (sweep.designs_per_job, study.points_per_job), or take the rule out of "
+                "SLURM); give each job more (sweep.designs_per_job), or take the rule out of "
                 "slurm-array-jobs in workflow/profiles/slurm/config.yaml"
             )
 

@@ -56,6 +56,15 @@ class SectionedGroup(click.Group):
     sections: dict[str, list[str]]
     """Names of subcommands by heading, in order."""
 
+    removed: dict[str, str]
+    """Commands of earlier versions, with what to use instead."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]):
+        """The subcommand that `args` name; of one that is gone a line with what to use instead."""
+        if args and args[0] in self.removed:
+            ctx.fail(f"{args[0]} is gone; {self.removed[args[0]]}.")
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the subcommands of `ctx` with the `formatter`, a section for each heading."""
         shown = {name for name in self.list_commands(ctx) if not self.commands[name].hidden}
@@ -79,6 +88,8 @@ def cli() -> None:
     files whose columns carry units; `jointgap describe FILE` shows them.
     """
 
+
+cli.removed = dict.fromkeys(("study", "study-points"), "use `jointgap sweep` with sweep.design: grid")
 
 OF_SCENARIO, OF_CAMPAIGN, OF_TRIALS = (
     f"Workflow: {part}" for part in ("stages of a scenario", "stages of a campaign", "blind trials")

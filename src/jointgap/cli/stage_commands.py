@@ -57,23 +57,6 @@ _OPTIONS = {
     ),
     "track": _published,
     "track-sweep": _published,
-    "study-points": (
-        click.option("--first", type=click.IntRange(min=0), required=True, help="First point, from 0 on."),
-        click.option("--number", type=click.IntRange(min=1), required=True, help="How many points."),
-        need("--points", "Parquet file to write: these points."),
-        workers_option,
-    ),
-    "study": (
-        need("--folder", "Folder to write points.parquet, the figures and summary.md to.", FOLDER),
-        click.option(
-            "--points",
-            "parts",
-            type=FILE,
-            multiple=True,
-            help="What `study-points` wrote, repeatable; simulated when absent.",
-        ),
-        workers_option,
-    ),
     "sweep-designs": (
         click.option("--first", type=click.IntRange(min=0), required=True, help="First design, from 0 on."),
         click.option("--number", type=click.IntRange(min=1), required=True, help="How many designs."),
@@ -177,12 +160,11 @@ def _report(
     results: Path,
     report: Path,
     scenarios: tuple[tuple[str, str], ...],
-    studies: tuple[tuple[str, str], ...],
     campaigns: tuple[str, ...],
 ) -> None:
     tables.check_writable(report)
-    opened = [{name: open_results(options, results / name) for name, options in each} for each in (scenarios, studies)]
-    SCENARIO_STAGES["report"].function(opened[0], campaigns, opened[1], results, report)
+    opened = {name: open_results(options, results / name) for name, options in scenarios}
+    SCENARIO_STAGES["report"].function(opened, campaigns, results, report)
 
 
 _NAMED = "Name and options of a scenario"
@@ -190,7 +172,6 @@ _REPORT_OPTIONS = [
     need("--results", "Folder of the folders of results.", FOLDER),
     need("--report", "HTML file to write; its links hold where it lies in that folder."),
     click.option("--scenario", "scenarios", nargs=2, multiple=True, help=f"{_NAMED}, repeatable."),
-    click.option("--study", "studies", nargs=2, multiple=True, help=f"{_NAMED} whose study is shown, repeatable."),
     click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable."),
 ]
 

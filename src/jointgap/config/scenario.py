@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import (
@@ -30,7 +30,6 @@ from jointgap.errors import InputError
 from jointgap.quantities import (
     Angle,
     AngularSpeed,
-    FrictionCoefficient,
     OpenFraction,
     PositiveAngle,
     PositiveAngularSpeed,
@@ -484,50 +483,6 @@ class Runs(Section):
         return self
 
 
-class Study(Section):
-    """The map clearance x speed x friction."""
-
-    clearance: _list_of(PositiveLength) = Field(
-        (5e-5, 1e-4, 2e-4, 5e-4, 1e-3), description="radial clearances of every loose joint"
-    )
-    speed: _list_of(PositiveAngularSpeed) = Field(
-        tuple(rpm * math.tau / 60 for rpm in (200, 400, 600, 800, 1000, 1200)), description="crank speeds"
-    )
-    friction: _list_of(FrictionCoefficient) = Field(
-        (0.0, 0.05, 0.1, 0.2), description="friction coefficients of every loose joint"
-    )
-    transient_revolutions: Revolutions = Field(4, description="revolutions that do not count")
-    settled_revolutions: Revolutions = Field(4, description="revolutions after these, which count")
-    members: MembersToCompare = Field(4, description="starts of each point; the first is not perturbed")
-    perturbation: OpenFraction = Field(
-        1e-4, description="length of the change in the perturbed starting positions, as a share of the clearance"
-    )
-    seed: Seed = Field(0, description="seed of the perturbations")
-    tolerance: quantity("", gt=0, le=TOLERANCE_SHARE) = Field(
-        1e-6, description="local error of positions that an integration step may make, as a share of the clearance"
-    )
-    points_per_job: count(MOST_COMBINATIONS, "there are no more points") = Field(
-        20, description="points that one job of the workflow simulates, each from all its starts"
-    )
-
-    @property
-    def points(self) -> int:
-        """How many points the map has."""
-        return len(self.speed) * len(self.friction) * len(self.clearance)
-
-    @model_validator(mode="after")
-    def _combinations_can_be_held(self):
-        _check_combinations({name: getattr(self, name) for name in ("clearance", "speed", "friction")})
-        return self
-
-    @model_validator(mode="after")
-    def _no_value_is_listed_twice(self):
-        for name in ("clearance", "speed", "friction"):
-            if len(set(getattr(self, name))) < len(getattr(self, name)):
-                raise ValueError(f"{name} {list(getattr(self, name))} lists a value twice; give each once")
-        return self
-
-
 class DrivenMechanism(Section):
     """A mechanism and how it is driven and sampled: all that a simulation needs."""
 
@@ -545,6 +500,8 @@ class DrivenMechanism(Section):
 class Scenario(Section):
     """A mechanism and what is done with it: the input of every stage."""
 
+    removed: ClassVar = {"study": "use sweep with design: grid, as in config/map.yaml"}
+
     description: str = Field("", max_length=1000, description="one sentence for the report: what this scenario is for")
     mechanism: Mechanism
     simulate: Simulate = Simulate()
@@ -552,7 +509,6 @@ class Scenario(Section):
     optimise: Optimise = Optimise()
     figures: Figures = Figures()
     ensemble: Runs = Runs()
-    study: Study = Study()
     sweep: Sweep = Sweep()
     sensitivity: Sensitivity | None = None
     infer_settings: InferSettings | None = None

@@ -8,8 +8,8 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.parallel_runs import Outcome
 from jointgap.dynamics.simulation import IntegrationResult, crank_angles
 from jointgap.dynamics.solver.sample_sums import angle_errors, contact_sums, largest_change, slider_and_forces
-from jointgap.ensembles.orders import high_order_rms
 from jointgap.joints import JOINTS
+from jointgap.tables.sweep_tables import NOISE_ORDER
 
 _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins")
 _ERRORS = tuple(f"angle_error_{size}{span}" for span in ("", "_in_window") for size in ("rms", "mean", "peak"))
@@ -34,7 +34,7 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     found |= {"least_transmission_angle": least}
     found |= _travel(position[:-1], outcome.crank_angle[last][:-1])
     rms = math.sqrt(np.mean(acceleration[:-1] ** 2))
-    noise = high_order_rms(acceleration[:-1], 1) / rms if rms else math.nan
+    noise = high_order_rms(acceleration[:-1]) / rms if rms else math.nan
     found |= {"acceleration_rms": rms, "noise_share": noise}
     found |= {"repeat_distance": _repeat_distance(result, mechanism, per_turn)}
     begin, end = float(result.times[last.start]), float(result.times[-1])
@@ -50,6 +50,16 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
             f"{joint}_rms_force": float(sizes[number]),
         }
     return found
+
+
+def high_order_rms(values: np.ndarray) -> float:
+    """RMS of what one revolution of `values` holds above order `NOISE_ORDER`."""
+    spectrum = np.fft.rfft(values)
+    spectrum[: NOISE_ORDER + 1] = 0.0
+    squares = 2.0 * np.sum(spectrum.real**2 + spectrum.imag**2)  # Parseval: each order counts for its mirror image too
+    if len(values) % 2 == 0:
+        squares -= abs(spectrum[-1]) ** 2  # but the highest is its own
+    return math.sqrt(squares) / len(values)
 
 
 def _angle_errors(outcome: Outcome, samples: slice, counted: tuple[float, float]) -> tuple[float, ...]:

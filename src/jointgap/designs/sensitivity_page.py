@@ -139,7 +139,7 @@ def _without(found: SensitivityResult) -> list:
         points.append(
             "Where more designs do not help, the measure is rough: a design beside another has another number of "
             "impacts. Then no parameter decides a single motion, and only means over several revolutions or starts "
-            "(`jointgap study`) can be compared."
+            "(`jointgap ensemble`) can be compared."
         )
     if poor["reason"].str.contains("lack it").any():
         points.append(

@@ -10,8 +10,9 @@ import pyarrow.compute as pc
 
 from jointgap import tables
 from jointgap.designs.design_of_experiments import SOURCE, Axis, Designs
+from jointgap.designs.sweep_figures import MAP, has_map
 from jointgap.designs.words_of_designs import measure_in_words, parameter_in_words
-from jointgap.report.page import Page, Paragraph, TableBlock
+from jointgap.report.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.report.plain_words import joined, reading_unit, unit_in_words
 from jointgap.tables.columns import Column
 
@@ -46,6 +47,7 @@ def page(designs: Designs, dataset: Path) -> Page:
     blocks = (
         Paragraph(introduction),
         TableBlock(("parameter", "unit", "smallest", "median", "largest"), _parameters(designs.axes, dataset), "llrrr"),
+        *([FigureBlock(MAP, "Map of the grid")] if has_map(designs.kind, designs.axes) else ()),
         Paragraph(measured),
         TableBlock(
             ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest"), _measures(designs, dataset), "llrrrrr"

@@ -11,7 +11,6 @@ from jointgap import tables
 from jointgap.campaign import verdict, verdict_page
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.campaign.verdict_sentences import answer
-from jointgap.ensembles import study_page
 from jointgap.errors import InputError
 from jointgap.figures.campaign_catalogue import CATALOGUE as CAMPAIGN_FIGURES
 from jointgap.figures.catalogue import ANIMATION, CATALOGUE, FigureSpec
@@ -28,9 +27,8 @@ from jointgap.report.page import (
     place_of,
     written_today,
 )
-from jointgap.report.plain_words import fall_in_percent, joined
+from jointgap.report.plain_words import fall_in_percent
 from jointgap.stages.scenario_results import ScenarioResults
-from jointgap.tables import STUDY
 
 MOST_BYTES = 6_000_000
 """Of the images that a report takes in: as text in the page they have a third more, and the page stays below 10 MB."""
@@ -45,7 +43,6 @@ _KEY_FIGURES_OF_CAMPAIGNS = ("measured_against_model", "disagreement", "ranking"
 def page(
     scenarios: Mapping[str, ScenarioResults],
     campaigns: Sequence[str],
-    studies: Mapping[str, ScenarioResults],
     folder: Path,
 ) -> Page:
     """What came out of a run."""
@@ -58,8 +55,8 @@ def page(
     summaries = {name: _summary(own) for name, own in learned.items()}
     gains = {name: known["headline"] for name, known in summaries.items()}
     whole = _size(folder, scenarios, campaigns) <= MOST_BYTES
-    several = len(scenarios) + len(campaigns) + len(studies) > 1
-    first = _first_picture(scenarios, campaigns, studies, folder, several)
+    several = len(scenarios) + len(campaigns) > 1
+    first = _first_picture(scenarios, campaigns, folder, several)
     parts = (
         *_side_by_side(table),
         *(
@@ -67,15 +64,14 @@ def page(
             for name, own in scenarios.items()
             for block in _scenario(own, gains.get(name, ""), whole, folder, several)
         ),
-        *(block for name, own in studies.items() for block in _study(name, own)),
         *(block for name, content in verdicts.items() for block in _campaign(content, whole, folder, several)),
         *([] if whole else _other_figures(scenarios, campaigns)),
     )
     return Page(
-        _headline(summaries, verdicts, studies),
+        _headline(summaries, verdicts),
         (
             *first,
-            *([Bullets(tuple(_glance(scenarios, gains, verdicts, studies)))] if several else []),
+            *([Bullets(tuple(_glance(scenarios, gains, verdicts)))] if several else []),
             *_without(first, parts),
         ),
         subject="What came out of this run",
@@ -108,7 +104,7 @@ def _summary(own: ScenarioResults) -> Mapping[str, Any]:
         raise InputError(f"{path}: is no summary of a scenario ({error}); run `jointgap summarise` first") from error
 
 
-def _headline(summaries: Mapping[str, Any], verdicts: Mapping[str, Any], studies: Mapping[str, Any]) -> str:
+def _headline(summaries: Mapping[str, Any], verdicts: Mapping[str, Any]) -> str:
     if len(summaries) == 1:
         return next(iter(summaries.values()))["headline"]
     if summaries:
@@ -121,15 +117,12 @@ def _headline(summaries: Mapping[str, Any], verdicts: Mapping[str, Any], studies
         return verdict_page.title(next(iter(verdicts.values())))
     if verdicts:
         return "; ".join(f"{name}: {verdict_page.title(content)}" for name, content in verdicts.items())
-    if studies:
-        return f"What clearance, speed and friction do in {joined(studies)}"
     return "The motion of the mechanism, simulated"
 
 
 def _first_picture(
     scenarios: Mapping[str, ScenarioResults],
     campaigns: Sequence[str],
-    studies: Mapping[str, Any],
     folder: Path,
     several: bool,
 ) -> list[Block]:
@@ -141,7 +134,7 @@ def _first_picture(
         spec = CAMPAIGN_FIGURES["measured_against_model"]
         stem = _of_campaign(folder, campaigns[0]).relative_to(folder) / "figures/measured_against_model"
         return [FigureBlock(str(stem), _title(spec.title, campaigns[0], several), spec.caption)]
-    return study_page.figures(f"{next(iter(studies))}/study/")[:1] if studies else []
+    return []
 
 
 def _title(words: str, name: str, several: bool) -> str:
@@ -153,23 +146,16 @@ def _glance(
     scenarios: Mapping[str, ScenarioResults],
     gains: Mapping[str, str],
     verdicts: Mapping[str, Any],
-    studies: Mapping[str, Any],
 ) -> Iterator[Link]:
     """One point for each part, with what came out of it."""
     for name in scenarios:
         yield Link(name, f"#{place_of(_of_scenario(name))}", f": {gains.get(name, 'all joints are ideal: simulated')}")
-    for name in studies:
-        yield Link(name, f"#{place_of(_of_study(name))}", ": maps of clearance, speed and friction")
     for name, content in verdicts.items():
         yield Link(name, f"#{place_of(_of_verdict(name))}", f": {verdict_page.title(content)}")
 
 
 def _of_scenario(name: str) -> str:
     return f"Scenario {name}"
-
-
-def _of_study(name: str) -> str:
-    return f"Study of {name}"
 
 
 def _of_verdict(name: str) -> str:
@@ -244,12 +230,6 @@ def _other_figures(scenarios: Collection[str], campaigns: Collection[str]) -> li
     linked += [spec for key, spec in CAMPAIGN_FIGURES.items() if campaigns and key not in _KEY_FIGURES_OF_CAMPAIGNS]
     rows = tuple((spec.title, spec.caption) for spec in linked)
     return [Heading("What the figures show that are linked"), TableBlock(("figure", "what it shows"), rows)]
-
-
-def _study(name: str, own: ScenarioResults) -> list[Block]:
-    points = own.path / "study/points.parquet"
-    shown = study_page.page(tables.read(STUDY, points), own.scenario)
-    return [Heading(_of_study(name)), *shown.blocks, *study_page.figures(f"{name}/study/")]
 
 
 def _size(folder: Path, scenarios: Mapping[str, Any], campaigns: Sequence[str]) -> float:

@@ -43,7 +43,6 @@ from jointgap.tables import (
     ROBUST_FRESH_PATH,
     ROBUST_GAINS,
     ROBUST_LENGTHS,
-    STUDY,
     TOLERANCE,
     TRAJECTORY,
     VALLEY,
@@ -294,7 +293,6 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
 def report(
     scenarios: Mapping[str, "ScenarioResults"],
     campaigns: Sequence[str],
-    studies: Mapping[str, "ScenarioResults"],
     folder: Path,
     file: Path,
 ) -> None:
@@ -302,7 +300,7 @@ def report(
     from jointgap.report.page import to_html
     from jointgap.stages.report_page import page
 
-    tables.write_text(file, to_html(page(scenarios, campaigns, studies, folder), folder))
+    tables.write_text(file, to_html(page(scenarios, campaigns, folder), folder))
 
 
 @SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
@@ -318,51 +316,6 @@ def track(results: "ScenarioResults", name: str, store: Path, published: Path) -
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
     summary = publish(name, results.scenario, sections, files, sorted(pictures), costs, None, store)
     tables.write_text(published, json.dumps(summary, indent=2) + "\n")
-
-
-@SCENARIO_STAGES.stage(sections=(*_MOTION, "study"))
-def study_points(scenario: "Scenario", first: int, number: int, points: Path, workers: int | None) -> None:
-    """Simulate some points of the study, for `jointgap study --points`."""
-    from jointgap.ensembles.study_points import simulate_points
-
-    tables.check_writable(points)
-    tables.write(STUDY, simulate_points(scenario, first, number, workers), points)
-
-
-@SCENARIO_STAGES.stage(sections=(*_MOTION, "study"))
-def study(scenario: "Scenario", folder: Path, parts: Sequence[Path], workers: int | None) -> str:
-    """Map what clearance, speed and friction do: peak force, transmission angle, contact, acceleration orders, jerk.
-
-    The scenario's section `study` says which values. Each point is simulated from several starts; points where only
-    statistics hold are marked.
-
-    \b
-    Example:
-      cat > mine.yaml <<END
-      mechanism: config/mechanisms/erkaya2009.yaml
-      study:
-        clearance: [0.1 mm, 0.3 mm, 1 mm]
-        speed: {from: 300 rpm, to: 900 rpm, number: 3}
-        friction: [0, 0.1]
-      END
-      jointgap study --options mine.yaml --folder results/mine
-    """
-    from jointgap.ensembles.study_figures import draw_study
-    from jointgap.ensembles.study_page import page
-    from jointgap.ensembles.study_points import join_points, simulate_points
-    from jointgap.figures import style
-    from jointgap.report.page import to_markdown
-
-    table, text = folder / "points.parquet", folder / "summary.md"
-    tables.check_writable(table, text)
-    frames = [tables.read(STUDY, part) for part in parts] or [simulate_points(scenario, workers=workers)]
-    points = join_points(frames, scenario.study)
-    tables.write(STUDY, points, table)
-    summary = to_markdown(page(points, scenario))
-    tables.write_text(text, summary)
-    for name, drawing in draw_study(points, scenario).items():
-        style.save(drawing, folder / name)
-    return summary
 
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
@@ -381,6 +334,7 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     The scenario's section `sweep` says which. The folder's `designs` is a dataset of Parquet files that pandas, polars
     and duckdb read as one table, a row a design; designs that fail are rows with their reason. What is there already is
     kept: a sweep that was killed goes on, and one with a larger number of the same Sobol sequence adds designs.
+    A grid of two or three parameters is drawn as a map.
 
     \b
     Example:
@@ -398,16 +352,21 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     """
     from jointgap.designs.design_of_experiments import designs_of
     from jointgap.designs.designs_to_parquet import write_dataset
+    from jointgap.designs.sweep_figures import MAP, grid_map, has_map
     from jointgap.designs.sweep_page import page
+    from jointgap.figures import style
     from jointgap.report.page import to_html, to_markdown
 
     designs, dataset = designs_of(scenario), folder / "designs"
     tables.check_writable(folder / "summary.html", folder / "summary.md")
     code = SCENARIO_STAGES["sweep-designs"].digest
     write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
+    if has_map(designs.kind, designs.axes):
+        names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
+        style.save(grid_map(tables.read_columns(dataset, names).to_pandas(), designs.axes), folder / MAP)
     summary = page(designs, dataset)
-    tables.write_text(folder / "summary.html", to_html(summary))
-    text = to_markdown(summary)
+    tables.write_text(folder / "summary.html", to_html(summary, folder))
+    text = to_markdown(summary, ".")
     tables.write_text(folder / "summary.md", text)
     return text
 

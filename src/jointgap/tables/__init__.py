@@ -22,7 +22,6 @@ from jointgap.tables.searches_tables import *
 from jointgap.tables.sensitivity_tables import *
 from jointgap.tables.simulate_tables import *
 from jointgap.tables.statistics_tables import *
-from jointgap.tables.study_tables import *
 from jointgap.tables.surrogate_tables import *
 from jointgap.tables.sweep_tables import *
 from jointgap.tables.trend_tables import *

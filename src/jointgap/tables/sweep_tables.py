@@ -4,7 +4,9 @@ from collections.abc import Iterable
 
 from jointgap.joints import JOINT
 from jointgap.tables.columns import Column, Table
-from jointgap.tables.study_tables import NOISE_ORDER
+
+NOISE_ORDER = 10
+"""Order from which on the slider's acceleration counts as noise: the ideal mechanism's has died away far below it."""
 
 _ERROR = "error of the transmission angle (ideal less simulated)"
 _SIZES = {"rms": "RMS", "mean": "mean size", "peak": "largest size"}
