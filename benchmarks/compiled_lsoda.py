@@ -9,7 +9,7 @@ event and grow while nothing happens. Their lengths here are those with which a 
 import numba
 import numpy as np
 
-from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
+from jointgap.dynamics.joints import CONTACT, FLIGHT
 
 POINTS = 33
 FIRST_STRETCH, LONGEST_STRETCH, GROWTH = 1e-4, 4e-4, 2.0  # s

@@ -8,11 +8,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from jointgap.dynamics import LAWS, delivered_restitution
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.figures.style import COLOURS, LOOK
+from jointgap.core.plot import COLOURS, LOOK
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.contact import LAWS, delivered_restitution
+from jointgap.dynamics.simulate import integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options
 from tests.dynamics.ledger import bending, bodies, crank_losses, joint_powers, slider_effects
 from tests.dynamics.quadrature import Motion, motion

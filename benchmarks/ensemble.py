@@ -25,7 +25,7 @@ def ensemble(runs: int) -> dict[str, float]:
     """Seconds and peak memory [MiB] of `runs` revolutions from slightly different starts."""
     from benchmarks.simulate import SPEED, case
     from jointgap.config import Simulate
-    from jointgap.dynamics.parallel_runs import Run
+    from jointgap.dynamics.parallel import Run
     from jointgap.ensembles.ensemble import write_ensemble
 
     mechanism = case()
@@ -42,9 +42,8 @@ def revolutions(number: int) -> dict[str, float]:
     """Processor seconds of one run over `number` revolutions without output."""
     from benchmarks.simulate import SPEED, case
     from jointgap.config import Simulate
-    from jointgap.dynamics.model.compile_parameters import parameters
-    from jointgap.dynamics.simulation import integrate_to_angles
-    from jointgap.dynamics.solver.initial_state import start_state
+    from jointgap.dynamics.compile_mechanism import parameters
+    from jointgap.dynamics.simulate import integrate_to_angles, start_state
 
     p = parameters(case(), Simulate(speed=SPEED))
     taken = []

@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.exudyn_parts import Link, Parts
 from jointgap.config import Mechanism
-from jointgap.joints import FROM_FRAME, JOINT
+from jointgap.core.joints import FROM_FRAME, JOINT
 
 IMMOVABLE = 1e30
 """Mass [kg] or moment of inertia [kg m^2] of what moves as prescribed: no force here changes a digit of its speed."""

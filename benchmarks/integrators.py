@@ -19,12 +19,11 @@ from benchmarks.compiled_lsoda import compiled_lsoda
 from benchmarks.exudyn_model import SliderCrank
 from benchmarks.right_hand_side import right_hand_side
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
-from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.parallel_runs import rod_and_slider
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.joints import CONTACT, FLIGHT
+from jointgap.dynamics.parallel import rod_and_slider
+from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.simulate import integrate_to_angles, start_state
 
 Code = Callable[[float, float], tuple[np.ndarray, float]]
 

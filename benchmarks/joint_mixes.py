@@ -11,11 +11,10 @@ import numpy as np
 
 from benchmarks.simulate import SPEED, case, distance
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.tableau import COUNT
-from jointgap.joints import JOINTS, PINS
+from jointgap.core.joints import JOINTS, PINS
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.runge_kutta import COUNT
+from jointgap.dynamics.simulate import integrate_to_angles, start_state
 
 STEP_TOLERANCE, ERROR, REPEATS = 1e-9, 1e-9, 21
 IDEAL, WITH_SLIDER_FORCES = 90.0, 110.0  # nanoseconds of a stage where a joint is ideal

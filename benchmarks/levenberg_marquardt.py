@@ -66,9 +66,8 @@ def rows() -> list[dict]:
     import torch
     from scipy.optimize import least_squares
 
-    from jointgap.surrogate.levenberg_marquardt import Settings, minimise
-    from jointgap.surrogate.network import Layout, nguyen_widrow
-    from jointgap.surrogate.network_batch import NetworkModel
+    from jointgap.networks.levenberg_marquardt import NetworkModel, Settings, minimise
+    from jointgap.networks.network import Layout, nguyen_widrow
 
     torch.set_num_threads(1)
     inputs, targets = signal()

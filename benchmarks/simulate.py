@@ -22,7 +22,7 @@ from benchmarks.extended import Extended
 from benchmarks.integrators import Code, codes
 from benchmarks.project import ROOT
 from jointgap.config import Mechanism, Simulate, load_mechanism
-from jointgap.dynamics.model.compile_parameters import parameters
+from jointgap.dynamics.compile_mechanism import parameters
 
 SPEED = 20 * np.pi
 REVOLUTION, QUARTER = 2 * np.pi / SPEED, 0.5 * np.pi / SPEED

@@ -54,11 +54,11 @@ def config(designs: int) -> dict:
 def swept(designs: int, cores: int, folder: str) -> dict[str, float]:
     """Wall and processor seconds of a sweep, those of its simulations alone, and peak memory [MiB]."""
     from jointgap.config import resolve
-    from jointgap.dynamics import parallel_runs
-    from jointgap.stages.scenario_stages import sweep
+    from jointgap.dynamics import parallel
+    from jointgap.scenario.stages import sweep
 
     alone: dict[int, float] = {}
-    simulated = parallel_runs.integrate_to_angles
+    simulated = parallel.integrate_to_angles
 
     def timed(*given):
         began = time.thread_time()
@@ -68,7 +68,7 @@ def swept(designs: int, cores: int, folder: str) -> dict[str, float]:
             thread = threading.get_ident()
             alone[thread] = alone.get(thread, 0.0) + time.thread_time() - began
 
-    parallel_runs.integrate_to_angles = timed
+    parallel.integrate_to_angles = timed
     scenario = resolve(config(designs), (ROOT,), whole=False)["sweep"]
     with tempfile.TemporaryDirectory() as other:  # loads the compiled code
         few = scenario.sweep.model_copy(update={"number": 4})

@@ -89,7 +89,7 @@ def _config(writer: Writer) -> Pairs:
 
 def judge(case: Case, folder: Path) -> Answers:
     """Read the file as a user's is read, and hold what comes of it against an independent reading."""
-    from jointgap.errors import InputError
+    from jointgap.core.errors import InputError
 
     path = folder / f"{case['kind']}.yaml"
     path.write_bytes(base64.b64decode(case["content"]))

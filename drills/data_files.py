@@ -37,7 +37,7 @@ def prepare() -> None:
 
     from jointgap import tables  # noqa: F401
     from jointgap.config.load import load_campaign  # noqa: F401
-    from jointgap.recordings import read_measurements  # noqa: F401
+    from jointgap.rig.read_files import read_measurements  # noqa: F401
 
 
 def _samples(random: np.random.Generator) -> dict[str, np.ndarray]:
@@ -305,8 +305,8 @@ def _table(random: np.random.Generator) -> Case:
 def judge(case: Case, folder: Path) -> Answers:
     """Read the file as the campaign's reader does."""
     from jointgap.config.campaign_file import Campaign
-    from jointgap.errors import InputError
-    from jointgap.recordings import read_measurements
+    from jointgap.core.errors import InputError
+    from jointgap.rig.read_files import read_measurements
 
     if case["kind"] == "table":
         return _judged_table(case, folder)
@@ -420,7 +420,7 @@ def _judged_table(case: Case, folder: Path) -> Answers:
     import pandas as pd
 
     from jointgap import tables
-    from jointgap.errors import InputError
+    from jointgap.core.errors import InputError
 
     random, path = np.random.default_rng(case["seed"]), folder / "trajectory.parquet"
     kinds = {

@@ -47,7 +47,7 @@ _EXCUSES = ("not a finite number", "divides by 0", "characters, more than", "num
 
 def prepare() -> None:
     """Load and compile the evaluator."""
-    from jointgap.dynamics.model.formula_evaluator import evaluate
+    from jointgap.dynamics.equations import evaluate
     from jointgap.formula import compile_formula
 
     program = compile_formula("v", {})
@@ -160,8 +160,8 @@ def make(random: np.random.Generator) -> Case:
 
 def judge(case: Case, folder: Path) -> Answers:
     """Read a formula, evaluate it, and hold the value against that of Python's own syntax tree."""
-    from jointgap.dynamics.model.formula_evaluator import evaluate
-    from jointgap.errors import InputError
+    from jointgap.core.errors import InputError
+    from jointgap.dynamics.equations import evaluate
     from jointgap.formula import compile_formula
 
     text, coefficients = case["formula"], case["coefficients"]

@@ -104,7 +104,7 @@ def _prepare(folder: Path) -> None:
     from drills.documents import ROOT
     from drills.pieces import TINY
     from jointgap.config import resolve
-    from jointgap.stages.scenario_stages import SCENARIO_STAGES
+    from jointgap.scenario.stages import SCENARIO_STAGES
 
     write_inputs(folder)
     scenario = resolve({"mechanism": str(ROOT / "config/mechanisms/erkaya2009.yaml"), **TINY})["tiny"]

@@ -85,8 +85,8 @@ def prepare() -> None:
     import markdown_it  # noqa: F401
 
     from jointgap.config.load import load_campaign, resolve  # noqa: F401
-    from jointgap.paper.comparison_page import page  # noqa: F401
-    from jointgap.recordings import read_measurements  # noqa: F401
+    from jointgap.paper.pages import comparison_page  # noqa: F401
+    from jointgap.rig.read_files import read_measurements  # noqa: F401
 
 
 def config(place: str, name: str) -> str:
@@ -168,7 +168,7 @@ def campaign(place: str, name: str, folder: Path) -> str:
 
 def judge(case: Case, folder: Path) -> Answers:
     """Read a file with the name in its place, and look at the pages that come of it."""
-    from jointgap.errors import InputError
+    from jointgap.core.errors import InputError
 
     place, name = case["place"], case["name"]
     try:
@@ -198,20 +198,20 @@ def _comparison(scenario, name: str):
     """The page of comparison with a `name` wherever a table may hold one."""
     import pandas as pd
 
-    from jointgap.paper.comparison_page import page
+    from jointgap.paper.pages import comparison_page
 
     row = {"unit": name, "paper": 1.0, "ours": 2.0, "ratio": 2.0, "verdict": "agrees", "sentence": f"In box {name}."}
     rows = [
         {"kind": "number", "item": name} | row,
         {"kind": "claim", "item": f"L2, {name}"} | row | {"verdict": "holds"},
     ]
-    return page(pd.DataFrame(rows), scenario)
+    return comparison_page(pd.DataFrame(rows), scenario)
 
 
 def _of_campaign(place: str, name: str, folder: Path) -> Complaint | None:
     from jointgap.config.load import load_campaign
-    from jointgap.recordings import read_measurements
-    from jointgap.report.page import Bullets, Heading, Page
+    from jointgap.core.page import Bullets, Heading, Page
+    from jointgap.rig.read_files import read_measurements
 
     pages = []
     for each in (HARMLESS, name):
@@ -230,7 +230,7 @@ def _alive(page, harmless) -> Complaint | None:
     """What is alive in a page, as HTML or as Markdown that a reader of Markdown shows."""
     from markdown_it import MarkdownIt
 
-    from jointgap.report.page import to_html, to_markdown
+    from jointgap.core.page import to_html, to_markdown
 
     shown = MarkdownIt("commonmark", {"html": True}).enable("table").render
     return live(to_html(page), to_html(harmless)) or _in_markdown(
@@ -293,7 +293,7 @@ def _obeyed(name: str) -> Complaint | None:
 
 
 def _measured() -> str:
-    from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
+    from jointgap.campaign.stages import CAMPAIGN_STAGES
 
     return f"results/campaigns/mine/{next(iter(CAMPAIGN_STAGES['measure'].outputs()))}"
 

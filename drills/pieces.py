@@ -63,7 +63,7 @@ _CAMPAIGN = {
 MAKE_STORE = """
 import sys
 from pathlib import Path
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.mlflow_store import default_address, opened
 try:
     with opened(default_address(Path(sys.argv[1])), Path(sys.argv[1])):

@@ -1,8 +1,8 @@
 """The one list of joints agrees with what is compiled and with what a mechanism file says."""
 
 from jointgap.config import Joints
-from jointgap.dynamics.model.parameters import Parameters
-from jointgap.joints import FROM_FRAME, JOINT, JOINTS, PINS
+from jointgap.core.joints import FROM_FRAME, JOINT, JOINTS, PINS
+from jointgap.dynamics.parameters import Parameters
 
 
 def test_the_compiled_order_is_that_of_the_parameters():

@@ -14,10 +14,11 @@ import yaml
 from sphinx.application import Sphinx
 
 from jointgap import tables
+from jointgap.campaign import figures_catalogue
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example, parameters_of
-from jointgap.figures import campaign_catalogue, catalogue
-from jointgap.slider_crank.sensor_faults import FAULTS
+from jointgap.rig.sensors import FAULTS
+from jointgap.scenario import figures_catalogue
 
 SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
 MARK = re.compile(r"<!-- filled by the build: (\w+) -->")
@@ -284,7 +285,7 @@ def _gallery() -> list[str]:
         )
         lines += [f"## {kind} `{place.name}`", "", f"Made by `{command}`, in `results/{place}/figures/`.", ""]
         lines += ["::::{grid} 1 1 2 2", ":gutter: 3", ""]
-        for name, spec in (campaign_catalogue.CATALOGUE if campaign else catalogue.CATALOGUE).items():
+        for name, spec in (figures_catalogue.CATALOGUE if campaign else figures_catalogue.CATALOGUE).items():
             if (GALLERY / place / f"{name}.png").exists():
                 picture = f"figures/gallery/{place}/{name}.png"
                 lines += [":::{grid-item}", f"[![{spec.title}]({picture})]({picture})", ""]

@@ -31,7 +31,7 @@ def _check(app: Sphinx, environment) -> None:
 
 
 def _lead(app: Sphinx, environment, node, shown):
-    """Resolve a name by what it means: `jointgap.dynamics.simulation.Trajectory` is `jointgap.dynamics.Trajectory`."""
+    """Resolve a name by what it means: `jointgap.dynamics.simulate.Trajectory` is `jointgap.dynamics.Trajectory`."""
     if node.get("refdomain") != "py" or not node["reftarget"].startswith("jointgap."):
         return None
     try:

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from examples.emps.model import HELD_OUT, Emps
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.confirmation import Confirmed, confirm
 from jointgap.identification.decide_verdict import Decision, final_verdict
-from jointgap.identification.estimates import effect_estimates, nuisance_estimates
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import Fit, effect_estimates, nuisance_estimates
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.model_selection import select_hypothesis
-from jointgap.identification.noise_model import degrees_of_freedom, noise_of_model, numerics_noise
+from jointgap.identification.noise import degrees_of_freedom, noise_of_model, numerics_noise
 from jointgap.identification.thresholds import screen_candidates
 
 FALSE_ALARMS = 0.01

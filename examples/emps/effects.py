@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from jointgap.identification.protocol import Candidate, Parameter
+from jointgap.core.candidates import Candidate, Parameter
 
 STROKE = 0.25  # m, from 0
 MOST_FREQUENCY = 9.0  # Hz, the most that averages over 52 ms can follow

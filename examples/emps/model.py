@@ -25,8 +25,8 @@ from scipy.io import loadmat
 from scipy.signal import lfilter
 
 from examples.emps.effects import CANDIDATES
-from jointgap.errors import InputError
-from jointgap.identification.protocol import Candidate, Effects, Parameter, Series
+from jointgap.core.candidates import Candidate, Effects, Parameter, Series
+from jointgap.core.errors import InputError
 
 ADDRESS = "nonlinearbenchmark.org"
 FILES = {"reference": "DATA_EMPS.mat", "pulses": "DATA_EMPS_PULSES.mat"}
@@ -38,7 +38,7 @@ _SUB_STEPS = 4
 
 
 class Emps:
-    """A `jointgap.identification.protocol.Model`.
+    """A `jointgap.core.candidates.Model`.
 
     Parameters
     ----------

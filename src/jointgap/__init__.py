@@ -16,12 +16,12 @@ TYPE_CHECKING = False  # as checkers know it; typing would take longer to load t
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "jointgap.api.ensembles": ("Motions", "ensemble"),
-    "jointgap.api.sweeps": ("SweptDesigns", "sweep"),
-    "jointgap.api.simulated_motion": ("Motion", "simulate"),
-    "jointgap.api.optimum": ("Optimum", "optimise"),
-    "jointgap.api.plan": ("Preflight", "preflight"),
-    "jointgap.api.campaign_verdict": ("Finding", "Verdict", "analyse", "read_verdict"),
+    "jointgap.app.api": ("Motions", "ensemble"),
+    "jointgap.app.api": ("SweptDesigns", "sweep"),
+    "jointgap.app.api": ("Motion", "simulate"),
+    "jointgap.app.api": ("Optimum", "optimise"),
+    "jointgap.app.api": ("Preflight", "preflight"),
+    "jointgap.app.api": ("Finding", "Verdict", "analyse", "read_verdict"),
     "jointgap.config": (
         "Box",
         "ConstantDrive",
@@ -39,9 +39,9 @@ _PUBLIC = {
         "change",
         "load_mechanism",
     ),
-    "jointgap.errors": ("InputError", "SimulationError"),
-    "jointgap.figures.style": ("Drawing",),
-    "jointgap.tables.store": ("read_table",),
+    "jointgap.core.errors": ("InputError", "SimulationError"),
+    "jointgap.core.plot": ("Drawing",),
+    "jointgap.core.parquet": ("read_table",),
 }
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 
@@ -82,12 +82,22 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
-    from jointgap.api.campaign_verdict import Finding, Verdict, analyse, read_verdict
-    from jointgap.api.ensembles import Motions, ensemble
-    from jointgap.api.optimum import Optimum, optimise
-    from jointgap.api.plan import Preflight, preflight
-    from jointgap.api.simulated_motion import Motion, simulate
-    from jointgap.api.sweeps import SweptDesigns, sweep
+    from jointgap.app.api import (
+        Finding,
+        Motion,
+        Motions,
+        Optimum,
+        Preflight,
+        SweptDesigns,
+        Verdict,
+        analyse,
+        ensemble,
+        optimise,
+        preflight,
+        read_verdict,
+        simulate,
+        sweep,
+    )
     from jointgap.config import (
         Box,
         ConstantDrive,
@@ -105,9 +115,9 @@ if TYPE_CHECKING:  # what __getattr__ gives, for editors and type checkers
         change,
         load_mechanism,
     )
-    from jointgap.errors import InputError, SimulationError
-    from jointgap.figures.style import Drawing
-    from jointgap.tables.store import read_table
+    from jointgap.core.errors import InputError, SimulationError
+    from jointgap.core.parquet import read_table
+    from jointgap.core.plot import Drawing
 
 
 def __getattr__(name: str) -> object:

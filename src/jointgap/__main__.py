@@ -1,5 +1,5 @@
 """`python -m jointgap` is `jointgap`."""
 
-from jointgap.cli import main
+from jointgap.app.cli import main
 
 main()

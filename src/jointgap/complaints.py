@@ -6,7 +6,7 @@ from typing import get_args
 
 from pydantic import BaseModel, ValidationError
 
-from jointgap.errors import did_you_mean
+from jointgap.core.errors import did_you_mean
 
 _UNION_ERRORS = {"union_tag_invalid", "union_tag_not_found"}
 _LONGEST = 200  # characters of a value that are shown

@@ -8,7 +8,7 @@ Grammar, loosest first; there is no multiplication without its sign, so that eve
     power   = atom (("^" | "**") sign)?               from the right: 2^3^2 = 2^9, and -v^2 = -(v^2)
     atom    = number | name | function "(" sum ")" | "(" sum ")" | "|" sum "|"
 
-A program runs on a stack (`jointgap.dynamics.model.formula_evaluator` is the machine): each row of `Program.codes` is
+A program runs on a stack (`jointgap.dynamics.equations` is the machine): each row of `Program.codes` is
 an operation and an index, read where the operation is NUMBER or VARIABLE.
 """
 
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointgap.errors import InputError, did_you_mean
+from jointgap.core.errors import InputError, did_you_mean
 
 NUMBER, VARIABLE, NEGATE, ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, SQUARE = range(9)
 SIN, COS, TAN, TANH, EXP, LOG, SQRT, ABS, SGN = range(9, 18)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from jointgap.complaints import complaints
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 
 
 class _Called(type(BaseModel)):

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from jointgap.campaign.tables_of_identification import Outcome, outcome_of
+from jointgap.campaign.fits_on_disk import Outcome, outcome_of
+from jointgap.core.candidates import Model
 from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.fit import Fit
 from jointgap.identification.model_selection import select_hypothesis
-from jointgap.identification.noise_model import NoiseEstimate, degrees_of_freedom, noise_of_model, numerics_noise
-from jointgap.identification.protocol import Model
+from jointgap.identification.noise import NoiseEstimate, degrees_of_freedom, noise_of_model, numerics_noise
 from jointgap.identification.thresholds import Screening, screen_candidates
 from tests.identification.toy import toy
 

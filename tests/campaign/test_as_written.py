@@ -4,9 +4,10 @@ from pathlib import Path
 
 import yaml
 
-from jointgap.campaign.as_written import as_written
+from jointgap.campaign.augment import as_written
 from jointgap.config import Mechanism
-from jointgap.config.load import load_mechanism, read_yaml, validate
+from jointgap.config.documents import read_yaml
+from jointgap.config.load import load_mechanism, validate
 
 FILE = Path("config/mechanisms/ideal_joints.yaml")
 MECHANISM = load_mechanism(FILE)

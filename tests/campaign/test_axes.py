@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 from benchmarks.project import ROOT
-from jointgap.campaign import clockwise as axes
-from jointgap.campaign.missing_force import missing_force
+from jointgap.campaign import fits_on_disk as axes
+from jointgap.campaign.augment import missing_force
 from jointgap.config import Mechanism, load_mechanism
-from jointgap.identification.protocol import Parameter
+from jointgap.core.candidates import Parameter
 
 
 def spans(*pairs):
@@ -74,7 +74,7 @@ def test_the_missing_force_of_a_clockwise_run_is_the_mirror_image():
 
 @pytest.mark.slow
 def test_the_clockwise_twin_of_a_campaign_has_the_same_verdict_at_mirrored_angles(tmp_path):
-    from jointgap.stages.campaign_pipeline import analyse
+    from jointgap.campaign.analyse import analyse
 
     source = ROOT / "config/campaigns"
     plan = yaml.safe_load((source / "demonstration.yaml").read_text())

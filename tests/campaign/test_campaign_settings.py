@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.project import ROOT
+from jointgap.campaign import stages
+from jointgap.campaign.analyse import analyse
 from jointgap.campaign.state import CampaignState
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.slider_crank import DEFAULT_SETTINGS as MODEL_SETTINGS
-from jointgap.stages import campaign_stages as stages
-from jointgap.stages.campaign_pipeline import analyse
+from jointgap.rig.settings import DEFAULT_SETTINGS as MODEL_SETTINGS
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 

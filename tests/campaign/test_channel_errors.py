@@ -5,9 +5,9 @@ import pytest
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign.channel_errors import channel_errors
+from jointgap.campaign.fits_on_disk import channel_errors
 from jointgap.config.load import load_campaign
-from jointgap.report.plain_words import unit_in_words
+from jointgap.core.words import unit_in_words
 
 
 def test_errors_are_root_mean_squares_in_the_unit_of_the_column_held_out_samples_apart():

@@ -3,9 +3,9 @@
 import pytest
 
 from benchmarks.project import ROOT
+from jointgap.campaign import stages
 from jointgap.campaign.state import CampaignState
-from jointgap.errors import InputError
-from jointgap.stages import campaign_stages as stages
+from jointgap.core.errors import InputError
 
 ACCELERATION = "  slider_acceleration: {column: acc_g, unit: g_n}\n"
 MID = "  - {id: mid,  file: demonstration/mid.csv,  speed: 280 rpm, role: identify}\n"

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from jsonschema import validate
 
-from jointgap.campaign import verdict
-from jointgap.campaign.tables_of_identification import outcome_of
+from jointgap.campaign import verdict_json
+from jointgap.campaign.fits_on_disk import outcome_of
 from jointgap.identification import model_selection
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.decide_verdict import Decision
@@ -31,7 +31,7 @@ def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():
     outcome = outcome_of(model_selection.select_hypothesis(base, signatures, [pair, coulomb], limits), {})
     assert outcome.chosen.label == "coulomb + spring"
     gains = dict(zip(outcome.ranking["explanation"], outcome.ranking["bic"], strict=True)) | {"base": base.base.bic}
-    costs = {one["name"]: one["delta_bic"] for one in verdict.effects(outcome.chosen, gains)}
+    costs = {one["name"]: one["delta_bic"] for one in verdict_json.effects(outcome.chosen, gains)}
     assert costs["coulomb"] == pytest.approx(spring.bic - pair.bic, rel=1e-3)
     assert costs["spring"] == pytest.approx(coulomb.bic - pair.bic, rel=1e-3)
 
@@ -54,14 +54,14 @@ def test_a_better_base_that_was_found_on_the_way_is_the_one_handed_on(chain, mon
 def test_a_verdict_tells_which_choices_the_runs_have():
     model = stairs({"a": 2, "b": 3})
     found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
-    (told,) = verdict.effects(found, {})
+    (told,) = verdict_json.effects(found, {})
     assert told["choices"] == {"start@a": 2, "start@b": 3}
     schema = json.loads(Path("workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
-    validate(verdict._finite([told]), {"$ref": "#/$defs/explanation", "$defs": schema["$defs"]})
+    validate(verdict_json._finite([told]), {"$ref": "#/$defs/explanation", "$defs": schema["$defs"]})
 
 
 def test_an_effect_without_choices_tells_of_none():
     model = toy({"coulomb": {"force_N": TRUTH}})
     (coulomb,) = (candidate for candidate in model.candidates if candidate.label == "coulomb")
-    (told,) = verdict.effects(fit_hypothesis(Problem(model, stated_noise(model)), (coulomb,)), {})
+    (told,) = verdict_json.effects(fit_hypothesis(Problem(model, stated_noise(model)), (coulomb,)), {})
     assert "choices" not in told

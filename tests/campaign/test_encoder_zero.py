@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from jointgap.campaign.verdict import read
-from jointgap.stages.campaign_pipeline import analyse
+from jointgap.campaign.analyse import analyse
+from jointgap.campaign.verdict_json import read
 from tests.config.mechanisms import PAPER
 from tests.recordings.rig import CAMPAIGN, write_rig
 from tests.recordings.test_contradictions import measured

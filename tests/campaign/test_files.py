@@ -11,15 +11,15 @@ from click.testing import CliRunner
 from jsonschema import validate
 
 from benchmarks.project import ROOT
-from jointgap.campaign import preflight
+from jointgap.app.cli import cli
+from jointgap.campaign import plan as preflight
 from jointgap.campaign.campaign_files import campaigns
+from jointgap.campaign.stages import CAMPAIGN_STAGES, measure, noise
 from jointgap.campaign.state import CampaignState
-from jointgap.cli import cli
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
-from jointgap.errors import InputError
-from jointgap.slider_crank import build_model
-from jointgap.stages.campaign_stages import CAMPAIGN_STAGES, measure, noise
+from jointgap.core.errors import InputError
+from jointgap.rig.model import build_model
 from jointgap.tables import describe
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"
@@ -167,7 +167,7 @@ def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path)
 
 @pytest.mark.slow
 def test_the_demonstration_names_what_its_data_hide(tmp_path):
-    from jointgap.stages.campaign_pipeline import analyse
+    from jointgap.campaign.analyse import analyse
 
     found = analyse(ROOT / DEMONSTRATION, tmp_path)
     (effect,) = found["effects"]
@@ -187,7 +187,7 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
 
 @pytest.mark.slow
 def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp_path):
-    from jointgap.stages.campaign_pipeline import analyse
+    from jointgap.campaign.analyse import analyse
 
     found = analyse(ROOT / "config/campaigns/demonstration_clearance.yaml", tmp_path)
     (effect,) = found["effects"]

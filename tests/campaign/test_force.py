@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointgap import tables
-from jointgap.campaign.missing_force import missing_force
+from jointgap.campaign.augment import missing_force
 from jointgap.config import Mechanism, load_mechanism
 
 SPEEDS = {"slow": 20.0, "fast": 60.0}

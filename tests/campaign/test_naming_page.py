@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.campaign.preflight import in_words, preflight_tables
+from jointgap.campaign.figures_catalogue import CATALOGUE
+from jointgap.campaign.plan import preflight_in_words, preflight_tables
 from jointgap.config.load import load_campaign
-from jointgap.figures.campaign_catalogue import CATALOGUE
-from jointgap.recordings import read_measurements
+from jointgap.rig.read_files import read_measurements
 
 PAGE = Path("docs/naming.md").read_text(encoding="utf-8")
 NUMBER = r"(?<![A-Za-z0-9_])\d+\.?\d*(?:e-?\d+)?"
@@ -43,7 +43,7 @@ def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
     (tmp_path / "campaign.yaml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1])
     (tmp_path / "mechanism.yaml").write_text(Path(mechanism).read_text())
     found = preflight_tables(load_campaign(tmp_path / "campaign.yaml"), 0.01)
-    printed = in_words(
+    printed = preflight_in_words(
         found["detectable"], found["confusability"], pd.DataFrame(), pd.DataFrame({"alike": pd.Series(dtype=bool)})
     ).splitlines()
     shown = re.search(r"```\n(Effects that these runs.*?)```", PAGE, re.DOTALL)[1].splitlines()

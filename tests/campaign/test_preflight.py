@@ -7,10 +7,10 @@ import yaml
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign import preflight
-from jointgap.campaign.tables_of_identification import undetectable
+from jointgap.campaign import plan
+from jointgap.campaign.fits_on_disk import undetectable
 from jointgap.config.load import load_campaign
-from jointgap.identification.advice import Preflight
+from jointgap.identification.preflight import Preflight
 
 FOUND = Preflight(
     effects=pd.DataFrame(
@@ -48,8 +48,8 @@ NO_ALIKES = COMPARED[:0]
 @pytest.fixture
 def planned(tmp_path, monkeypatch):
     """Tables of `FOUND`, written and read again."""
-    monkeypatch.setattr(preflight, "preflight", lambda *given: FOUND)
-    frames = preflight.preflight_tables(load_campaign(ROOT / "config/campaigns/demonstration.yaml"), 0.01)
+    monkeypatch.setattr(plan, "preflight", lambda *given: FOUND)
+    frames = plan.preflight_tables(load_campaign(ROOT / "config/campaigns/demonstration.yaml"), 0.01)
     for name, table in (("detectable", tables.DETECTABLE), ("confusability", tables.CONFUSABILITY)):
         tables.write(table, frames[name], tmp_path / name)
         frames[name] = tables.read(table, tmp_path / name)
@@ -57,7 +57,7 @@ def planned(tmp_path, monkeypatch):
 
 
 def test_sizes_stand_with_their_unit_in_the_direction_in_which_they_show(planned):
-    said = preflight.in_words(planned["detectable"], planned["confusability"], NO_ADVICE, NO_ALIKES).splitlines()
+    said = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE, NO_ALIKES).splitlines()
     assert said[1:5] == [
         "  Coulomb friction of the slider: 0.0787 N",
         "  bending of the rod: natural frequency of the mode up to 157.2 Hz",
@@ -67,7 +67,7 @@ def test_sizes_stand_with_their_unit_in_the_direction_in_which_they_show(planned
 
 
 def test_what_could_not_be_simulated_is_not_called_undetectable(planned):
-    said = preflight.in_words(planned["detectable"], planned["confusability"], NO_ADVICE, NO_ALIKES).splitlines()
+    said = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE, NO_ALIKES).splitlines()
     assert "Not detectable at any size within bounds: an unbalance of the crank" in said
     gas = "the pressure of a closed gas volume on the slider"
     assert f"Could not be simulated, so what size shows is not known: {gas} (the slider jams)" in said
@@ -79,19 +79,19 @@ def test_a_verdict_says_nothing_of_what_cannot_be_seen_or_simulated(planned):
 
 def test_the_noise_that_was_assumed_is_printed(planned):
     frames = (planned["confusability"], NO_ADVICE, NO_ALIKES)
-    lines = preflight.in_words(planned["detectable"], *frames).splitlines()
+    lines = plan.preflight_in_words(planned["detectable"], *frames).splitlines()
     assert lines[-2:] == [
         "Assumed noise, where the campaign states none:",
         "  crank torque in run slow: 0.0042 N m, 2 % of what it varies by",
     ]
-    assert "ssumed" not in preflight.in_words(planned["detectable"].assign(assumed=""), *frames)
+    assert "ssumed" not in plan.preflight_in_words(planned["detectable"].assign(assumed=""), *frames)
 
 
 def test_joints_that_look_alike_are_told_with_their_sizes_and_the_channels_that_part_them_at_each(planned, tmp_path):
     def said(compared):
         tables.write(tables.LOOK_ALIKES, compared, tmp_path / "look_alikes")
         read = tables.read(tables.LOOK_ALIKES, tmp_path / "look_alikes")
-        lines = preflight.in_words(planned["detectable"], planned["confusability"], NO_ADVICE, read).splitlines()
+        lines = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE, read).splitlines()
         return [line for line in lines if "impacts" in line or "tells these" in line]
 
     alike, parted = said(COMPARED)
@@ -117,7 +117,7 @@ def test_crank_pin_and_crank_pivot_look_alike_in_torque_and_guide_force_and_the_
         "guide_force": {"column": "force", "unit": "N"},
     }
     (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(content))
-    found = preflight.look_alikes_table(load_campaign(tmp_path / "campaign.yaml"))
+    found = plan.look_alikes_table(load_campaign(tmp_path / "campaign.yaml"))
     with_piston = (found["true"] == PISTON) | (found["other"] == PISTON)
     assert found["alike"].any()
     assert not found[with_piston]["alike"].any()
@@ -128,4 +128,4 @@ def test_a_further_run_takes_no_name_that_a_run_has():
     named = campaign.model_copy(
         update={"runs": (campaign.runs[0].model_copy(update={"id": "600_rpm"}), *campaign.runs[1:])}
     )
-    assert [run.id for run in preflight.extended(named).runs] == ["600_rpm", "mid", "fast", "75_rpm", "further_600_rpm"]
+    assert [run.id for run in plan.extended(named).runs] == ["600_rpm", "mid", "fast", "75_rpm", "further_600_rpm"]

@@ -10,13 +10,13 @@ from mlflow.utils.validation import _validate_metric_name
 
 from benchmarks.project import ROOT
 from jointgap import tables
+from jointgap.campaign.analyse import analyse
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
+from jointgap.campaign.figures_catalogue import CATALOGUE
 from jointgap.campaign.mlflow_runs import records
-from jointgap.errors import InputError, SimulationError
-from jointgap.figures.campaign_catalogue import CATALOGUE
-from jointgap.stages.campaign_pipeline import analyse
-from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
-from jointgap.tables.results_folder import ResultsFolder
+from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.results_folder import ResultsFolder
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 

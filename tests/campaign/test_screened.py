@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from jointgap.campaign.tables_of_identification import screened_frame, signatures_from_frames, signatures_to_frames
-from jointgap.errors import InputError
+from jointgap.campaign.fits_on_disk import screened_frame, signatures_from_frames, signatures_to_frames
+from jointgap.core.errors import InputError
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.model_selection import shortlist_singles
 from jointgap.identification.problem import Problem

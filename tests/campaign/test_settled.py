@@ -9,17 +9,16 @@ import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.campaign import reoptimise
+from jointgap.campaign import reoptimise, stages
 from jointgap.campaign.campaign_files import MECHANISM
+from jointgap.campaign.fits_on_disk import Outcome, gap_of
 from jointgap.campaign.state import FALSE_ALARM_RATE, CampaignState
-from jointgap.campaign.tables_of_identification import Outcome, gap_of
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
-from jointgap.errors import SimulationError
+from jointgap.core.errors import SimulationError
 from jointgap.identification import force_law, model_selection
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.disagreement import map_disagreement
-from jointgap.stages import campaign_stages as stages
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 

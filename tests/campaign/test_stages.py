@@ -10,8 +10,8 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap import tables
-from jointgap.campaign import preflight, verdict
-from jointgap.campaign.tables_of_identification import (
+from jointgap.campaign import plan, verdict_json
+from jointgap.campaign.fits_on_disk import (
     confusability_frame,
     confusable_groups,
     fits_from_frames,
@@ -26,16 +26,16 @@ from jointgap.campaign.tables_of_identification import (
     signatures_from_frames,
     signatures_to_frames,
 )
-from jointgap.errors import InputError, SimulationError
+from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.core.candidates import Parameter
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.results_folder import ResultsFolder
 from jointgap.identification import hypothesis_fits, initial_fit, model_selection
 from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import FAILED, fit_hypothesis
-from jointgap.identification.noise_model import noise_of_model
+from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Parameter
-from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
 from jointgap.tables import FIT_TABLES, NOISE_TABLES
-from jointgap.tables.results_folder import ResultsFolder
 from tests.campaign.conftest import TRUTH
 from tests.identification.toy import SPEEDS, candidate_of, stated_noise, toy
 
@@ -172,10 +172,10 @@ def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
         assert (shown.loc[drawn, "remark"] == "at its bound").all()
         assert (shown.loc[shown["remark"].isna(), "sd"] > 0).all()
         assert shown["remark"].isna().any()
-        (effect,) = verdict.effects(one, {"base": 0.0})
+        (effect,) = verdict_json.effects(one, {"base": 0.0})
         assert effect["parameters"][names[0]]["remark"] == "at its bound"
     assert effect["parameters"]["length_m"]["remark"] == "not estimated"
-    assert verdict.effects(one, {"base": 0.0})[0]["parameters"]["push_N"]["sd"] is None
+    assert verdict_json.effects(one, {"base": 0.0})[0]["parameters"]["push_N"]["sd"] is None
 
 
 def test_noise_comes_back_from_files(chain, tmp_path):
@@ -234,12 +234,12 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
         [{"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0, "p_adjusted": np.float64(1e-9)}]
     )
     gap = {role: gap_of(found.gaps, role) for role in ("identify", "confirm")}
-    made = verdict.document(
+    made = verdict_json.document(
         *("rig", chain.outcome, windows, found.gaps, gap),
         [{"run": "fast", "part": "whole", "gap": {"before": 3.0, "after": None}, "not_simulated": "it flies off"}],
         *({"undetectable": ["crank_unbalance"], "merged": [["a", "b"]]}, 0.01),
     )
-    read = json.loads(verdict.text(made | {"seconds": {"fit": 1.0}}))
+    read = json.loads(verdict_json.text(made | {"seconds": {"fit": 1.0}}))
     validate(read, json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()))
     (effect,) = read["effects"]
     assert effect["name"] == "coulomb"
@@ -252,14 +252,14 @@ def test_in_a_pair_each_effect_has_what_leaving_it_out_costs(chain):
     by_label = {candidate.label: candidate for candidate in chain.model.candidates}
     pair = fit_hypothesis(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
     alone = {"coulomb": 900.0, "constant_force": 2000.0}
-    for effect, other in zip(verdict.effects(pair, alone), reversed(pair.hypothesis), strict=True):
+    for effect, other in zip(verdict_json.effects(pair, alone), reversed(pair.hypothesis), strict=True):
         assert effect["delta_bic"] == pytest.approx(alone[other.label] - pair.bic)
 
 
 def test_what_leaving_an_effect_out_costs_is_not_known_where_the_rest_cannot_be_simulated(chain):
     by_label = {candidate.label: candidate for candidate in chain.model.candidates}
     pair = fit_hypothesis(chain.recalibrated.problem, (by_label["coulomb"], by_label["constant_force"]))
-    first, second = verdict.effects(pair, {"base": 2000.0, "coulomb": 900.0})
+    first, second = verdict_json.effects(pair, {"base": 2000.0, "coulomb": 900.0})
     assert first["delta_bic"] is None
     assert second["delta_bic"] == pytest.approx(900.0 - pair.bic)
 
@@ -269,15 +269,15 @@ def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():
     cosines = pd.DataFrame(np.eye(3), index=labels, columns=labels)
     assert confusable_groups(confusability_frame(cosines, [["c", "a"]])) == [["a", "c"]]
     advice = pd.DataFrame({"change": ["channel x", "run y"], "separated": ["b | c", "a | c, a | b"]})
-    told = preflight.separated_by(advice, [{"a"}, {"c"}], [["a", "c"]])
+    told = plan.separated_by(advice, [{"a"}, {"c"}], [["a", "c"]])
     assert told == "A further run y would separate them."
-    assert "No single" in preflight.separated_by(advice, [{"a", "d"}, {"a", "e"}], [["d", "e"]])
+    assert "No single" in plan.separated_by(advice, [{"a", "d"}, {"a", "e"}], [["d", "e"]])
 
 
 def test_what_the_plan_could_tell_apart_is_told_apart_by_more_or_better_data():
     advice = pd.DataFrame({"change": ["run y"], "separated": ["b | c"]})
     for explanations in ([{"a"}, {"c"}], [{"a"}, {"a", "b"}]):
-        assert "a longer record" in preflight.separated_by(advice, explanations, [["b", "c"]])
+        assert "a longer record" in plan.separated_by(advice, explanations, [["b", "c"]])
 
 
 def test_every_table_of_a_stage_has_a_place_of_its_own():
@@ -295,7 +295,7 @@ def test_a_file_that_is_no_verdict_is_refused(tmp_path):
     for text in ("[]", "{", '{"schema_version": 2}'):
         place.write_text(text)
         with pytest.raises(InputError, match=r"verdict\.json"):
-            verdict.read(place)
+            verdict_json.read(place)
 
 
 def test_tables_of_a_campaign_are_known_to_the_package_by_their_names():

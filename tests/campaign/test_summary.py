@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.campaign.verdict_page import _measured, page
-from jointgap.campaign.verdict_sentences import answer
+from jointgap.campaign.page import _measured, page
+from jointgap.campaign.sentences import answer
 from jointgap.config.channels import CHANNELS
 from jointgap.config.nuisance_bounds import NUISANCES
+from jointgap.core.page import Page, to_html, to_markdown
 from jointgap.effects import EFFECTS
-from jointgap.identification.estimates import AT_BOUND, CHANGES_NOTHING
-from jointgap.report.page import Page, to_html, to_markdown
-from jointgap.slider_crank.sensor_faults import FAULTS
+from jointgap.identification.fit import AT_BOUND, CHANGES_NOTHING
+from jointgap.rig.sensors import FAULTS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 
 

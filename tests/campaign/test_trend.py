@@ -10,14 +10,14 @@ import yaml
 from click.testing import CliRunner
 
 from benchmarks.project import ROOT
-from jointgap.campaign.config_snapshot import config_snapshot
+from jointgap.app.cli import cli
+from jointgap.campaign.campaign_files import config_snapshot
 from jointgap.campaign.trend import fit_growth
-from jointgap.cli import cli
 from jointgap.config.load import load_campaign
-from jointgap.errors import InputError
-from jointgap.identification.estimates import estimate_with_interval
+from jointgap.core.errors import InputError
+from jointgap.core.results_folder import ResultsFolder
+from jointgap.identification.fit import estimate_with_interval
 from jointgap.tables import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
-from jointgap.tables.results_folder import ResultsFolder
 from tests.campaign.verdicts import COULOMB, NAMED, UNNAMED
 
 DAYS = (0, 31, 59, 90)

@@ -10,14 +10,13 @@ import pandas as pd
 import pytest
 from scipy.stats import truncnorm
 
-from jointgap.campaign import verdict
-from jointgap.campaign.tables_of_identification import Outcome, outcome_with_law, ranking_frame
-from jointgap.errors import InputError
+from jointgap.campaign import verdict_json
+from jointgap.campaign.fits_on_disk import Outcome, outcome_with_law, ranking_frame
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.errors import InputError
 from jointgap.identification.decide_verdict import weigh
-from jointgap.identification.estimates import HALF_WIDTHS, LEVELS
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import HALF_WIDTHS, LEVELS, Fit
 from jointgap.identification.force_law import ForceLawResult
-from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.thresholds import Thresholds
 
 SAMPLES = 100
@@ -75,7 +74,7 @@ def document(outcome, **changes):
         "preflight": {"undetectable": ("gravity",), "merged": [["a", "b"]]},
         "false_alarm_rate": 0.02,
     }
-    return verdict.document(**given | changes)
+    return verdict_json.document(**given | changes)
 
 
 def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_is_met():
@@ -152,7 +151,7 @@ def test_explanations_that_fit_equally_well_are_lists_of_effects_with_their_gain
 
 def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects():
     chosen = fitted([CUBE, FRICTION, WAVE], [1.5, -2.5, 20.0, 4.0])
-    friction, law = verdict.effects(chosen, {"base": 900.0, "friction": chosen.bic + 55.0})
+    friction, law = verdict_json.effects(chosen, {"base": 900.0, "friction": chosen.bic + 55.0})
     assert friction["name"] == "friction"
     assert friction["delta_bic"] is None  # the law alone is not known
     assert (law["name"], law["site"], law["delta_bic"]) == ("discovered_slider_force", "slider", pytest.approx(55.0))
@@ -167,7 +166,7 @@ def test_terms_of_a_law_are_one_effect_with_a_formula_beside_the_other_effects()
 
 
 def test_the_interval_of_a_coefficient_ends_at_its_bound():
-    law = verdict.effects(fitted([CUBE], [1.5, -49.9]), {})[0]
+    law = verdict_json.effects(fitted([CUBE], [1.5, -49.9]), {})[0]
     assert law["parameters"]["c1"]["interval_90"] == pytest.approx(
         truncnorm(-0.5, math.inf, -49.9, 0.2).ppf([0.05, 0.95]), abs=0.02
     )
@@ -194,24 +193,24 @@ def test_the_text_has_null_for_what_is_no_number_and_plain_numbers_for_arrays_on
         "runs": (np.int64(3), [np.inf, "µ"]),
         "held_out": None,
     }
-    assert verdict.text(content) == (
+    assert verdict_json.text(content) == (
         '{\n  "gap": {\n    "before": 2.5,\n    "after": null\n  },\n'
         '  "runs": [\n    3,\n    [\n      null,\n      "µ"\n    ]\n  ],'
         '\n  "held_out": null\n}\n'
     )
-    assert verdict.text({"low": np.float32(-np.inf), "ok": True}) == '{\n  "low": null,\n  "ok": true\n}\n'
+    assert verdict_json.text({"low": np.float32(-np.inf), "ok": True}) == '{\n  "low": null,\n  "ok": true\n}\n'
 
 
 def test_a_document_is_read_as_it_was_written(tmp_path):
     path = tmp_path / "verdict.json"
-    path.write_text(verdict.text({"schema_version": 1, "campaign": "Prüfstand"}), encoding="utf-8")
-    assert verdict.read(path) == {"schema_version": 1, "campaign": "Prüfstand"}
+    path.write_text(verdict_json.text({"schema_version": 1, "campaign": "Prüfstand"}), encoding="utf-8")
+    assert verdict_json.read(path) == {"schema_version": 1, "campaign": "Prüfstand"}
 
 
 def test_a_document_is_read_as_utf_8():
     asked = []
     path = SimpleNamespace(read_text=lambda encoding: asked.append(encoding) or '{"schema_version": 1}')
-    verdict.read(path)
+    verdict_json.read(path)
     assert asked == ["utf-8"]
 
 
@@ -220,18 +219,18 @@ def test_what_is_no_verdict_of_this_version_is_refused(tmp_path, content):
     path = tmp_path / "verdict.json"
     path.write_text(json.dumps(content))
     with pytest.raises(InputError) as refused:
-        verdict.read(path)
+        verdict_json.read(path)
     assert str(refused.value) == f"{path}: is no verdict of schema_version 1; run the campaign's stages again"
 
 
 def test_a_file_that_is_not_there_or_not_json_is_refused_with_the_reason(tmp_path):
     path = tmp_path / "verdict.json"
     with pytest.raises(InputError) as refused:
-        verdict.read(path)
+        verdict_json.read(path)
     assert str(refused.value).startswith(f"{path}: is no verdict ([Errno 2]")
     path.write_text("{")
     with pytest.raises(InputError) as refused:
-        verdict.read(path)
+        verdict_json.read(path)
     assert str(refused.value).endswith("; run the campaign's stages first")
 
 

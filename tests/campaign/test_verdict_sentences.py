@@ -2,8 +2,8 @@
 
 import pytest
 
-from jointgap.campaign.verdict_page import title
-from jointgap.campaign.verdict_sentences import answer, best_known_in_words, held_out_in_words
+from jointgap.campaign.page import title
+from jointgap.campaign.sentences import answer, best_known_in_words, held_out_in_words
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 

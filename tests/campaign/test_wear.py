@@ -9,14 +9,14 @@ import yaml
 from click.testing import CliRunner
 
 from benchmarks.project import ROOT
-from jointgap.cli import cli
+from jointgap.app.cli import cli
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.load import load_campaign
-from jointgap.dynamics import simulate
+from jointgap.core.results_folder import ResultsFolder
+from jointgap.dynamics.simulate import simulate
 from jointgap.effects import EFFECTS
-from jointgap.slider_crank import candidates
+from jointgap.rig import model
 from jointgap.tables import TREND, TREND_GROWTH
-from jointgap.tables.results_folder import ResultsFolder
 
 pytestmark = pytest.mark.slow  # four campaigns with a loose joint, 30 CPU-seconds each
 
@@ -69,7 +69,7 @@ def write_campaign(place, number):
 def test_a_clearance_that_grows_by_3_percent_a_date_is_followed_from_the_files_to_the_rate(tmp_path, monkeypatch):
     # which effects it is told from is the subject of other tests; two that are not there save minutes
     few = ("crank_pin_clearance", "crank_viscous_friction", "slider_viscous_friction")
-    monkeypatch.setattr(candidates, "EFFECTS", {name: EFFECTS[name] for name in few})
+    monkeypatch.setattr(model, "EFFECTS", {name: EFFECTS[name] for name in few})
     written = [write_campaign(tmp_path, number) for number in range(len(DAYS))]
     files, truth = [str(file) for file, _ in written], np.array([clearance for _, clearance in written])
     results, out = tmp_path / "results", ResultsFolder(tmp_path / "trend")

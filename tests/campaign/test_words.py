@@ -2,7 +2,7 @@
 
 import pytest
 
-from jointgap.campaign.phrasing import (
+from jointgap.campaign.sentences import (
     effect_in_words,
     estimate_row,
     explanation_in_words,
@@ -12,8 +12,8 @@ from jointgap.campaign.phrasing import (
     place_of,
     unit_of,
 )
+from jointgap.core.words import fall_in_percent, joined, number, percent, rounded_gap, with_error, with_unit
 from jointgap.effects import EFFECTS
-from jointgap.report.plain_words import fall_in_percent, joined, number, percent, rounded_gap, with_error, with_unit
 
 
 @pytest.mark.parametrize("name", EFFECTS)

@@ -9,16 +9,16 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.project import ROOT
+from jointgap.app.cli import cli
+from jointgap.campaign import figures
+from jointgap.campaign.stages import CAMPAIGN_STAGES, measure
 from jointgap.campaign.state import CampaignState
-from jointgap.cli import cli
 from jointgap.config.campaign_file import RESERVED_IDS
+from jointgap.core.errors import InputError
+from jointgap.core.results_folder import ResultsFolder
 from jointgap.effects import EFFECTS
-from jointgap.errors import InputError
-from jointgap.figures import campaign_figures
-from jointgap.slider_crank import candidates
-from jointgap.stages.campaign_stages import CAMPAIGN_STAGES, measure
+from jointgap.rig import model
 from jointgap.tables import TABLES
-from jointgap.tables.results_folder import ResultsFolder
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -96,7 +96,7 @@ def test_the_former_name_of_a_stage_is_answered_with_its_new_one():
 def test_a_whole_analysis_ends_with_its_verdict_in_words_and_on_a_page(tmp_path, monkeypatch):
     # which effects it is told from is the subject of other tests
     few = ("slider_coulomb_friction", "slider_viscous_friction")
-    monkeypatch.setattr(candidates, "EFFECTS", {name: EFFECTS[name] for name in few})
+    monkeypatch.setattr(model, "EFFECTS", {name: EFFECTS[name] for name in few})
     campaign = str(ROOT / "config/campaigns/demonstration.yaml")
     ran = CliRunner().invoke(cli, ["analyse", campaign, "--folder", str(tmp_path)], catch_exceptions=False)
     assert ran.exit_code == 0 and "Coulomb friction of the slider" in ran.output
@@ -109,10 +109,10 @@ def test_what_fails_beside_the_verdict_does_not_cost_it_and_is_told(tmp_path, mo
         raise ValueError("x should be ascending")
 
     few = ("slider_coulomb_friction", "slider_viscous_friction")
-    monkeypatch.setattr(candidates, "EFFECTS", {name: EFFECTS[name] for name in few})
+    monkeypatch.setattr(model, "EFFECTS", {name: EFFECTS[name] for name in few})
     for stage in ("preflight", "locate", "augment"):
         stand_in(monkeypatch, stage, fails)
-    monkeypatch.setattr(campaign_figures, "gaps", fails)
+    monkeypatch.setattr(figures, "gaps", fails)
     ran = CliRunner().invoke(cli, ["analyse", str(DEMONSTRATION), "--folder", str(tmp_path)], catch_exceptions=False)
     assert ran.exit_code == 3 and "Coulomb friction of the slider" in ran.output
     told = json.loads((tmp_path / "verdict.json").read_text())

@@ -15,16 +15,16 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from jointgap.cli import cli
+from jointgap.app.cli import cli
 from jointgap.config import EFFECTS, Mechanism, load_mechanism, read_yaml, validate
-from jointgap.slider_crank.sensor_faults import FAULTS
+from jointgap.rig.sensors import FAULTS
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def jointgap(*arguments, **options):
     return subprocess.run(
-        [sys.executable, "-c", "from jointgap.cli import main; main()", *arguments],
+        [sys.executable, "-c", "from jointgap.app.cli import main; main()", *arguments],
         capture_output=True,
         text=True,
         timeout=60,
@@ -34,7 +34,7 @@ def jointgap(*arguments, **options):
 
 def test_help_lists_every_stage_and_imports_nothing_heavy():
     code = (
-        "import sys; from jointgap.cli import cli; cli(['--help'], standalone_mode=False);"
+        "import sys; from jointgap.app.cli import cli; cli(['--help'], standalone_mode=False);"
         "print('heavy:', sorted({'numpy', 'torch', 'numba', 'mlflow', 'pandas', 'pydantic'} & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
@@ -45,7 +45,7 @@ def test_help_lists_every_stage_and_imports_nothing_heavy():
 
 def test_sums_of_matrices_take_one_thread_though_snakemake_allows_the_job_more():
     libraries = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    code = f"import os, jointgap.cli as it;it.cli = lambda: print([os.environ[name] for name in {libraries}]);it.main()"
+    code = f"import os, jointgap.app.cli as it;it.cli = lambda: print([os.environ[name] for name in {libraries}]);it.main()"
     allowed = os.environ | dict.fromkeys(libraries, "8")
     done = subprocess.run([sys.executable, "-c", code], env=allowed, capture_output=True, text=True, timeout=60)
     assert done.stdout == "['1', '1', '1']\n"

@@ -17,7 +17,7 @@ BLOCKED = "torch pymoo openturns mlflow requests snakemake plotly exudyn pysindy
 sys.meta_path.insert(0, Missing())
 
 import jointgap
-from jointgap.errors import MissingPackage
+from jointgap.core.errors import MissingPackage
 
 for module in pkgutil.walk_packages(jointgap.__path__, "jointgap."):
     if module.name.endswith("__main__"):

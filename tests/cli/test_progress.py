@@ -2,9 +2,9 @@
 
 import sys
 
-from jointgap.cli import progress_display
-from jointgap.cli.progress_display import progress_shown
-from jointgap.progress import followed, heard_by, tell
+from jointgap.app import cli
+from jointgap.app.cli import progress_shown
+from jointgap.core.progress import followed, heard_by, tell
 
 
 def test_a_followed_loop_tells_before_the_first_item_and_after_each():
@@ -24,7 +24,7 @@ def test_who_no_longer_listens_is_told_nothing():
 
 def test_a_log_gets_a_line_now_and_then(monkeypatch, capsys):
     clock = iter([0.0, 1.0, 61.0, 62.0, 200.0])
-    monkeypatch.setattr(progress_display.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(cli.time, "monotonic", lambda: next(clock))
     with progress_shown():
         for done in (1, 2, 3):
             tell("fits of effects", done, 9)
@@ -34,8 +34,8 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch, capsys):
 
 def test_a_terminal_gets_bars_that_leave_nothing_behind(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(progress_display, "_SECONDS_OF_SILENCE", -1.0)
-    monkeypatch.setattr(progress_display, "_SECONDS_BETWEEN_UPDATES", 0.0)
+    monkeypatch.setattr(cli, "_SECONDS_OF_SILENCE", -1.0)
+    monkeypatch.setattr(cli, "_SECONDS_BETWEEN_UPDATES", 0.0)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with progress_shown():
         for _ in followed(range(3), "fits of effects"):

@@ -13,7 +13,7 @@ from jointgap.config import read_yaml
 from jointgap.config.channels import CHANNELS
 from jointgap.config.layers import merge
 from jointgap.config.load import campaign_json_schema, load_campaign
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from tests.config.mechanisms import PAPER, paper
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -3,7 +3,7 @@
 import pytest
 
 from jointgap.config import Simulate, check_drive, check_tolerance
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from tests.config.mechanisms import effect, mechanism, paper
 
 MOTOR = {"kind": "motor", "stall_torque": 3, "no_load_speed": 100}

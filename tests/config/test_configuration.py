@@ -19,8 +19,8 @@ from jointgap.config import (
 )
 from jointgap.config.layers import Layer, merge, merged, sources
 from jointgap.config.load import sources_of
-from jointgap.errors import InputError
-from jointgap.stages.scenario_stages import SCENARIO_STAGES
+from jointgap.core.errors import InputError
+from jointgap.scenario.stages import SCENARIO_STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))

@@ -6,7 +6,7 @@ import time
 import pytest
 
 from jointgap.config import parse_options, read_yaml
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 
 
 @pytest.fixture

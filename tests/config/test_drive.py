@@ -5,7 +5,7 @@ import math
 import pytest
 
 from jointgap.config import Scenario, parse_options, resolve, validate
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from tests.config.mechanisms import effect, mechanism
 
 

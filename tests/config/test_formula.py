@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.dynamics.model.formula_evaluator import evaluate
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
+from jointgap.dynamics.equations import evaluate
 from jointgap.formula import NOTHING, VARIABLES, compile_formula
 
 AT = {"v": -1.3, "x": 0.6, "w": 62.8, "theta": 2.1, "t": 0.05}

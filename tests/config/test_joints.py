@@ -6,7 +6,7 @@ import re
 import pytest
 
 from jointgap.config import Scenario, hertz_stiffness, parse_options, validate
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from tests.config.mechanisms import PIVOT, effect, mechanism, paper, with_contact
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_damping": 1e3, "penalty_depth": "0.1 mm"}

@@ -5,7 +5,7 @@ import pickle
 import pytest
 
 from jointgap.config import read_yaml, resolve
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from tests.config.mechanisms import PAPER
 
 

@@ -7,7 +7,7 @@ import pytest
 from jointgap.config import read_yaml
 from jointgap.config.campaign_file import RESERVED_IDS, Campaign
 from jointgap.config.load import validate
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from tests.config.mechanisms import PAPER
 from tests.config.test_campaign import CAMPAIGN
 

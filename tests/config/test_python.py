@@ -3,7 +3,7 @@
 import pytest
 
 from jointgap.config import Contact, Joint, Mechanism, Simulate, change, load_mechanism
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 
 PAPER = "config/mechanisms/erkaya2009.yaml"
 

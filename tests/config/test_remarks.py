@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from jointgap.dynamics.model.mechanism_warnings import remarks, sentences
-from jointgap.errors import InputError
-from jointgap.mechanism.odd_data import odd_data
+from jointgap.core.errors import InputError
+from jointgap.dynamics.mechanism_warnings import odd_data, remarks, sentences
 from tests.config.mechanisms import effect, mechanism, paper
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_depth": "1 um"}

@@ -8,7 +8,7 @@ from jointgap.design_networks.design_space import design_space
 from jointgap.design_networks.settings import NetworkSettings
 from jointgap.design_networks.settled_motion import SettledMotion
 from jointgap.design_networks.train_network import train
-from jointgap.dynamics import simulate
+from jointgap.dynamics.simulate import simulate
 from tests.design_networks.spaces import MADE, scenario
 from tests.dynamics.cases import ALL, mechanism
 

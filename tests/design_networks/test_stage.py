@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jointgap.core.errors import InputError
+from jointgap.core.page import to_markdown
 from jointgap.design_networks.design_networks import design_networks
 from jointgap.design_networks.design_space import design_space
 from jointgap.design_networks.networks_figures import draw_errors
 from jointgap.design_networks.networks_page import headline, page, verdict
-from jointgap.errors import InputError
-from jointgap.report.page import to_markdown
 from tests.design_networks.spaces import MADE, PARAMETERS, scenario
 from tests.dynamics.cases import mechanism
 

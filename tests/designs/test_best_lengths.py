@@ -11,9 +11,9 @@ from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import simulate_designs, table_of
 from jointgap.designs.sensitivity_indices import decided
 from jointgap.designs.words_of_designs import measure_in_words
-from jointgap.dynamics import simulate
-from jointgap.link_lengths.objective import frozen_objective, objective_of_motion
-from jointgap.mechanism import clearance_lift
+from jointgap.dynamics.kinematics import clearance_lift
+from jointgap.dynamics.simulate import simulate
+from jointgap.lengths.objective import frozen_objective, objective_of_motion
 from jointgap.tables.sweep_tables import BEST_LENGTHS, PRINTED_OPTIMA
 from tests.dynamics.cases import mechanism, options
 

@@ -3,13 +3,13 @@
 import pytest
 
 from jointgap.config import Scenario
+from jointgap.core.errors import InputError
 from jointgap.designs.best_lengths import best_crank_length
 from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import simulate_designs, table_of
-from jointgap.dynamics import simulate
-from jointgap.errors import InputError
-from jointgap.link_lengths.objective import frozen_objective
-from jointgap.mechanism import clearance_lift
+from jointgap.dynamics.kinematics import clearance_lift
+from jointgap.dynamics.simulate import simulate
+from jointgap.lengths.objective import frozen_objective
 from jointgap.paper.printed import OPTIMA
 from jointgap.tables.sweep_tables import PRINTED_OPTIMA
 from tests.dynamics.cases import mechanism, options

@@ -12,17 +12,16 @@ import pytest
 from click.testing import CliRunner
 
 from jointgap import tables
-from jointgap.cli import cli
+from jointgap.app.cli import cli
 from jointgap.config import Scenario
+from jointgap.core.errors import InputError
 from jointgap.designs import designs_to_parquet
 from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import check_dataset, simulate_designs, table_of, write_designs
 from jointgap.designs.measures import high_order_rms
-from jointgap.dynamics import simulate
-from jointgap.dynamics.simulation import crank_angles
+from jointgap.dynamics.simulate import crank_angles, simulate
 from jointgap.ensembles.cycle_statistics import clearance_vectors
-from jointgap.errors import InputError
-from jointgap.stages.scenario_stages import sweep
+from jointgap.scenario.stages import sweep
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)

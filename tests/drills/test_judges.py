@@ -19,7 +19,7 @@ from drills.pages import live
 from drills.pieces import MAKE_STORE
 from drills.plain_quantities import read
 from drills.publishers import lost_or_twice
-from jointgap.recordings.recording import Recording
+from jointgap.rig.recording import Recording
 
 READ = configurations.load
 

@@ -5,12 +5,11 @@ import math
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.equations import AUXILIARY_STATES
-from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.joints import PINS
+from jointgap.core.joints import PINS
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.equations import AUXILIARY_STATES
+from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.simulate import IntegrationResult, integrate_to_angles, start_state
 
 SPEED = 20 * math.pi
 CRANK, ROD, CENTRE = 0.15, 0.564, 0.282

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.integrate import quad
 from scipy.special import betainc
 
-from jointgap.dynamics.model.parameters import JointParameters
+from jointgap.dynamics.parameters import JointParameters
 
 
 def faded_damping(numbers, approach, since) -> np.ndarray:

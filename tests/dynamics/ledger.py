@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from jointgap.effects import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
+from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
 from tests.dynamics.quadrature import Motion
 
 SHARE = 2 / math.pi  # mean of the bending mode sin(pi s / l); its mean square is 1/2

@@ -6,12 +6,11 @@ from itertools import pairwise
 import numpy as np
 
 from jointgap.config import Mechanism
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles
-from jointgap.dynamics.solver.contact_episodes import EVENT
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.joints import JOINTS
+from jointgap.core.joints import JOINTS
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.integrate import EVENT
+from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.simulate import IntegrationResult, integrate_to_angles, start_state
 from tests.dynamics.cases import options
 from tests.dynamics.laws import faded_damping
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.model.joint_forces import CLAMPED
-from jointgap.dynamics.model.normal_contact import LAWS
+from jointgap.dynamics.contact import LAWS
+from jointgap.dynamics.joints import CLAMPED
 from tests.dynamics import plain
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, SPEED, effect, integrated, mechanism
 from tests.dynamics.laws import impact_duration

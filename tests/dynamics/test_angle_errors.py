@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.sparse import eye_array
 
-from jointgap.dynamics.model.angle_errors import AngleErrors
-from jointgap.dynamics.model.measured_drive import smooth_angle
+from jointgap.dynamics.drive import AngleErrors, smooth_angle
 
 SPEED, TURNS, PER_TURN, NOISE = 30.0, 5, 30, 1e-3
 

@@ -10,12 +10,11 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.contact_episodes import EVENT
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.sampling import SAMPLE
-from jointgap.joints import JOINT
+from jointgap.core.joints import JOINT
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.integrate import EVENT
+from jointgap.dynamics.sampling import SAMPLE
+from jointgap.dynamics.simulate import integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, CENTRE, CRANK, MOTOR, ROD, effect, mechanism, options
 
 OFFSET, FAR = 0.03, 2e-5  # m, of the slide; rad, between the points of a difference

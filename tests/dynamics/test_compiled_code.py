@@ -11,9 +11,8 @@ import numba
 import pytest
 from numba.core import event
 
-from jointgap.dynamics import compile_once, linked_code
-from jointgap.dynamics.compilation import cache_folder, compiled, remove_old_folders
-from jointgap.dynamics.compile_once import announced, compiled_by_one, locked
+from jointgap.dynamics import numba_cache
+from jointgap.dynamics.numba_cache import announced, cache_folder, compiled, compiled_by_one, locked, remove_old_folders
 
 ROOT = Path(__file__).parents[2]
 HOLD = "import fcntl, sys, time; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(1, flush=True)"
@@ -106,7 +105,7 @@ def test_only_what_takes_long_is_announced_and_once(capsys):
 
 
 def test_what_is_loaded_is_not_said_to_be_compiled(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(compile_once, "_said", set())
+    monkeypatch.setattr(numba_cache, "_said", set())
 
     def load(signature):
         time.sleep(1.3)
@@ -125,7 +124,7 @@ def test_what_is_loaded_is_not_said_to_be_compiled(tmp_path, monkeypatch, capsys
 
 @pytest.mark.skipif(numba.config.DISABLE_JIT, reason="nothing is compiled")
 def test_what_compiled_code_calls_is_linked_into_it_and_python_may_call_it_too():
-    assert linked_code.AVAILABLE, "the pinned numba is not the one that linked_code is written for"
+    assert numba_cache.AVAILABLE, "the pinned numba is not the one that linked_code is written for"
 
     @compiled
     def halved(x):

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from jointgap.config import hertz_stiffness
-from jointgap.dynamics.model.normal_contact import (
+from jointgap.dynamics.contact import (
     LAWS,
     PULL_FAR_OFF,
     delivered_restitution,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics import simulate
-from jointgap.dynamics.solver.contact_episodes import EVENT
-from jointgap.joints import JOINTS
+from jointgap.core.joints import JOINTS
+from jointgap.dynamics.integrate import EVENT
+from jointgap.dynamics.simulate import simulate
 from tests.dynamics.cases import ALL, LUGRE, PINS, free_impact, mechanism, options
 from tests.dynamics.quadrature import motion
 

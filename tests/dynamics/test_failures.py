@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jointgap.dynamics import compilation, simulate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.errors import InputError, SimulationError
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.dynamics import numba_cache
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import ALL, CRANK, MOTOR, PINS, ROD, effect, mechanism, options, with_numbers
 
 TURN = np.linspace(0.0, 2 * np.pi, 10)
@@ -106,14 +105,14 @@ def test_a_rod_that_does_not_reach_the_slide_is_refused():
 
 
 def test_compiled_code_is_kept_where_neither_home_nor_sources_may_be_written(tmp_path):
-    code = "from jointgap.dynamics.compilation import *; print(cache_folder(beside=Path('/proc/none')))"
+    code = "from jointgap.dynamics.numba_cache import *; print(cache_folder(beside=Path('/proc/none')))"
     environment = {"PATH": os.environ["PATH"], "HOME": "/proc", "TMPDIR": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.startswith(str(tmp_path))
 
 
 def test_every_source_of_compiled_code_renews_what_is_kept():
-    package = Path(compilation.__file__).parent
-    sources = {path for path in package.rglob("*.py") if "jointgap.dynamics.compilation import" in path.read_text()}
+    package = Path(numba_cache.__file__).parent
+    sources = {path for path in package.rglob("*.py") if "jointgap.dynamics.numba_cache import" in path.read_text()}
     assert len(sources) > 10
-    assert sources <= set(compilation.SOURCES)
+    assert sources <= set(numba_cache.SOURCES)

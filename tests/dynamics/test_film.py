@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from jointgap.dynamics.model.film import film_force, film_integrals
+from jointgap.dynamics.contact import film_force, film_integrals
 from tests.dynamics.laws import JointParameters, joint
 
 VISCOSITY, LENGTH, CLEARANCE, LEAST, RADIUS = 0.04, 5e-3, 1e-4, 1e-6, 7e-3

@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from jointgap.config import load_mechanism
-from jointgap.dynamics import simulate
-from jointgap.errors import InputError
-from jointgap.recordings import Measurements
-from jointgap.slider_crank.model_from_campaign import build_model
+from jointgap.core.errors import InputError
+from jointgap.dynamics.simulate import simulate
+from jointgap.rig.model import build_model
+from jointgap.rig.recording import Measurements
 from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import CRANK, PINS, ROD, effect, mechanism, options
 from tests.dynamics.closed import Closed

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jointgap.config.friction_laws import FRICTION_LAWS
-from jointgap.dynamics.model.friction import bristle_rate, friction_coefficient
+from jointgap.dynamics.friction import bristle_rate, friction_coefficient
 from tests.dynamics.laws import JointParameters, joint
 
 MU, STATIC, SPEED, DEAD_BAND, STRIBECK = 0.2, 0.35, 1e-2, 2e-3, 5e-2

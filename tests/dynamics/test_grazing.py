@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.parameters import MEASURED, knots_record
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.parameters import MEASURED, knots_record
+from jointgap.dynamics.simulate import integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, SPEED, mechanism, options, with_numbers
 
 SETTLING = {

@@ -3,22 +3,27 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.runge_kutta import AFTER, BEFORE, LINEAR, ds_for, elapsed_time, instant, step
-from jointgap.dynamics.solver.step_stages import room_for_stages
-from jointgap.dynamics.solver.tableau import (
+from jointgap.dynamics.joints import CONTACT, FLIGHT
+from jointgap.dynamics.runge_kutta import (
+    AFTER,
+    BEFORE,
     COUNT,
     ERROR_3,
     ERROR_5,
     INTERPOLANT,
     KEPT,
+    LINEAR,
     MORE_NODES,
     MORE_STAGES,
     NODES,
     STAGES,
+    ds_for,
+    elapsed_time,
+    instant,
+    room_for_stages,
+    step,
 )
+from jointgap.dynamics.simulate import integrate_to_angles, start_state
 from tests.dynamics.cases import SPEED, integrated, mechanism
 
 

@@ -4,7 +4,7 @@ from typing import get_args
 
 from jointgap.config.friction_laws import FRICTION_LAWS, FRICTION_PARAMETERS, laws_reading
 from jointgap.config.joint_config import Contact, Law
-from jointgap.dynamics import LAWS
+from jointgap.dynamics.contact import LAWS
 
 
 def test_the_configuration_names_the_laws_that_the_simulation_knows():

@@ -7,12 +7,10 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 from jointgap import tables
-from jointgap.dynamics import simulate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.measured_drive import running_on, smooth_angle
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.drive import running_on, smooth_angle
+from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
 from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed

@@ -3,21 +3,12 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
-from jointgap.dynamics.model.normal_contact import (
-    LAWS,
-    damping_factor_at,
-    elastic_duration,
-    force_free_speed,
-    pushing_margin,
-)
-from jointgap.dynamics.simulation import integrate_to_angles, simulate
-from jointgap.dynamics.solver.contact_episodes import EVENT
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.integrate import time_to_knot
-from jointgap.dynamics.solver.runge_kutta import LINEAR, instant, step
-from jointgap.dynamics.solver.step_stages import room_for_stages
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.contact import LAWS, damping_factor_at, elastic_duration, force_free_speed, pushing_margin
+from jointgap.dynamics.integrate import EVENT, time_to_knot
+from jointgap.dynamics.joints import CONTACT, FLIGHT
+from jointgap.dynamics.runge_kutta import LINEAR, instant, room_for_stages, step
+from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import ALL, SPEED, free_impact, integrated, mechanism, options
 from tests.dynamics.laws import faded_damping, impact_duration, joint
 

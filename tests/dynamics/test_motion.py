@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import brentq
 
 from jointgap import tables
-from jointgap.dynamics import simulate, simulate_ensemble
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
+from jointgap.dynamics.parallel import simulate_ensemble
+from jointgap.dynamics.simulate import simulate
 from tests.dynamics.cases import CENTRE, CRANK, PINS, ROD, SPEED, integrated, mechanism, options
 
 

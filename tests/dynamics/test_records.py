@@ -6,7 +6,7 @@ import pickle
 import numba
 import pytest
 
-from jointgap.dynamics.model.parameters import DriveParameters, record
+from jointgap.dynamics.parameters import DriveParameters, record
 
 
 @numba.njit

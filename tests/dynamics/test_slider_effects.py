@@ -5,11 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.dynamics import simulate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.errors import SimulationError
+from jointgap.core.errors import SimulationError
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import CRANK, PINS, ROD, SPEED, effect, mechanism, options
 from tests.dynamics.closed import Closed
 

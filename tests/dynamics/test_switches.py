@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics import simulate
-from jointgap.dynamics.solver.integrate import integrate
-from jointgap.dynamics.solver.sampling import fill_samples
+from jointgap.dynamics.integrate import integrate
+from jointgap.dynamics.sampling import fill_samples
+from jointgap.dynamics.simulate import simulate
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from jointgap.config.friction_laws import FRICTION_LAWS
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.normal_contact import LAWS
-from jointgap.dynamics.simulation import crank_angles, integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.joints import JOINTS
+from jointgap.core.joints import JOINTS
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.contact import LAWS
+from jointgap.dynamics.simulate import crank_angles, integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 
 

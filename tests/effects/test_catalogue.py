@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jointgap.config import EFFECTS, Scenario, hertz_stiffness, parse_options, validate
+from jointgap.core.errors import InputError
 from jointgap.effects.describe import example, parameters_of
-from jointgap.errors import InputError
 from tests.config.mechanisms import PIVOT, ROOT, effect, mechanism, paper
 
 DATA = (

@@ -54,11 +54,11 @@ def run(sources, *arguments: str) -> str:
 def test_three_files_make_an_effect_and_one_makes_a_fault(sources):
     _, (*effect, fault) = sources
     assert len(effect) == len(set(effect)) == 3
-    assert fault == "src/jointgap/slider_crank/sensor_faults.py"
+    assert fault == "src/jointgap/rig/sensors.py"
 
 
 def test_the_catalogue_shows_the_effect_and_the_pages_own_check_of_its_law_holds(sources):
-    cli = "from jointgap.cli import cli; cli()"
+    cli = "from jointgap.app.cli import cli; cli()"
     assert "M = -k sin(theta - theta0)" in run(sources, "-c", cli, "effects")
     assert "stiffness_N_m_rad [>= 0 N*m/rad]" in run(sources, "-c", cli, "effects", "crank_return_spring")
     (check,) = re.findall(r"```python\n(import numpy.*?)```", PAGE, re.DOTALL)
@@ -70,7 +70,7 @@ import math
 import numpy as np
 from jointgap.slider_crank import build_model
 from jointgap.trials.injected_effects import LISTED
-from jointgap.campaign.phrasing import effect_in_words
+from jointgap.campaign.sentences import effect_in_words
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 true = {"stiffness_N_m_rad": 2.0, "rest_angle_rad": 2.5}

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics import simulate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.simulation import integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
+from jointgap.core.errors import InputError
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example
-from jointgap.errors import InputError
-from jointgap.slider_crank.sensors import MIRRORED
+from jointgap.rig.sensors import MIRRORED
 from tests.dynamics.cases import SPEED, effect, mechanism, options, with_numbers
 
 BESIDE = {"mass_centre_across": 0.01}

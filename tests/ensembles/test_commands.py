@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from jointgap import tables
-from jointgap.cli import cli
-from jointgap.errors import InputError
+from jointgap.app.cli import cli
+from jointgap.core.errors import InputError
 from tests.dynamics.cases import mechanism
 
 SIMULATE = {"revolutions": 3, "samples_per_revolution": 360, "tolerance": 1e-9}

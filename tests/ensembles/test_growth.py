@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from jointgap.core.errors import InputError
 from jointgap.ensembles.growth import Growth, measure_growth
-from jointgap.errors import InputError
 from tests.dynamics.cases import mechanism, options
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.dynamics import simulate
+from jointgap.core.errors import InputError
+from jointgap.dynamics.simulate import simulate
 from jointgap.ensembles.cycle_statistics import (
     clearance_vectors,
     contacts,
@@ -17,7 +18,6 @@ from jointgap.ensembles.cycle_statistics import (
     poincare_section,
     time_shares,
 )
-from jointgap.errors import InputError
 from tests.dynamics.cases import ALL, SPEED, mechanism, options
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Runs, Scenario
-from jointgap.dynamics import simulate, simulate_ensemble
-from jointgap.dynamics.parallel_runs import Run, simulate_runs
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.dynamics.parallel import Run, simulate_ensemble, simulate_runs
+from jointgap.dynamics.simulate import simulate
 from jointgap.ensembles.cycle_statistics import clearance_vectors
 from jointgap.ensembles.ensemble import ensemble_runs, write_ensemble
-from jointgap.errors import InputError, SimulationError
 from tests.dynamics.cases import ALL, MOTOR, effect, mechanism, options
 
 COARSE = options(samples_per_revolution=90, tolerance=1e-9)

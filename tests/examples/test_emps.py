@@ -13,7 +13,7 @@ from scipy.io import savemat
 from examples.emps.__main__ import estimates, force_error, name
 from examples.emps.effects import STROKE
 from examples.emps.model import ADDRESS, AVERAGED, CYCLE, FILES, SAMPLE_TIME, Emps
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 
 LOOP = {"gtau": 35.0, "kp": 160.0, "kv": 240.0}
 MASS, VISCOUS = 95.0, 200.0

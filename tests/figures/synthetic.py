@@ -5,10 +5,10 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
-from jointgap.figures.figure_data import predictions
-from jointgap.joints import JOINT_NUMBERS, PINS
-from jointgap.kinematics import kinematics
-from jointgap.mechanism import ClearanceMotion, Motion, linkage_motion
+from jointgap.core.joints import JOINT_NUMBERS, PINS
+from jointgap.dynamics.kinematics import ClearanceMotion, Motion, linkage_motion
+from jointgap.scenario.figures import predictions
+from jointgap.scenario.kinematics import kinematics
 
 SAMPLES = 72  # a revolution, every 5 deg
 TRAINING = 13  # points, every 30 deg

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from jointgap import tables as files
-from jointgap.errors import InputError
-from jointgap.figures import campaign_catalogue as campaign
-from jointgap.figures import style
+from jointgap.campaign import figures_catalogue as campaign
+from jointgap.core import plot
+from jointgap.core.errors import InputError
 
 RUNS = {"slow": False, "fast": False, "check": True}  # held out
 CHANNELS = ("slider_acceleration", "crank_torque")
@@ -142,7 +142,7 @@ def test_what_is_drawn_has_its_data_in_a_table(name, drawings):
 
 
 def test_a_figure_is_saved_with_its_data(drawings, tmp_path):
-    written = style.save(drawings["confusability"], tmp_path / "figure")
+    written = plot.save(drawings["confusability"], tmp_path / "figure")
     assert sorted(path.suffix for path in written) == [".parquet", ".png", ".svg"]
     shown = files.read(files.PLOTTED, tmp_path / "figure.parquet")
     assert len(shown) == len(drawings["confusability"].data)

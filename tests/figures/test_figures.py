@@ -12,12 +12,12 @@ import pytest
 from PIL import Image
 
 from jointgap import tables as files
-from jointgap.errors import InputError
-from jointgap.figures import draw_figures as stage
-from jointgap.figures import style
-from jointgap.figures.catalogue import CATALOGUE, SPECS, needed_tables
-from jointgap.figures.draw_figures import draw
-from jointgap.figures.sheet import Quantity, Sheet
+from jointgap.core import plot
+from jointgap.core.errors import InputError
+from jointgap.core.plot import Quantity, Sheet
+from jointgap.scenario import figures as stage
+from jointgap.scenario.figures import draw
+from jointgap.scenario.figures_catalogue import CATALOGUE, SPECS, needed_tables
 
 SPECIFIED = files.TABLES
 every_still_figure = pytest.mark.parametrize("name", CATALOGUE)
@@ -107,7 +107,7 @@ def test_a_mechanism_without_clearance_is_animated(without_clearance):
 
 def check_texts(figure):
     """No text leaves the figure, and no labels of one axis touch."""
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         figure.draw_without_rendering()
     width, height = figure.bbox.size
     for axes in figure.axes:
@@ -137,7 +137,7 @@ def test_the_data_fits_its_table(name, drawings, tmp_path):
 
 @pytest.mark.parametrize("name", ["figure_11", "orbits", "animation"])
 def test_saving_the_same_drawing_anew_gives_the_same_bytes(name, tables, scenario, tmp_path):
-    files = [style.save(draw(name, tables, scenario), tmp_path / run / name) for run in ("one", "two")]
+    files = [plot.save(draw(name, tables, scenario), tmp_path / run / name) for run in ("one", "two")]
     assert [path.suffix for path in files[0]] == (
         [".gif", ".parquet"] if name == "animation" else [".svg", ".png", ".parquet"]
     )
@@ -146,7 +146,7 @@ def test_saving_the_same_drawing_anew_gives_the_same_bytes(name, tables, scenari
 
 
 def test_saved_pictures_carry_no_date_and_no_software(tables, scenario, tmp_path):
-    svg, png, _ = style.save(draw("figure_12", tables, scenario), tmp_path / "figure_12")
+    svg, png, _ = plot.save(draw("figure_12", tables, scenario), tmp_path / "figure_12")
     text = svg.read_text()
     assert "dc:date" not in text and "Matplotlib" not in text
     assert not Image.open(png).text
@@ -168,7 +168,7 @@ def test_marks_far_below_all_others_are_not_cut_off(tables, scenario):
     row = torn.index[(torn["region"] == "past_60_deg") & (torn["output"] == "gamma2") & (torn["model"] == "network")]
     torn.loc[row, "spline_held_out_mse"] = 1e-14
     drawing = draw("held_out", dict(tables, fit_errors=torn), scenario)
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         drawing.figure.draw_without_rendering()
     for axes in panels_of(drawing):
         bottom, top = axes.get_ylim()
@@ -248,5 +248,5 @@ def loaded_by(module):
 
 
 def test_the_catalogue_loads_no_matplotlib_and_the_stage_no_torch():
-    assert "matplotlib" not in loaded_by("jointgap.figures.catalogue")
-    assert not {"torch", "numba", "mlflow", "matplotlib.pyplot"} & loaded_by("jointgap.figures.draw_figures")
+    assert "matplotlib" not in loaded_by("jointgap.scenario.figures_catalogue")
+    assert not {"torch", "numba", "mlflow", "matplotlib.pyplot"} & loaded_by("jointgap.scenario.figures")

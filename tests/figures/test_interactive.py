@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from jointgap.errors import InputError
-from jointgap.figures.interactive import impacts_page, with_extremes
+from jointgap.core.errors import InputError
+from jointgap.scenario.impacts_page import impacts_page, with_extremes
 
 
 def test_the_page_is_complete_in_itself_and_names_axes_units_and_joints(tables, scenario):

@@ -3,8 +3,8 @@
 import pytest
 
 from jointgap.config import resolve
-from jointgap.figures.animation import magnification
-from jointgap.figures.figure_data import round_number
+from jointgap.scenario.animation import magnification
+from jointgap.scenario.figures import round_number
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointgap.identification.protocol import Candidate, Effects, Parameter, Series
+from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from tests.identification.toy import Toy, coloured, toy
 
 CLEARANCE = Parameter("clearance", 1.0, 0.9, 1.1, 0.005, "mm")
@@ -30,7 +30,7 @@ BY_SPRING = 0.15  # rad per N/m
 
 @dataclass(frozen=True)
 class Knocking(Toy):
-    """A `jointgap.identification.protocol.Model`."""
+    """A `jointgap.core.candidates.Model`."""
 
     def simulate(
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from jointgap.errors import SimulationError
-from jointgap.identification.protocol import Candidate, Parameter, Series
-from jointgap.identification.whitening import Noise
+from jointgap.core.candidates import Candidate, Parameter, Series
+from jointgap.core.errors import SimulationError
+from jointgap.identification.problem import Noise
 
 SAMPLES = 40
 SLOPE = Candidate("slope", "sensor", (Parameter("rise", 0.0, step=0.1),), ("rise",))

@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, norm, truncnorm
 
-from jointgap.identification.bounded_normal import bounded_normal
-from jointgap.identification.estimates import AT_BOUND, nuisance_estimates
-from jointgap.identification.fit import Fit
-from jointgap.identification.gauss_newton import bounded_step
-from jointgap.identification.protocol import Parameter
+from jointgap.core.candidates import Parameter
+from jointgap.identification.fit import AT_BOUND, Fit, bounded_normal, bounded_step, nuisance_estimates
 
 NO_SHIFTS = np.empty((0, 1))
 

@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 
 from jointgap.identification import baseline, coarse_search, hypothesis_fits, model_selection
-from jointgap.identification import smoother as smoothing
-from jointgap.identification.baseline import other_numerics, recalibrate
+from jointgap.identification import baseline as smoothing
+from jointgap.identification.baseline import coarse_to_fine_fit, other_numerics, recalibrate, smoothers_of
 from jointgap.identification.coarse_search import search_pairs, search_singles
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import FAILED, STOPPED, fit_hypothesis
+from jointgap.identification.fit import FAILED, STOPPED, FiniteDifferences, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import refit_and_decide, shortlist_singles
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
-from jointgap.identification.smoother import coarse_to_fine_fit, smoothers_of
 from jointgap.identification.thresholds import thresholds
 from tests.identification.knocks import knocking
 from tests.identification.toy import stated_noise, toy

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from jointgap.errors import SimulationError
-from jointgap.identification.baseline import with_intervals
-from jointgap.identification.curved_valley import draws_along_valley
-from jointgap.identification.estimates import LEVELS, nuisance_estimates
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.protocol import Parameter
+from jointgap.core.candidates import Parameter
+from jointgap.core.errors import SimulationError
+from jointgap.identification.baseline import draws_along_valley, with_intervals
+from jointgap.identification.fit import LEVELS, FiniteDifferences, fit_hypothesis, nuisance_estimates
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
 SAMPLES = 200

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.decide_verdict import certain_effects, decide, decide_rough, rank, reduced_chi2, weigh
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DecisionSettings
 from jointgap.identification.thresholds import Thresholds
 

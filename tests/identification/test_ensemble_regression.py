@@ -6,16 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointgap.errors import SimulationError
-from jointgap.identification import ensemble_regression
-from jointgap.identification.baseline import with_intervals
-from jointgap.identification.ensemble_regression import (
+from jointgap.core.candidates import Parameter
+from jointgap.core.errors import SimulationError
+from jointgap.identification import baseline
+from jointgap.identification.baseline import (
     fit_over_ensembles,
     leading_over_ensembles,
     regressed_over_ensemble,
+    with_intervals,
 )
 from jointgap.identification.fit import Fit
-from jointgap.identification.protocol import Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import candidate_of
 
@@ -124,9 +124,9 @@ def test_a_minimum_that_leaves_more_than_the_fit_did_is_not_taken_and_intervals_
     problem = Chaotic(10)
     fit = problem.fit()
     plainly = regressed_over_ensemble(problem, fit)
-    mean = ensemble_regression._mean_realisation
+    mean = baseline._mean_realisation
     monkeypatch.setattr(
-        ensemble_regression,
+        baseline,
         "_mean_realisation",
         lambda *args: mean(*args) * (0.1 if np.array_equal(args[3], fit.values[:3]) else 1.0),
     )
@@ -157,7 +157,7 @@ def test_at_a_bound_what_is_left_is_a_mean_of_several_realisations_too(end):
         values = np.array([value, *fit.values[1:]])
         one = Fit((), (at, *fixed), values, fit.residual, fit.jacobian, 0, "stopped")
         live = np.array([True, False, False, False, False])
-        mean = ensemble_regression._mean_realisation(problem, one, live, values[:1])
+        mean = baseline._mean_realisation(problem, one, live, values[:1])
         off.append(mean - (problem.measured - problem.slopes @ values[:3]))
     of_one = 20.0 * np.sqrt(2.0)
     assert np.sqrt(np.mean(np.sum(np.square(off), axis=1))) < 0.5 * of_one
@@ -170,9 +170,7 @@ def test_explanations_that_are_not_regressed_are_compared_by_a_mean_of_realisati
     equal = [replace(best, residual=1.001 * best.residual), replace(best, residual=1.002 * best.residual)]
     _, found = leading_over_ensembles(problem, base, [best, *equal])
     assert [fit.draws is None for fit in found] == [False, False, True]
-    left = ensemble_regression._mean_realisation(
-        problem, best, ensemble_regression._drawn_parameters(best), best.values[:3]
-    )
+    left = baseline._mean_realisation(problem, best, baseline._drawn_parameters(best), best.values[:3])
     assert found[2].chi2 == pytest.approx(left @ left)
     assert np.array_equal(found[2].values, best.values)
 
@@ -258,7 +256,7 @@ def test_regressions_go_on_as_long_as_they_help(monkeypatch):
     for factors, best in (((0.9, 0.8, 0.1), 1), ((0.995, 0.1), 0), ((0.9, 0.95, 0.1), 0)):
         found = [replace(fit, residual=factor * fit.residual) for factor in factors]
         left = iter(found)
-        monkeypatch.setattr(ensemble_regression, "regressed_over_ensemble", lambda *_, left=left: next(left))
+        monkeypatch.setattr(baseline, "regressed_over_ensemble", lambda *_, left=left: next(left))
         assert fit_over_ensembles(problem, fit, 0.0) is found[best]
     assert fit_over_ensembles(problem, fit, fit.chi2) is fit
 
@@ -268,8 +266,8 @@ def test_a_decomposition_that_does_not_converge_is_made_by_another_algorithm(mon
         raise np.linalg.LinAlgError("SVD did not converge")
 
     left = np.random.default_rng(0).standard_normal((20, 50))
-    usual = ensemble_regression._Scatter.of(left, 10, DEFAULT_SETTINGS.ensemble)
+    usual = baseline._Scatter.of(left, 10, DEFAULT_SETTINGS.ensemble)
     monkeypatch.setattr(np.linalg, "svd", gives_up)
-    other = ensemble_regression._Scatter.of(left, 10, DEFAULT_SETTINGS.ensemble)
+    other = baseline._Scatter.of(left, 10, DEFAULT_SETTINGS.ensemble)
     assert other.variances == pytest.approx(usual.variances, rel=1e-10)
     assert other.whiten(left[0]) == pytest.approx(usual.whiten(left[0]), rel=1e-9)

@@ -8,21 +8,23 @@ import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
-from jointgap.identification.bounded_normal import BoundedNormal
-from jointgap.identification.estimates import (
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.identification.fit import (
     AT_BOUND,
     CHANGES_NOTHING,
     HALF_WIDTHS,
+    MATCHED,
     NOT_ESTIMATED,
+    BoundedNormal,
+    Fit,
     determined_values,
     effect_estimates,
     estimate_with_interval,
+    fit_hypothesis,
     is_taken_over,
     nuisance_estimates,
 )
-from jointgap.identification.fit import MATCHED, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import stated_noise, toy
 

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from jointgap.core.candidates import Candidate, Parameter, Series
 from jointgap.identification.confirmation import Confirmed, HeldOutTest
 from jointgap.identification.decide_verdict import Decision, final_verdict
 from jointgap.identification.fit import MATCHED, Fit
-from jointgap.identification.protocol import Candidate, Parameter, Series
 
 SAMPLES = 1000
 COULOMB = Candidate("coulomb", "slider", (Parameter("size", 0.0),), ("size",))

@@ -7,13 +7,21 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification import fit as fit_module
 from jointgap.identification.baseline import probed_differences
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import CONVERGED, FAILED, STOPPED, Fit, bounds_of, fit_hypothesis
-from jointgap.identification.gauss_newton import bounded_step, compress_rows
+from jointgap.identification.fit import (
+    CONVERGED,
+    FAILED,
+    STOPPED,
+    FiniteDifferences,
+    Fit,
+    bounded_step,
+    bounds_of,
+    compress_rows,
+    fit_hypothesis,
+)
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.knocks import knocking
 from tests.identification.linear import stairs

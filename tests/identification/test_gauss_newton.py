@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification.gauss_newton import StoppingRule, bounded_step, broyden_update, next_damping
+from jointgap.identification.fit import StoppingRule, bounded_step, broyden_update, next_damping
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
 DAMPING, STOPPING = DEFAULT_SETTINGS.damping, DEFAULT_SETTINGS.stopping

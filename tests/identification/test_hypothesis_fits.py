@@ -10,7 +10,7 @@ from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, STOPPED, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs
-from jointgap.identification.nesting import labels_of
+from jointgap.identification.initial_fit import labels_of
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS

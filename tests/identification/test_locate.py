@@ -13,11 +13,12 @@ from jointgap.identification.disagreement import (
     flag_bins,
     ljung_box,
     map_disagreement,
+    order_spectrum,
+    speed_scaling,
+    standout_orders,
 )
-from jointgap.identification.order_spectrum import order_spectrum, speed_scaling, standout_orders
-from jointgap.identification.problem import Problem
+from jointgap.identification.problem import Noise, Problem, unwhiten, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.identification.whitening import Noise, unwhiten, whiten
 from tests.identification.toy import coloured as noise_of
 from tests.identification.toy import stated_noise, toy
 

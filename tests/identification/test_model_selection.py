@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointgap.errors import SimulationError
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.errors import SimulationError
 from jointgap.identification import model_selection
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
@@ -23,7 +24,6 @@ from jointgap.identification.model_selection import (
     without_repetitions,
 )
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.screening import Signature, Signatures, simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import Thresholds, thresholds

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import Decision
@@ -19,9 +20,7 @@ from jointgap.identification.model_selection import (
     two_effect_thresholds,
 )
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.identification.screening import SignatureRegression, simulate_signatures
-from jointgap.identification.signature_subspaces import SignatureSubspaces
+from jointgap.identification.screening import SignatureRegression, SignatureSubspaces, simulate_signatures
 from jointgap.identification.thresholds import thresholds
 from tests.identification.toy import CANDIDATES, RINGING, Toy, ringing, stated_noise, toy
 

@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 
 from jointgap.identification.baseline import recalibrate
-from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.gauss_newton import compress_rows
+from jointgap.identification.fit import compress_rows, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_singles
-from jointgap.identification.model_selection import refit_and_decide
-from jointgap.identification.nesting import (
+from jointgap.identification.initial_fit import (
     chi2_without_effects,
     lowest_of_each,
     not_above_its_parts,
     with_effects_absent,
     without_other_effects,
 )
+from jointgap.identification.model_selection import refit_and_decide
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.thresholds import Thresholds

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.errors import InputError
+from jointgap.core.candidates import Series
+from jointgap.core.errors import InputError
 from jointgap.identification.baseline import recalibrate
-from jointgap.identification.cycle_noise import effective_samples
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.noise_model import estimate_noise, numerics_noise
-from jointgap.identification.protocol import Series
+from jointgap.identification.noise import effective_samples, estimate_noise, numerics_noise
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import Toy, toy
 

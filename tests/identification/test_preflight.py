@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.errors import InputError, SimulationError
-from jointgap.identification.advice import advise, assumed_noise, preflight
-from jointgap.identification.detectability import Detectability
+from jointgap.core.candidates import Candidate
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.preflight import Detectability, advise, assumed_noise, preflight
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.toy import SPEEDS, Toy, candidate_of, stated_noise, toy
 

@@ -5,18 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.errors import SimulationError
+from jointgap.core.candidates import FAST, Parameter
+from jointgap.core.errors import SimulationError
 from jointgap.identification import decide_by_features, rough_search
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.confirmation import HeldOutTest, confirm
-from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_by_features import decided_by_features, leaders_by_features, refitted_to_features
 from jointgap.identification.decide_verdict import Decision
-from jointgap.identification.estimates import effect_estimates, nuisance_estimates
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import MATCHED, STOPPED, Fit, fit_hypothesis
+from jointgap.identification.features import CycleFeatures
+from jointgap.identification.fit import (
+    MATCHED,
+    STOPPED,
+    FiniteDifferences,
+    Fit,
+    effect_estimates,
+    fit_hypothesis,
+    nuisance_estimates,
+)
 from jointgap.identification.problem import Problem, label_of
-from jointgap.identification.protocol import FAST, Parameter
 from jointgap.identification.rough_search import can_be_followed, leaves_rough_motion, search_rough
 from tests.identification.knocks import LOOSER, knocking
 from tests.identification.toy import CANDIDATES, RINGING, candidate_of, ringing, stated_noise, toy

@@ -5,12 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification import hypothesis_fits, scattered_starts
-from jointgap.identification.baseline import Baseline, other_numerics, recalibrate, shared_nuisances
+from jointgap.core.candidates import FAST
+from jointgap.identification import baseline, hypothesis_fits
+from jointgap.identification.baseline import (
+    Baseline,
+    fit_from_scattered_starts,
+    other_numerics,
+    recalibrate,
+    shared_nuisances,
+)
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import FAST
-from jointgap.identification.scattered_starts import fit_from_scattered_starts
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.thresholds import thresholds
 from tests.identification.knocks import Knocking, knocking
@@ -80,7 +85,7 @@ def test_fits_start_from_the_best_of_all_points(monkeypatch):
         return float(np.sum(usual(base.problem, values, fit.hypothesis, numerics=FAST) ** 2))
 
     monkeypatch.setattr(Problem, "residual", watched)
-    monkeypatch.setattr(scattered_starts, "fit_hypothesis", lambda _, __, start, **more: starts.append(start) or fit)
+    monkeypatch.setattr(baseline, "fit_hypothesis", lambda _, __, start, **more: starts.append(start) or fit)
     fit_from_scattered_starts(base, fit, 0.0)
     best = sorted(map(left, seen))[: base.problem.settings.scattered_starts.starts]
     assert list(map(left, starts)) == pytest.approx(best)

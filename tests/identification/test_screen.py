@@ -5,13 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import CONVERGED, Fit, fit_hypothesis
-from jointgap.identification.frequency_search import orders_of_cranks
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.identification.fit import CONVERGED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.identification.screening import Signature, SignatureRegression, Signatures, simulate_signatures
-from jointgap.identification.signature_subspaces import SignatureSubspaces
+from jointgap.identification.screening import (
+    Signature,
+    SignatureRegression,
+    Signatures,
+    SignatureSubspaces,
+    orders_of_cranks,
+    simulate_signatures,
+)
 from tests.identification.toy import stated_noise, toy
 
 
@@ -121,7 +125,7 @@ def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
             raise problem_with_springs
         return real(run, values, effects, numerics)
 
-    from jointgap.errors import SimulationError
+    from jointgap.core.errors import SimulationError
 
     problem_with_springs = SimulationError("the spring breaks")
     object.__setattr__(model, "simulate", failing)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from jointgap.identification.fit import fit_hypothesis
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.identification.fit import chance, fit_hypothesis, wald_statistic
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.identification.significance import chance, wald_statistic
 from tests.identification.test_fit import made_fit
 from tests.identification.toy import candidate_of, stated_noise, toy
 

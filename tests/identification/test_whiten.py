@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.identification.whitening import Noise, autoregression, whiten
+from jointgap.identification.problem import Noise, autoregression, whiten
 
 
 def autoregressive(weights, size, seed):

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointgap.errors import SimulationError
-from jointgap.identification.protocol import Candidate, Effects, LawFamily, Parameter, Series
-from jointgap.identification.whitening import Noise
+from jointgap.core.candidates import Candidate, Effects, LawFamily, Parameter, Series
+from jointgap.core.errors import SimulationError
+from jointgap.identification.problem import Noise
 
 ROD_RATIO = 0.25
 FALLING_SPEED = 0.5  # m/s, over which a share of dry friction falls
@@ -105,7 +105,7 @@ def ringing(size: float, angle: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Toy:
-    """A `jointgap.identification.protocol.Model`."""
+    """A `jointgap.core.candidates.Model`."""
 
     series: Sequence[Series]
     nuisances: Sequence[Parameter]

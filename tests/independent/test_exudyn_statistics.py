@@ -12,8 +12,8 @@ import pytest
 pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 
 from benchmarks.exudyn_model import SliderCrank
-from jointgap.dynamics import simulate
-from jointgap.joints import PINS
+from jointgap.core.joints import PINS
+from jointgap.dynamics.simulate import simulate
 from tests.independent.cases import SPEED, mechanism, options
 
 RUNS, REVOLUTIONS = 24, 2  # after a first revolution, in which all runs are still alike

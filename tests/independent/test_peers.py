@@ -3,10 +3,10 @@
 import numpy as np
 
 from benchmarks.right_hand_side import right_hand_side
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.joint_forces import CONTACT, FLIGHT
-from jointgap.dynamics.simulation import VELOCITY_TIME
-from jointgap.dynamics.solver.runge_kutta import instant
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.joints import CONTACT, FLIGHT
+from jointgap.dynamics.runge_kutta import instant
+from jointgap.dynamics.simulate import VELOCITY_TIME
 from tests.dynamics.cases import mechanism, options
 
 SCALES = np.repeat([1.0, VELOCITY_TIME], 4)

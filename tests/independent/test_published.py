@@ -97,7 +97,7 @@ def test_exudyn_gives_the_same_motion():
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
     from benchmarks.exudyn_model import SliderCrank
     from jointgap.config import Simulate
-    from jointgap.dynamics import simulate
+    from jointgap.dynamics.simulate import simulate
     from tests.independent.cases import POSITIONS
 
     made, peer = mechanism(), SliderCrank(mechanism(), SPEED)

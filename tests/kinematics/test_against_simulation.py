@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from jointgap.config import Mechanism, Simulate, read_yaml
-from jointgap.dynamics import simulate
-from jointgap.joints import PINS
-from jointgap.kinematics import kinematics
+from jointgap.core.joints import PINS
+from jointgap.dynamics.simulate import simulate
+from jointgap.scenario.kinematics import kinematics
 from jointgap.tables import KINEMATICS, KINEMATICS_ERRORS, to_arrow
 
 ALL = ("crank_pivot", *PINS)

@@ -3,8 +3,8 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Simulate, load_mechanism
-from jointgap.kinematics import UNITS, clearance_motions, kinematics
-from jointgap.mechanism import ClearanceMotion, Motion, linkage_motion
+from jointgap.dynamics.kinematics import ClearanceMotion, Motion, linkage_motion
+from jointgap.scenario.kinematics import UNITS, clearance_motions, kinematics
 
 MECHANISM = load_mechanism("config/mechanisms/erkaya2009.yaml")
 OPTIONS = Simulate(samples_per_revolution=1800, revolutions=1)

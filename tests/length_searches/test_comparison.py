@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Scenario
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
+from jointgap.core.page import to_markdown
 from jointgap.length_searches.break_even import break_even, cost_from_which, gain_of_simulations, summary
 from jointgap.length_searches.compare_searches import WAYS, compare_searches
 from jointgap.length_searches.searches_figures import draw_searches
 from jointgap.length_searches.searches_page import Shown, headline, page, verdict, winner
-from jointgap.report.page import to_markdown
-from jointgap.stages.scenario_stages import SCENARIO_STAGES
+from jointgap.scenario.stages import SCENARIO_STAGES
 from tests.design_networks.spaces import scenario
 
 SMALL = {"optima": 2, "budgets": ["0.1 s", "0.25 s"], "repetitions": 2, "held_out": 8}

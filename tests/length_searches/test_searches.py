@@ -12,7 +12,7 @@ from jointgap.length_searches.error_surrogate import train_surrogate
 from jointgap.length_searches.learned_search import LearnedObjective, learned_search
 from jointgap.length_searches.settings import SETTINGS
 from jointgap.length_searches.training_pool import LEAST_DESIGNS, fill_pool
-from jointgap.link_lengths.region import Region
+from jointgap.lengths.region import Region
 from tests.design_networks.spaces import scenario
 
 REGION = Region(np.array([0.148, 0.560]), np.array([0.152, 0.568]), 0.27)

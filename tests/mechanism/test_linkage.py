@@ -5,8 +5,15 @@ import pytest
 import sympy
 
 from jointgap.config import load_mechanism
-from jointgap.errors import InputError
-from jointgap.mechanism import ClearanceMotion, Motion, clearance_lift, ideal_cycle, linkage_motion, transmission_angle
+from jointgap.core.errors import InputError
+from jointgap.dynamics.kinematics import (
+    ClearanceMotion,
+    Motion,
+    clearance_lift,
+    ideal_cycle,
+    linkage_motion,
+    transmission_angle,
+)
 
 MECHANISM = load_mechanism("config/mechanisms/erkaya2009.yaml")
 SPEED = 20 * np.pi

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from jointgap.mechanism import Motion, rotating_vector
+from jointgap.dynamics.kinematics import Motion, rotating_vector
 
 
 def jets(time):

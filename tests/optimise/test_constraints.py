@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from jointgap.config import Box, Constraints, Genetic, Optimise, load_mechanism, resolve
-from jointgap.errors import InputError
-from jointgap.link_lengths.constraints import PinForce, geometric
-from jointgap.link_lengths.genetic import evolve
-from jointgap.link_lengths.local import search_from_all
-from jointgap.link_lengths.objective import frozen_objective
-from jointgap.link_lengths.region import Region, check_constraints, regions
-from jointgap.mechanism import clearance_lift
+from jointgap.core.errors import InputError
+from jointgap.dynamics.kinematics import clearance_lift
+from jointgap.lengths.objective import frozen_objective
+from jointgap.lengths.region import PinForce, Region, check_constraints, geometric, regions
+from jointgap.lengths.search import evolve, search_from_all
 
 BOX = Box(crank_length=("147 mm", "153 mm"), rod_length=("555 mm", "575 mm"))
 OFFSET = 0.02

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import Genetic
-from jointgap.link_lengths.genetic import evaluations_until, evolve
-from jointgap.link_lengths.local import search_from_all
+from jointgap.lengths.search import evaluations_until, evolve, search_from_all
 
 OPTIONS = Genetic(population=20, generations=100, seed=5)
 

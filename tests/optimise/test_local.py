@@ -1,8 +1,8 @@
 import numpy as np
 
-from jointgap.link_lengths import local
-from jointgap.link_lengths.local import search, search_from_all, starting_points
-from jointgap.link_lengths.objective import Objective
+from jointgap.lengths import search as local
+from jointgap.lengths.objective import Objective
+from jointgap.lengths.search import search, search_from_all, starting_points
 
 
 def multipliers_are_right(objective, region, lengths):

@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.errors import InputError
-from jointgap.link_lengths.objective import MEASURES, evaluation_samples, frozen_objective, measure
-from jointgap.mechanism import clearance_lift
+from jointgap.core.errors import InputError
+from jointgap.dynamics.kinematics import clearance_lift
+from jointgap.lengths.objective import MEASURES, evaluation_samples, frozen_objective, measure
 
 LENGTHS = np.array([0.1492, 0.5611])
 

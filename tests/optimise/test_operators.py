@@ -4,13 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jointgap.config import Box
-from jointgap.link_lengths.genetic import (
-    feasible_mutation,
-    intermediate_crossover,
-    rank_expectation,
-    stochastic_uniform,
-)
-from jointgap.link_lengths.region import Region
+from jointgap.lengths.region import Region
+from jointgap.lengths.search import feasible_mutation, intermediate_crossover, rank_expectation, stochastic_uniform
 
 REGION = Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.27)
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from jointgap.config import Box
-from jointgap.errors import InputError
-from jointgap.link_lengths.region import Region
+from jointgap.core.errors import InputError
+from jointgap.lengths.region import Region
 
 REGION = Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.27)
 

@@ -2,17 +2,10 @@ import numpy as np
 import pytest
 
 from jointgap.config import Ensemble, Optimise, Simulate, load_mechanism
-from jointgap.dynamics import simulate
-from jointgap.joints import PINS
-from jointgap.link_lengths.objective import MEASURES, Measures, measure
-from jointgap.link_lengths.resimulate import (
-    Resimulation,
-    compare,
-    perturbations,
-    reduction_pairs,
-    resimulate,
-    sample_ranges,
-)
+from jointgap.core.joints import PINS
+from jointgap.dynamics.simulate import simulate
+from jointgap.lengths.objective import MEASURES, Measures, measure
+from jointgap.lengths.resimulate import Resimulation, compare, perturbations, reduction_pairs, resimulate, sample_ranges
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 OPTIMISE = Optimise(window=("60 deg", "360 deg"), ensemble=Ensemble(members=6, settled_revolution=2))

@@ -8,9 +8,9 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Ensemble, Genetic, Optimise, Simulate
-from jointgap.dynamics import simulate
-from jointgap.link_lengths.optimise_stage import objectives, optimise
-from jointgap.mechanism import ideal_cycle
+from jointgap.dynamics.kinematics import ideal_cycle
+from jointgap.dynamics.simulate import simulate
+from jointgap.lengths.optimise import objectives, optimise
 from jointgap.tables import optimise_tables as specifications
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
@@ -116,7 +116,7 @@ def test_the_whole_stage_is_the_same_twice(mechanism, trajectory, found):
 
 def test_torch_and_mlflow_are_not_needed():
     code = (
-        "import sys, jointgap.kinematics, jointgap.link_lengths.optimise_stage; sys.exit(bool({'torch', 'mlflow'} & "
+        "import sys, jointgap.scenario.kinematics, jointgap.lengths.optimise; sys.exit(bool({'torch', 'mlflow'} & "
         "set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

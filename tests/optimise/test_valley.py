@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from jointgap.link_lengths import valley
-from jointgap.link_lengths.local import search_from_all
-from jointgap.link_lengths.objective import MEASURES
+from jointgap.lengths import objective as valley
+from jointgap.lengths.objective import MEASURES
+from jointgap.lengths.search import search_from_all
 
 
 @pytest.fixture(scope="module")

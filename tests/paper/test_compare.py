@@ -6,8 +6,9 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import read_yaml, resolve
-from jointgap.joints import PINS
-from jointgap.paper.claims import (
+from jointgap.core.joints import PINS
+from jointgap.core.page import to_html, to_markdown
+from jointgap.paper.compare import (
     _contact,
     _deviations,
     _distinct,
@@ -15,13 +16,12 @@ from jointgap.paper.claims import (
     _main_optima,
     _networks,
     _optimisers,
+    _optimum,
     _real_gain,
     _superposed,
 )
-from jointgap.paper.comparison_page import page
+from jointgap.paper.pages import comparison_page
 from jointgap.paper.printed import FAILS, HOLDS, OPTIMA, TRAINING_MSE, UNKNOWN, Row, claim
-from jointgap.paper.printed_numbers import _optimum
-from jointgap.report.page import to_html, to_markdown
 from jointgap.tables import OUTPUTS
 
 
@@ -104,7 +104,7 @@ def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
     rows = [Row("number", "a < b", "1", 1.0, 2.0, "because & so"), claim("c | d", None, None, "", None, "who knows")]
     comparison = pd.DataFrame([row.record() for row in rows])
     tables.to_arrow(tables.COMPARISON, comparison)
-    shown = page(comparison, scenario)
+    shown = comparison_page(comparison, scenario)
     html, text = to_html(shown), to_markdown(shown)
     assert "a &lt; b" in html
     assert "because &amp; so" in html

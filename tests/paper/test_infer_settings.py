@@ -8,8 +8,9 @@ import yaml
 from jointgap import tables
 from jointgap.config import Scenario, resolve
 from jointgap.config.infer_settings_config import InferSettings
+from jointgap.core.errors import InputError
+from jointgap.core.page import to_markdown
 from jointgap.designs.design_of_experiments import designs_of
-from jointgap.errors import InputError
 from jointgap.paper_settings.infer_settings import (
     NUMBERS,
     check_infer_settings,
@@ -21,8 +22,7 @@ from jointgap.paper_settings.infer_settings import (
 from jointgap.paper_settings.infer_settings_page import headline, page
 from jointgap.paper_settings.infer_settings_results import NEAREST_NAME, nearest_configuration
 from jointgap.paper_settings.train_networks import NEAREST, RANDOM, train_networks
-from jointgap.report.page import to_markdown
-from jointgap.stages.scenario_stages import infer_settings, sweep
+from jointgap.scenario.stages import infer_settings, sweep
 from tests.dynamics.cases import mechanism, options
 
 PAPER = mechanism(friction=0.1)

@@ -5,19 +5,19 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import read_yaml, resolve
-from jointgap.paper import claims
-from jointgap.paper import scenario_overview as overview
-from jointgap.paper.comparison_page import page
-from jointgap.paper.looseness_variants import (
+from jointgap.core.page import to_html, to_markdown
+from jointgap.paper import compare
+from jointgap.paper import pages as overview
+from jointgap.paper.compare import (
     VariantOptimum,
     joints_claim,
     looseness_variants,
     more_is_better,
+    numbers,
     variant_optimum,
 )
+from jointgap.paper.pages import comparison_page
 from jointgap.paper.printed import FAILS, HOLDS, UNKNOWN, claim, departures
-from jointgap.paper.printed_numbers import numbers
-from jointgap.report.page import to_html, to_markdown
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
     tables.to_arrow(tables.OVERVIEW, found)
     assert tuple(found["scenario"]) == names
     assert tuple(found["family"]) == ("three_loose", "three_loose", "motor", "three_loose")
-    text = to_markdown(overview.page(found))
+    text = to_markdown(overview.overview_page(found))
     assert "| 1 of 1 | 0 of 1 | 0 of 1 | 1 of 2 |" in text
     assert text.startswith(
         "# The scenarios side by side: In 4 scenarios the RMS error of the transmission angle falls by 10"
@@ -120,7 +120,7 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
     angles = "0.1146 | 0.0573"  # 2e-3 and 1e-3 rad in deg
     row = f"| 1 | loose_crank_pin | crank pin | 30.00 (29.00 to 31.00) | 30.00 | {angles} |"
     assert row in section
-    assert "By count of loose joints" in to_html(overview.page(found))
+    assert "By count of loose joints" in to_html(overview.overview_page(found))
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_printed_numbers_are_not_held_against_another_mechanism_which_says_why(s
     assert any(words in found for found in departures(scenario.mechanism, scenario.simulate))
     assert not list(numbers({}, scenario))
     comparison = pd.DataFrame([claim("x", None, 1.0, "", True, "").record()])
-    text = to_markdown(page(comparison, scenario))
+    text = to_markdown(comparison_page(comparison, scenario))
     assert words in text and "Of 1 claims 1 hold" in text and "## Printed numbers" not in text
 
 
@@ -147,8 +147,8 @@ def test_what_the_paper_does_not_print_makes_no_other_mechanism(scenarios, name)
 
 def test_of_a_mechanism_that_is_not_the_paper_s_neither_numbers_nor_claims_with_a_size_are_told(scenarios, monkeypatch):
     general = [claim("general", 14.98, 5.0, "%", True, "")]
-    monkeypatch.setattr(claims, "_general", lambda *given: iter(general))
+    monkeypatch.setattr(compare, "_general", lambda *given: iter(general))
     compressor = resolve(read_yaml("config/compressor.yaml"))["compressor"]
-    assert [(row.item, row.paper) for row in claims.claims({}, compressor, ())] == [("general", None)]
+    assert [(row.item, row.paper) for row in compare.claims({}, compressor, ())] == [("general", None)]
     table = pd.DataFrame([row.record() for row in general])
-    assert "speed: 1450 rpm, not 600 rpm" in to_markdown(page(table, compressor))
+    assert "speed: 1450 rpm, not 600 rpm" in to_markdown(comparison_page(table, compressor))

@@ -9,9 +9,8 @@ import yaml
 
 from jointgap.config.layers import merge
 from jointgap.config.load import load_campaign
-from jointgap.mechanism.linkage import linkage_motion
-from jointgap.mechanism.motion import Motion
-from jointgap.recordings import read_measurements
+from jointgap.dynamics.kinematics import Motion, linkage_motion
+from jointgap.rig.read_files import read_measurements
 from tests.config.mechanisms import PAPER, paper
 
 SPEEDS = {"slow": 200.0, "fast": 600.0}  # rpm

@@ -6,9 +6,9 @@ import yaml
 from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from jointgap.config.load import load_campaign
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.mechanism.ideal_channels import SPEED_POWERS, ideal_channels
-from jointgap.recordings import read_measurements
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.kinematics import SPEED_POWERS, ideal_channels
+from jointgap.rig.read_files import read_measurements
 from tests.config.mechanisms import PAPER, paper
 from tests.recordings.rig import CAMPAIGN, read_rig, samples, table, write_rig
 
@@ -54,8 +54,8 @@ def both(channel, kind, other=""):
 
 def test_the_ideal_channels_are_those_of_the_simulation_without_clearance():
     from jointgap.config import Simulate
-    from jointgap.dynamics.solver.sampling import COLUMNS
-    from jointgap.slider_crank.channel_kinematics import channels_at
+    from jointgap.dynamics.sampling import COLUMNS
+    from jointgap.rig.channels import channels_at
 
     mechanism = paper()
     joints = {name: joint.model_copy(update={"loose": False}) for name, joint in dict(mechanism.joints).items()}

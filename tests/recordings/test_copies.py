@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from jointgap.config.load import load_campaign
-from jointgap.errors import InputError
-from jointgap.recordings import read_measurements
-from jointgap.recordings.copies import check_copies
-from jointgap.recordings.limits import DEFAULT_LIMITS
-from jointgap.tables.sample_file import Columns
+from jointgap.core.csv_files import Columns
+from jointgap.core.errors import InputError
+from jointgap.rig.read_files import check_copies, read_measurements
+from jointgap.rig.settings import DEFAULT_LIMITS
 from tests.recordings.rig import CAMPAIGN, table, write_rig
 
 SAME_SPEED = [run | {"speed": "200 rpm"} for run in CAMPAIGN["runs"]]

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 
 from jointgap import tables
 from jointgap.config.load import load_campaign
-from jointgap.errors import InputError
-from jointgap.recordings import read_measurements, to_frame
-from jointgap.recordings.inspection import _numbers
+from jointgap.core.errors import InputError
+from jointgap.rig.inspection import _numbers
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.recording import to_frame
 from tests.recordings.rig import CAMPAIGN, table, write_rig
 
 COUNT = 48

@@ -7,7 +7,8 @@ import pytest
 
 from jointgap import tables
 from jointgap.config.load import load_campaign
-from jointgap.recordings import inspect, read_measurements
+from jointgap.rig.inspection import inspect
+from jointgap.rig.read_files import read_measurements
 from tests.recordings.rig import CAMPAIGN, table, write_rig
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from jointgap.campaign.stages import measure
 from jointgap.campaign.state import CampaignState
-from jointgap.recordings.plausibility import clipped, no_data, stuck
-from jointgap.stages.campaign_stages import measure
+from jointgap.rig.checks import clipped, no_data, stuck
 from tests.config.mechanisms import PAPER
 from tests.recordings.rig import read_rig, samples, table, write_rig
 

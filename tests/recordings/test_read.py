@@ -10,8 +10,9 @@ import pytest
 import yaml
 
 from jointgap.config.load import load_campaign
-from jointgap.errors import InputError
-from jointgap.recordings import from_frame, read_measurements, to_frame
+from jointgap.core.errors import InputError
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.recording import from_frame, to_frame
 from tests.recordings.rig import CAMPAIGN, SPEEDS, read_rig, samples, table, write_rig
 
 SLOW, FAST = SPEEDS["slow"], SPEEDS["fast"]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.recordings.steadiness import speed_variation, unsteady
+from jointgap.rig.checks import speed_variation, unsteady
 from tests.slider_crank.rigs import campaign, mechanism
 
 SPEED = 310.0  # rad/s

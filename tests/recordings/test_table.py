@@ -4,9 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.config.campaign_file import Csv
-from jointgap.errors import InputError
-from jointgap.tables.sample_file import read_columns
+from jointgap.core.csv_files import Csv, read_columns
+from jointgap.core.errors import InputError
 
 WANTED = ("t", "x")
 T, X = [0.0, 0.5, 1.0], [1.25, np.nan, -3e-3]

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from jointgap.config.load import load_campaign
-from jointgap.errors import InputError
-from jointgap.recordings import from_frame, read_measurements, to_frame
+from jointgap.core.errors import InputError
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.recording import from_frame, to_frame
 from tests.recordings.rig import read_rig, table, write_rig
 
 SPEED = 200 * np.pi / 30

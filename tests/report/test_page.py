@@ -9,7 +9,7 @@ import pytest
 from markdown_it import MarkdownIt
 from PIL import Image
 
-from jointgap.report.page import (
+from jointgap.core.page import (
     Bullets,
     Cell,
     FigureBlock,
@@ -21,7 +21,7 @@ from jointgap.report.page import (
     to_html,
     to_markdown,
 )
-from jointgap.report.plain_words import in_words
+from jointgap.core.words import in_words
 
 PAGE = Page(
     "A < B",

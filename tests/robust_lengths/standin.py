@@ -5,7 +5,7 @@ from scipy import stats
 from scipy.stats import qmc
 
 from jointgap.config import Box, Constraints
-from jointgap.link_lengths.region import Region
+from jointgap.lengths.region import Region
 from jointgap.robust_lengths.robust_measure import RobustMeasure
 from jointgap.robust_lengths.search_lengths import RobustProblem
 from jointgap.robust_lengths.simulated_draws import Responses

@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 
 from jointgap.config import Constraints, Scenario
-from jointgap.dynamics import simulate
-from jointgap.errors import InputError
-from jointgap.report.page import to_markdown
+from jointgap.core.errors import InputError
+from jointgap.core.page import to_markdown
+from jointgap.dynamics.simulate import simulate
 from jointgap.robust_lengths.fresh_comparison import compare, share_with_interval
 from jointgap.robust_lengths.optimise_robust import _frozen, check_robust, optimise_robust
 from jointgap.robust_lengths.robust_figures import draw_robust

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from jointgap.config.load import load_campaign
-from jointgap.identification.protocol import Series
+from jointgap.core.candidates import Series
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import numpy as np
 from jointgap.config import Simulate
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS as UNITS
-from jointgap.dynamics import simulate
-from jointgap.recordings import Measurements, Recording
+from jointgap.dynamics.simulate import simulate
+from jointgap.rig.recording import Measurements, Recording
 
 CHANNELS = {
     "time": {"column": "t", "unit": "s"},

@@ -3,10 +3,9 @@
 import pytest
 
 from jointgap.config.campaign_file import Campaign
-from jointgap.errors import InputError
-from jointgap.joints import PINS
-from jointgap.slider_crank import build_model
-from jointgap.slider_crank.nuisances import check_bounds
+from jointgap.core.errors import InputError
+from jointgap.core.joints import PINS
+from jointgap.rig.model import build_model, check_bounds
 from tests.slider_crank.rigs import campaign, mechanism
 
 

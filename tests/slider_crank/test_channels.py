@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jointgap.config.channels import CHANNELS
-from jointgap.slider_crank import build_model
+from jointgap.rig.model import build_model
 from tests.slider_crank.rigs import campaign, mechanism
 
 SPEED, OFFSET = 30.0, 0.02  # rad/s; m, of the slide above the crank pivot

@@ -8,10 +8,9 @@ import pytest
 from jointgap.identification.baseline import probed_differences
 from jointgap.identification.confirmation import fit_run_parameters
 from jointgap.identification.fit import CONVERGED, fit_hypothesis
-from jointgap.identification.problem import Problem
-from jointgap.identification.whitening import Noise
-from jointgap.recordings import Measurements
-from jointgap.slider_crank import build_model
+from jointgap.identification.problem import Noise, Problem
+from jointgap.rig.model import build_model
+from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 CHANNELS = ("time", "slider_acceleration", "crank_torque", "guide_force")

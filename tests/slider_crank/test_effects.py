@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from jointgap.config import EFFECTS, Mechanism
-from jointgap.joints import PINS
-from jointgap.slider_crank import augmented_mechanism, build_model
-from jointgap.slider_crank.modified_mechanism import with_nuisances
+from jointgap.core.joints import PINS
+from jointgap.rig.model import build_model
+from jointgap.rig.simulate_run import augmented_mechanism, with_nuisances
 from tests.slider_crank.rigs import campaign, mechanism, recorded, worst
 
 FILE_EFFECTS = {

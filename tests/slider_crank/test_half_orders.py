@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 import yaml
 
+from jointgap.campaign.analyse import analyse
 from jointgap.config import Simulate
-from jointgap.dynamics.simulation import simulate
-from jointgap.recordings import Measurements
-from jointgap.slider_crank import build_model
-from jointgap.stages.campaign_pipeline import analyse
+from jointgap.dynamics.simulate import simulate
+from jointgap.rig.model import build_model
+from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, recorded
 
 READ = ("time", "crank_angle", "slider_acceleration", "crank_torque")

@@ -9,18 +9,18 @@ import pandas as pd
 import pytest
 import yaml
 
-from jointgap.campaign.verdict_sentences import answer
+from jointgap.campaign.analyse import analyse
+from jointgap.campaign.sentences import answer
 from jointgap.config import Simulate, load_mechanism
 from jointgap.config.load import load_campaign
-from jointgap.dynamics.simulation import simulate
-from jointgap.identification.advice import preflight
+from jointgap.dynamics.simulate import simulate
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.preflight import preflight
 from jointgap.identification.screening import SignatureRegression, simulate_signatures
-from jointgap.recordings import read_measurements
-from jointgap.slider_crank import SliderCrankModel, build_model
-from jointgap.slider_crank.sensors import lagged
-from jointgap.stages.campaign_pipeline import analyse
+from jointgap.rig.model import SliderCrankModel, build_model
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.sensors import lagged
 from tests.identification.test_law_family import asked
 from tests.identification.toy import stated_noise
 from tests.slider_crank.rigs import campaign, mechanism, recorded

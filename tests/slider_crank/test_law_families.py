@@ -8,8 +8,8 @@ import jsonschema
 import pytest
 import yaml
 
-from jointgap.campaign.verdict_sentences import answer
-from jointgap.stages.campaign_pipeline import analyse
+from jointgap.campaign.analyse import analyse
+from jointgap.campaign.sentences import answer
 from tests.slider_crank.test_library import written_campaign
 
 SCHEMA = json.loads(Path("workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))

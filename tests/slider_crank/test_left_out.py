@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.errors import InputError
-from jointgap.identification.noise_model import noise_of_model
-from jointgap.recordings import Measurements
-from jointgap.slider_crank import build_model
+from jointgap.core.errors import InputError
+from jointgap.identification.noise import noise_of_model
+from jointgap.rig.model import build_model
+from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 SEEN = ("time", "crank_angle", "slider_position")

@@ -9,17 +9,17 @@ import yaml
 
 from jointgap.config import Simulate, load_mechanism
 from jointgap.config.load import load_campaign
-from jointgap.dynamics.simulation import simulate
+from jointgap.core.candidates import runs_of
+from jointgap.dynamics.simulate import simulate
 from jointgap.formula import compile_formula
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.force_law import ForceLawResult, effect_of, find_force_law, term_of
-from jointgap.identification.noise_model import estimate_noise
-from jointgap.identification.protocol import runs_of
+from jointgap.identification.noise import estimate_noise
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.thresholds import thresholds
-from jointgap.recordings import read_measurements
-from jointgap.slider_crank import SliderCrankModel, augmented_mechanism, build_model
-from jointgap.slider_crank.force_law_terms import library
+from jointgap.rig.model import SliderCrankModel, build_model, library
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.simulate_run import augmented_mechanism
 
 MECHANISM = {
     "crank": {"length": 0.15, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},

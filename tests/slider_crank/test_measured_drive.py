@@ -6,11 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from jointgap.identification.noise_model import numerics_noise
-from jointgap.identification.problem import Problem
-from jointgap.identification.whitening import Noise, SharedErrors
-from jointgap.recordings import Measurements
-from jointgap.slider_crank import build_model
+from jointgap.identification.noise import numerics_noise
+from jointgap.identification.problem import Noise, Problem, SharedErrors
+from jointgap.rig.model import build_model
+from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 CHANNELS = ("time", "crank_angle", "slider_acceleration", "crank_torque")

@@ -5,11 +5,11 @@ import math
 import pytest
 
 from jointgap.config import EFFECTS, Mechanism
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.errors import InputError
+from jointgap.core.joints import PINS
 from jointgap.effects.describe import example
-from jointgap.errors import InputError
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.joints import PINS
-from jointgap.slider_crank.modified_mechanism import (
+from jointgap.rig.simulate_run import (
     augmented_mechanism,
     friction_speed,
     lasting_damping,

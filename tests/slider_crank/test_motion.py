@@ -6,16 +6,15 @@ from itertools import chain, repeat
 import numpy as np
 import pytest
 
-from jointgap.dynamics.simulation import integrate_on, integrate_to_angles
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.integrate import beginning
-from jointgap.errors import SimulationError
-from jointgap.slider_crank import build_model
-from jointgap.slider_crank import channel_kinematics as motion
-from jointgap.slider_crank.driven_run import constant_speed_run, measured_drive
-from jointgap.slider_crank.modified_mechanism import with_effects
-from jointgap.slider_crank.sample_grid import planned_grid
-from jointgap.slider_crank.settings import DEFAULT_SETTINGS, SampleGridSettings
+from jointgap.core.errors import SimulationError
+from jointgap.dynamics.integrate import beginning
+from jointgap.dynamics.simulate import integrate_on, integrate_to_angles, start_state
+from jointgap.rig import channels as motion
+from jointgap.rig.drives import constant_speed_run, measured_drive
+from jointgap.rig.model import build_model
+from jointgap.rig.sampling import planned_grid
+from jointgap.rig.settings import DEFAULT_SETTINGS, SampleGridSettings
+from jointgap.rig.simulate_run import with_effects
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 TURN = 2 * np.pi

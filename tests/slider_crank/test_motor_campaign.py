@@ -7,18 +7,18 @@ import pandas as pd
 import pytest
 import yaml
 
-from jointgap.campaign.preflight import preflight_tables
+from jointgap.campaign.analyse import analyse
+from jointgap.campaign.plan import preflight_tables
 from jointgap.config import Simulate, load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.config.scenario import MotorDrive
-from jointgap.dynamics.simulation import simulate
-from jointgap.errors import InputError
-from jointgap.identification.noise_model import noise_of_model
+from jointgap.core.errors import InputError
+from jointgap.dynamics.simulate import simulate
+from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
-from jointgap.recordings import read_measurements
-from jointgap.slider_crank import build_model
-from jointgap.stages.campaign_pipeline import analyse
+from jointgap.rig.model import build_model
+from jointgap.rig.read_files import read_measurements
 from tests.slider_crank.test_library import MECHANISM
 
 MOTOR = {"stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}

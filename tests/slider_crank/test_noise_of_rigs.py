@@ -10,12 +10,13 @@ import yaml
 from jointgap.config import Simulate, load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.config.scenario import MotorDrive
-from jointgap.dynamics import simulate
-from jointgap.identification.noise_model import estimate_noise, noise_of_model
+from jointgap.core.candidates import Series
+from jointgap.dynamics.simulate import simulate
+from jointgap.identification.noise import estimate_noise, noise_of_model
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Series
-from jointgap.recordings import Measurements, read_measurements
-from jointgap.slider_crank import build_model
+from jointgap.rig.model import build_model
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.recording import Measurements
 from tests.identification.toy import toy
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 

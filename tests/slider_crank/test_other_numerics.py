@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from jointgap.config.friction_laws import FRICTION_LAWS
-from jointgap.dynamics.model.friction import coulomb, threlfall
+from jointgap.core.joints import JOINTS
+from jointgap.dynamics.friction import coulomb, threlfall
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.problem import Problem
-from jointgap.identification.whitening import Noise
-from jointgap.joints import JOINTS
-from jointgap.slider_crank import build_model
-from jointgap.slider_crank.run_simulation import NUMERICS, channels_read, numerics_for, other_numerics
+from jointgap.identification.problem import Noise, Problem
+from jointgap.rig.model import build_model
+from jointgap.rig.simulate_run import NUMERICS, channels_read, numerics_for, other_numerics
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 SPEED = 1e-3  # m/s, of the usual law

@@ -5,9 +5,9 @@ import math
 import pytest
 import yaml
 
-from jointgap.campaign.verdict_page import page
-from jointgap.report.page import to_markdown
-from jointgap.stages.campaign_pipeline import analyse
+from jointgap.campaign.analyse import analyse
+from jointgap.campaign.page import page
+from jointgap.core.page import to_markdown
 from tests.slider_crank.test_library import written_campaign
 
 

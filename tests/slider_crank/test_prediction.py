@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from jointgap.config import MotorDrive
-from jointgap.joints import PINS
-from jointgap.recordings import Measurements
-from jointgap.slider_crank import build_model
+from jointgap.core.joints import PINS
+from jointgap.rig.model import build_model
+from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, recorded, worst
 
 

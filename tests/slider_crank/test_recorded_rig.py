@@ -7,14 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointgap.errors import InputError
+from jointgap.campaign.analyse import analyse
+from jointgap.core.errors import InputError
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.noise_model import estimate_noise, noise_of_model
-from jointgap.identification.problem import Problem
-from jointgap.identification.whitening import Noise
-from jointgap.recordings import read_measurements
-from jointgap.slider_crank.model_from_campaign import build_model
-from jointgap.stages.campaign_pipeline import analyse
+from jointgap.identification.noise import estimate_noise, noise_of_model
+from jointgap.identification.problem import Noise, Problem
+from jointgap.rig.model import build_model
+from jointgap.rig.read_files import read_measurements
 from tests.slider_crank import recorded_rig
 from tests.slider_crank.recorded_rig import Rig
 from tests.slider_crank.rigs import campaign, mechanism, recorded

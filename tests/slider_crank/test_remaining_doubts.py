@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from jointgap.config.load import load_campaign
-from jointgap.recordings import read_measurements
-from jointgap.slider_crank import build_model
-from jointgap.slider_crank.remaining_doubts import remaining_doubts
-from jointgap.slider_crank.sensor_faults import Faults
+from jointgap.rig.model import build_model, remaining_doubts
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.sensors import Faults
 from tests.recordings.rig import write_rig
 from tests.recordings.test_contradictions import OVER, measured
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.slider_crank import build_model, sensors
+from jointgap.rig import sensors
+from jointgap.rig.model import build_model
 from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, recorded, worst
 
 CORNER, INTERVAL = 20.0, 1e-4

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.recordings import RecordingLimits
-from jointgap.recordings.plausibility import angle_outliers, clipped, outliers
-from jointgap.slider_crank import DEFAULT_SETTINGS, SliderCrankSettings, build_model
-from jointgap.slider_crank.channel_kinematics import tolerance_for
-from jointgap.slider_crank.sample_grid import planned_grid, sample_grid
+from jointgap.rig.channels import tolerance_for
+from jointgap.rig.checks import angle_outliers, clipped, outliers
+from jointgap.rig.model import build_model
+from jointgap.rig.sampling import planned_grid, sample_grid
+from jointgap.rig.settings import DEFAULT_SETTINGS, RecordingLimits, SliderCrankSettings
 from tests.slider_crank.rigs import campaign, mechanism
 
 

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jointgap.core.joints import PINS
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import rank
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_singles
 from jointgap.identification.model_selection import refit_and_decide
+from jointgap.identification.problem import Noise
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.thresholds import Thresholds, thresholds
-from jointgap.identification.whitening import Noise
-from jointgap.joints import PINS
-from jointgap.recordings import Measurements
-from jointgap.slider_crank import build_model
+from jointgap.rig.model import build_model
+from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 CHANNELS = ("time", "crank_angle", "crank_torque", "slider_acceleration")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.slider_crank.sample_grid import speed_from_periodicity
+from jointgap.rig.sampling import speed_from_periodicity
 
 
 def read(speed, elapsed, seed, spikes=0.0):

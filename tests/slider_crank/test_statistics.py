@@ -5,14 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointgap.joints import PINS
-from jointgap.recordings import Measurements, Recording
-from jointgap.slider_crank import build_model
-from jointgap.slider_crank.chaotic_channels import ChaoticRun, measured_statistics
-from jointgap.slider_crank.cycle_statistics import CycleStatistics, cycle_variance, persistence
-from jointgap.slider_crank.run_simulation import RunPlan, channels_read
-from jointgap.slider_crank.sample_grid import sample_grid
-from jointgap.slider_crank.settings import DEFAULT_SETTINGS
+from jointgap.core.joints import PINS
+from jointgap.rig.model import build_model
+from jointgap.rig.recording import Measurements, Recording
+from jointgap.rig.sampling import sample_grid
+from jointgap.rig.settings import DEFAULT_SETTINGS
+from jointgap.rig.simulate_run import RunPlan, channels_read
+from jointgap.rig.statistics import ChaoticRun, CycleStatistics, cycle_variance, measured_statistics, persistence
 from tests.slider_crank.rigs import campaign, mechanism
 
 TURN = 2 * np.pi

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
-from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
-from jointgap.stages.code_digest import closure, code_digest, code_of
-from jointgap.stages.scenario_stages import SCENARIO_STAGES
+from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.core.stage import closure, code_digest, code_of
+from jointgap.scenario.stages import SCENARIO_STAGES
 from jointgap.trials.trial_stages import TRIAL_STAGES
 
 PRODUCT = {**SCENARIO_STAGES, **CAMPAIGN_STAGES}

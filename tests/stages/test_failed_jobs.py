@@ -5,7 +5,7 @@ from enum import Enum
 
 import pytest
 
-from jointgap.stages.failed_jobs import OneLineForAFailedJob
+from jointgap.app.report import OneLineForAFailedJob
 
 
 class Event(Enum):  # as snakemake_interface_logger_plugins.common.LogEvent

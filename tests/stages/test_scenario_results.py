@@ -5,12 +5,12 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Scenario, Surrogate, read_yaml
-from jointgap.dynamics import simulate
-from jointgap.errors import InputError
-from jointgap.stages.scenario_results import ScenarioResults, outputs_of, read_trajectory
-from jointgap.stages.trained_surrogates import trained_surrogates
-from jointgap.surrogate.train import train
-from jointgap.surrogate.train_clearance import train_clearance
+from jointgap.core.errors import InputError
+from jointgap.dynamics.simulate import simulate
+from jointgap.networks.clearance import train_clearance
+from jointgap.networks.train import train
+from jointgap.networks.trained import trained_surrogates
+from jointgap.scenario.results import ScenarioResults, outputs_of, read_trajectory
 
 MOTOR = {"kind": "motor", "stall_torque": 40.0, "no_load_speed": "660 rpm", "inertia": 0.05}
 QUICK = {"hidden": (2,), "training_points": 121, "iterations": 2, "seeds": (0,)}

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from jointgap.errors import InputError
-from jointgap.stages.what_came_out import optimum_lines, verdict_lines
+from jointgap.app.report import optimum_lines, verdict_lines
+from jointgap.core.errors import InputError
 from tests.campaign.verdicts import NAMED
 
 

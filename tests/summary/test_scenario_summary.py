@@ -7,11 +7,10 @@ import pandas as pd
 import pytest
 
 from jointgap.config import resolve
-from jointgap.link_lengths.region import regions
-from jointgap.report.page import to_html, to_markdown
-from jointgap.summary.scenario_outcome import outcome
-from jointgap.summary.scenario_page import document, headline, page
-from jointgap.summary.scenario_remarks import remarks
+from jointgap.core.page import to_html, to_markdown
+from jointgap.lengths.region import regions
+from jointgap.scenario.outcome import outcome, remarks
+from jointgap.scenario.page import document, headline, page
 
 SOURCES = ("networks", "clearance", "simulation", "simulation_settled")
 

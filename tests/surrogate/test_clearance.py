@@ -6,14 +6,11 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Surrogate
-from jointgap.errors import InputError
-from jointgap.joints import PINS
+from jointgap.core.errors import InputError
+from jointgap.core.joints import PINS
+from jointgap.networks.clearance import ClearanceNetwork, CrankSpeed, Layer, train_clearance
+from jointgap.networks.train import Samples
 from jointgap.paper.printed import TRAINING_MSE
-from jointgap.surrogate.clearance_network import ClearanceNetwork
-from jointgap.surrogate.crank_speed import CrankSpeed
-from jointgap.surrogate.tanh_basis import Layer
-from jointgap.surrogate.train_clearance import train_clearance
-from jointgap.surrogate.training_samples import Samples
 
 SPEED = 30.0
 LAYER = Layer(np.sort(np.random.default_rng(0).uniform(-0.5, 7.0, 60)), np.random.default_rng(1).uniform(0.1, 0.4, 60))

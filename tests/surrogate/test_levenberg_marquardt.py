@@ -5,9 +5,8 @@ import pytest
 import torch
 from scipy.optimize import least_squares
 
-from jointgap.surrogate.levenberg_marquardt import Settings, Status, minimise
-from jointgap.surrogate.network import Layout, nguyen_widrow
-from jointgap.surrogate.network_batch import NetworkModel
+from jointgap.networks.levenberg_marquardt import NetworkModel, Settings, Status, minimise
+from jointgap.networks.network import Layout, nguyen_widrow
 
 LAYOUT = Layout((6, 5))
 INPUTS = np.linspace(0.0, 1.0, 60)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from jointgap.surrogate.network import Layout, nguyen_widrow
-from jointgap.surrogate.network_batch import NetworkModel
+from jointgap.networks.levenberg_marquardt import NetworkModel
+from jointgap.networks.network import Layout, nguyen_widrow
 
 LAYOUTS = [Layout((10, 10, 10, 10)), Layout((5,)), Layout((3, 7))]
 INPUTS = np.linspace(0.0, 1.0, 31)

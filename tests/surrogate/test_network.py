@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jointgap import tables
-from jointgap.surrogate.network import Layout, Network, Scaling, nguyen_widrow
+from jointgap.networks.network import Layout, Network, Scaling, nguyen_widrow
 
 PAPER = Layout((10, 10, 10, 10))
 SMALL = Layout((4, 3))

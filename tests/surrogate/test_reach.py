@@ -4,10 +4,9 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Simulate, Surrogate, read_yaml, resolve
-from jointgap.dynamics import simulate
-from jointgap.surrogate.train import train
-from jointgap.surrogate.train_clearance import train_clearance
-from jointgap.surrogate.train_regularised import SAMPLING, train_regularised
+from jointgap.dynamics.simulate import simulate
+from jointgap.networks.clearance import train_clearance
+from jointgap.networks.train import SAMPLING, train, train_regularised
 from jointgap.tables import OUTPUTS
 
 pytestmark = pytest.mark.slow

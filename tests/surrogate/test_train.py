@@ -6,11 +6,11 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Surrogate
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
+from jointgap.networks.errors import Grid, Points, Trained, error_rows
+from jointgap.networks.network import Network
+from jointgap.networks.train import train
 from jointgap.paper.printed import TRAINING_MSE
-from jointgap.surrogate.fit_errors import Grid, Points, Trained, error_rows
-from jointgap.surrogate.network import Network
-from jointgap.surrogate.train import train
 
 SMALL = Surrogate(hidden=(6,), training_points=73, iterations=60, seeds=(4, 1, 2), seed_iterations=25)
 
@@ -131,7 +131,5 @@ def test_later_stages_evaluate_fits_without_loading_torch():
     import subprocess
     import sys
 
-    code = (
-        "import sys, jointgap.surrogate.network, jointgap.surrogate.clearance_network; sys.exit('torch' in sys.modules)"
-    )
+    code = "import sys, jointgap.networks.network, jointgap.networks.clearance; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

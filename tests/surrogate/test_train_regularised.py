@@ -6,10 +6,9 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Surrogate
-from jointgap.surrogate.fit_errors import Points, smoothing_spline
-from jointgap.surrogate.network import Network
-from jointgap.surrogate.train import train
-from jointgap.surrogate.train_regularised import train_regularised
+from jointgap.networks.errors import Points, smoothing_spline
+from jointgap.networks.network import Network
+from jointgap.networks.train import train, train_regularised
 
 OPTIONS = Surrogate(
     hidden=(10, 10), training_points=91, iterations=300, seeds=(4,), regularised_neurons=40, regularised_iterations=40

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from jointgap import tables
-from jointgap.errors import InputError
-from jointgap.tables.export import export
+from jointgap.core.errors import InputError
+from jointgap.core.export import export
 from tests.track.synthetic import numbers
 
 

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from jointgap import tables
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.tables import Column, Table
 
 SMALL = Table(

@@ -8,7 +8,7 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
-from jointgap.stages.scenario_stages import SCENARIO_STAGES
+from jointgap.scenario.stages import SCENARIO_STAGES
 from jointgap.tables import OUTPUTS, Table
 from jointgap.tables.compare_tables import COMPARISON
 from jointgap.tables.kinematics_tables import KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS

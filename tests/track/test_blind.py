@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from jointgap import tables
-from jointgap.cli import cli
-from jointgap.errors import InputError
+from jointgap.app.cli import cli
+from jointgap.core.errors import InputError
 from jointgap.track.dashboard import addresses
 from jointgap.trials.score import TRIALS
 from jointgap.trials.trials_report import mlflow_records, rates

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jointgap import tables
-from jointgap.surrogate.clearance_network import ClearanceNetwork
+from jointgap.networks.clearance import ClearanceNetwork
 from jointgap.tables import OUTPUTS
 from jointgap.track import network_files as weights
 from jointgap.track.run_record import Curve

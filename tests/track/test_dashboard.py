@@ -14,7 +14,7 @@ import urllib.request
 
 import pytest
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track import dashboard as served
 from jointgap.track.dashboard import dashboard, free_port
 from jointgap.track.publish import publish

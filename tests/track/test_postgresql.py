@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.project import ROOT
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.dashboard import free_port
 from jointgap.track.store_check import check
 from tests.track.writers import KINDS

@@ -11,7 +11,7 @@ import time
 
 import pytest
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.mlflow_store import address_for
 from jointgap.track.publish import publish, publish_records
 from jointgap.track.run_record import Record

@@ -3,7 +3,7 @@
 import pytest
 
 from jointgap import tables
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.publish import publish
 from tests.track.synthetic import benchmark, numbers, scenario
 

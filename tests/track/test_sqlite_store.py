@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.dashboard import dashboard
 from jointgap.track.mlflow_store import address_for, default_address, opened
 from jointgap.track.publish import publish

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.store_check import check
 from jointgap.track.store_lock import is_postgresql
 

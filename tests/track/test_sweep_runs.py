@@ -9,11 +9,11 @@ import pytest
 
 from jointgap import tables
 from jointgap.config import Scenario
+from jointgap.core.errors import InputError
 from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.designs_to_parquet import write_dataset
-from jointgap.errors import InputError
-from jointgap.stages.scenario_results import ScenarioResults
-from jointgap.stages.scenario_stages import SCENARIO_STAGES, track_sweep
+from jointgap.scenario.results import ScenarioResults
+from jointgap.scenario.stages import SCENARIO_STAGES, track_sweep
 from jointgap.tables import robust_fresh
 from jointgap.track.experiment_views import VIEWS
 from jointgap.track.sweep_run_parts import DESIGNS

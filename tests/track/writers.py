@@ -13,7 +13,7 @@ import mlflow.store.tracking.sqlalchemy_store  # loaded before the processes par
 import mlflow.tracking  # noqa: F401
 import numpy as np
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.publish import publish_records
 from jointgap.track.run_record import Curve, Dataset, Record
 from tests.track.synthetic import simulated

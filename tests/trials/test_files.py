@@ -3,8 +3,8 @@
 import pytest
 from click.testing import CliRunner
 
-from jointgap.cli import cli
-from jointgap.errors import InputError
+from jointgap.app.cli import cli
+from jointgap.core.errors import InputError
 from jointgap.trials.batches import listed_trials, read_trial_records
 from jointgap.trials.score import score_batches
 

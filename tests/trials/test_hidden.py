@@ -10,10 +10,10 @@ import yaml
 
 from jointgap.config import EFFECTS, Mechanism
 from jointgap.config.load import load_campaign, validate
-from jointgap.errors import InputError
-from jointgap.joints import PINS
-from jointgap.recordings import read_measurements
-from jointgap.slider_crank.modified_mechanism import with_nuisances
+from jointgap.core.errors import InputError
+from jointgap.core.joints import PINS
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.simulate_run import with_nuisances
 from jointgap.trials.batches import cached_record, folder_digest
 from jointgap.trials.idle_effects import idle_effects
 from jointgap.trials.injected_effects import DRAWN_APART, LISTED, OFF_LIST, InjectedEffect

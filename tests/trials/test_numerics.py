@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import Simulate
-from jointgap.dynamics import simulate
+from jointgap.dynamics.simulate import simulate
 from jointgap.trials.sensor_readings import CrankRun, Numerics, simulate_signals
 from tests.independent.cases import mechanism
 

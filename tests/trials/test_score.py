@@ -10,10 +10,10 @@ from scipy.stats import binom
 
 from jointgap import tables
 from jointgap.config import EFFECTS
-from jointgap.errors import InputError
-from jointgap.identification.estimates import LEVELS
-from jointgap.report.page import to_markdown
-from jointgap.slider_crank.sensor_faults import FAULTS
+from jointgap.core.errors import InputError
+from jointgap.core.page import to_markdown
+from jointgap.identification.fit import LEVELS
+from jointgap.rig.sensors import FAULTS
 from jointgap.trials.analyse_trial import greedy_names, statistics_names
 from jointgap.trials.make_trial import ANGLE_PIECES
 from jointgap.trials.score import (

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("pysindy", reason="needs pysindy: scripts/set-up peers")
 
 from jointgap.config.load import load_campaign
-from jointgap.recordings import read_measurements
+from jointgap.rig.read_files import read_measurements
 from jointgap.trials.make_trial import make_trial
 from jointgap.trials.sparse_regression import sparse_names
 from jointgap.trials.trial_plan import TrialPlan

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from jointgap.config.load import load_campaign
-from jointgap.errors import InputError
-from jointgap.recordings import read_measurements
+from jointgap.core.errors import InputError
+from jointgap.rig.read_files import read_measurements
 from jointgap.trials.make_trial import make_trial
 from jointgap.trials.trial_plan import TrialPlan, plan_trials, read_sets
 from jointgap.trials.wiring import DAMAGES

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from benchmarks.project import ROOT, run
-from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
+from jointgap.campaign.stages import CAMPAIGN_STAGES
 
 
 @pytest.fixture

@@ -5,12 +5,12 @@ import re
 import pytest
 
 from benchmarks.project import SMOKE_REPORT
+from jointgap.app import report as report_page
 from jointgap.config import resolve
 from jointgap.config.documents import read_yaml
-from jointgap.figures.catalogue import CATALOGUE
-from jointgap.report.page import to_html
-from jointgap.stages import report_page
-from jointgap.stages.scenario_results import ScenarioResults
+from jointgap.core.page import to_html
+from jointgap.scenario.figures_catalogue import CATALOGUE
+from jointgap.scenario.results import ScenarioResults
 
 
 @pytest.fixture(scope="module")

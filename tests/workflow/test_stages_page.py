@@ -3,7 +3,7 @@
 import re
 
 from benchmarks.project import ROOT, run
-from jointgap.stages.scenario_stages import SCENARIO_STAGES
+from jointgap.scenario.stages import SCENARIO_STAGES
 
 
 def test_the_page_is_what_the_records_say():

@@ -12,7 +12,7 @@ def check_mlflow_store():
         return
     if not any("mlflow_store" in job.rule.resources for job in workflow.dag.needrun_jobs()):
         return
-    from jointgap.errors import InputError
+    from jointgap.core.errors import InputError
     from jointgap.track.mlflow_store import address_for
     from jointgap.track.store_check import check  # loads mlflow
 

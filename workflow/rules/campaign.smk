@@ -1,5 +1,5 @@
 # Campaigns: measured runs of a rig against its model, from the files to a verdict. `make campaign` runs one alone. What the
-# stages read and write stands in their records (jointgap.stages.campaign_stages), and as a picture in docs/workflow.md.
+# stages read and write stands in their records (jointgap.campaign.stages), and as a picture in docs/workflow.md.
 
 
 rule campaigned:

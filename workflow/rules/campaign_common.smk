@@ -1,8 +1,8 @@
 # What the rules of campaigns share: where the tables of each stage lie, and the files of each campaign.
 
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
-from jointgap.stages.campaign_stages import CAMPAIGN_STAGES
-from jointgap.figures.campaign_catalogue import CATALOGUE as CAMPAIGN_FIGURES
+from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.campaign.figures_catalogue import CATALOGUE as CAMPAIGN_FIGURES
 
 
 def campaign_place(path):

@@ -9,14 +9,14 @@ from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
 
 from jointgap.campaign.campaign_files import campaigns
-from jointgap.paper.looseness_variants import looseness_variants
+from jointgap.paper.compare import looseness_variants
 from jointgap.config import Constraints, check_whole, resolve
-from jointgap.errors import InputError
-from jointgap.joints import JOINT_NUMBERS
-from jointgap.parts import parts
-from jointgap.figures.catalogue import FIGURES
-from jointgap.stages.scenario_results import parts_of
-from jointgap.stages.scenario_stages import IMPACTS_PAGE, SCENARIO_STAGES
+from jointgap.core.errors import InputError
+from jointgap.core.joints import JOINT_NUMBERS
+from jointgap.core.progress import parts
+from jointgap.scenario.figures_catalogue import FIGURES
+from jointgap.scenario.results import parts_of
+from jointgap.scenario.stages import IMPACTS_PAGE, SCENARIO_STAGES
 from jointgap.tables import INFERRED_DESIGNS_PATH, INFERRED_TABLES, SENSITIVITY_TABLES, outputs, write_text
 
 # Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.
@@ -34,7 +34,7 @@ try:
     SCENARIOS = resolve(config, FOLDERS, whole=False)
     CAMPAIGNS = campaigns(config.get("campaigns", []), FOLDERS, config.get("fit_parts"))
     if any(scenario.optimise.constraints != Constraints() for scenario in SCENARIOS.values()):
-        from jointgap.link_lengths.region import check_constraints  # loads scipy
+        from jointgap.lengths.region import check_constraints  # loads scipy
 
         check_constraints(SCENARIOS)
 except InputError as error:

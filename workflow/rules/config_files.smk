@@ -5,7 +5,7 @@ import os
 from snakemake.exceptions import WorkflowError
 
 from jointgap.config import read_yaml
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 
 
 def check_config_files(*more):

@@ -1,4 +1,4 @@
-# The stages of a scenario. What they read and write stands in their records (jointgap.stages.scenario_stages), and as a
+# The stages of a scenario. What they read and write stands in their records (jointgap.scenario.stages), and as a
 # picture in docs/workflow.md.
 
 

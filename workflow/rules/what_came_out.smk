@@ -4,12 +4,12 @@
 from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
 
-from jointgap.tables.results_folder import ResultsFolder
+from jointgap.core.results_folder import ResultsFolder
 
 
 onsuccess:
-    from jointgap.campaign.failures import failures
-    from jointgap.stages.what_came_out import optimum_lines, verdict_lines
+    from jointgap.campaign.campaign_files import failures
+    from jointgap.app.report import optimum_lines, verdict_lines
 
     asked = {(job.rule.name, *job.wildcards) for job in workflow.dag.jobs}
     failed = []

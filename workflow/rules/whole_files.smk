@@ -6,7 +6,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
 
-from jointgap.tables.digest import is_as_written
+from jointgap.core.parquet import is_as_written
 
 
 def whole(paths):

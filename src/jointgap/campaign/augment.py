@@ -1,25 +1,124 @@
-"""Stage augment: the mechanism with what was found written in, ready for every other stage."""
+"""The mechanism with what was found."""
 
-from collections.abc import Mapping
+import math
+import re
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import pandas as pd
 import yaml
 
 from jointgap import tables
-from jointgap.campaign.as_written import EXACT, as_written
-from jointgap.campaign.clockwise import clockwise, nuisances_as_read
-from jointgap.campaign.missing_force import missing_force
-from jointgap.campaign.phrasing import effect_in_words, estimate_row, is_fault, parameter_in_words, unit_of
-from jointgap.campaign.tables_of_identification import Outcome
-from jointgap.config import Mechanism
+from jointgap.campaign.fits_on_disk import Outcome, clockwise, nuisances_as_read
+from jointgap.campaign.sentences import effect_in_words, estimate_row, is_fault, parameter_in_words, unit_of
+from jointgap.config import Mechanism, Simulate
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import validate
-from jointgap.errors import InputError
-from jointgap.identification.estimates import determined_values, effect_estimates, is_taken_over
-from jointgap.identification.protocol import Parameter
-from jointgap.report.plain_words import nuisance_in_words
-from jointgap.slider_crank import augmented_mechanism
+from jointgap.core.candidates import Parameter
+from jointgap.core.errors import InputError
+from jointgap.core.words import nuisance_in_words
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.equations import crank_losses, slider_force
+from jointgap.dynamics.simulate import simulate
+from jointgap.identification.fit import determined_values, effect_estimates, is_taken_over
+from jointgap.quantities import split_quantity
+from jointgap.rig.channels import tolerance_for
+from jointgap.rig.simulate_run import augmented_mechanism
+
+DIGITS = 7  # of a number that was found: far below what it is known to, and far from digits that mean nothing
+EXACT = 17  # digits that every number keeps its value with
+
+_MISSING = object()
+
+
+def as_written(new: Any, old: Any, text: Any = _MISSING, digits: int = DIGITS) -> Any:
+    """`new` content of a file in the words of the one that it is changed from."""
+    if new == old and text is not _MISSING:
+        return text
+    if isinstance(new, Mapping):
+        before, written = (part if isinstance(part, Mapping) else {} for part in (old, text))
+        left_out = text is not _MISSING and isinstance(text, Mapping)
+        return {
+            key: as_written(value, before.get(key, _MISSING), written.get(key, _MISSING), digits)
+            for key, value in new.items()
+            if not (left_out and key not in written and key in before and before[key] == value)
+        }
+    if isinstance(new, list | tuple):
+        before, written = (list(part) if isinstance(part, list | tuple) else [] for part in (old, text))
+        return [
+            as_written(
+                value,
+                before[place] if place < len(before) else _MISSING,
+                written[place] if place < len(written) else _MISSING,
+                digits,
+            )
+            for place, value in enumerate(new)
+        ]
+    if not isinstance(new, float):
+        return new
+    if new == old:
+        return new
+    return _in_its_unit(new, old, text, digits) or float(f"{new:.{digits}g}")
+
+
+def _in_its_unit(new: float, old: Any, text: Any, digits: int) -> str | None:
+    """A number in the unit in which the user wrote the one that it takes the place of; None where that has none."""
+    if not isinstance(text, str) or not isinstance(old, float) or not old:
+        return None
+    number, unit = split_quantity(text)
+    if not unit:
+        return None
+    per_unit = old / float(number)
+    own = re.sub(r"^[-+\N{MINUS SIGN}0-9.eE]+\s*", "", text.strip())
+    return f"{new / per_unit:.{digits}g} {own}" if own else None
+
+
+_SAMPLES = 360  # of the one revolution that is shown
+_SETTLES = 2  # revolutions
+
+
+def missing_force(
+    base: Mechanism, augmented: Mechanism, speeds: Mapping[str, float], clockwise: Collection[str] = ()
+) -> pd.DataFrame:
+    """Force on the slider and torque on the crank of the augmented model less those of the base, at the same motion.
+
+    Effects that act otherwise (masses, lengths, clearances, sensors) leave both at zero.
+    """
+    parts = []
+    for run, speed in speeds.items():
+        if run not in clockwise:
+            parts.append(_along(run, base, augmented, speed))
+            continue
+        behind = _along(run, base.applied().mirrored(), augmented.applied().mirrored(), speed).iloc[::-1]
+        turned = {"crank_angle": math.tau - behind["crank_angle"], "crank_torque": -behind["crank_torque"]}
+        parts.append(behind.assign(**turned))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.DataFrame:
+    options = Simulate(
+        speed=speed,
+        revolutions=_SETTLES + 1,
+        samples_per_revolution=_SAMPLES,
+        tolerance=tolerance_for(augmented.applied()),
+    )
+    samples = simulate(augmented, options).samples.tail(_SAMPLES + 1)
+    places = samples[["slider_position", "slider_velocity", "crank_speed", "crank_angle", "time"]].to_numpy()
+    guide = samples["guide_force"].to_numpy()
+    after, before = parameters(augmented, options), parameters(base, options)
+    pushes = [slider_force(after, n, *at) - slider_force(before, n, *at) for n, at in zip(guide, places, strict=True)]
+    turns = [crank_losses(after, *at) - crank_losses(before, *at) for at in places]
+    return pd.DataFrame(
+        {
+            "run": run,
+            "crank_angle": samples["crank_angle"].to_numpy() - math.tau * _SETTLES,
+            "slider_position": places[:, 0],
+            "slider_velocity": places[:, 1],
+            "slider_force": pushes,
+            "crank_torque": turns,
+        }
+    )
+
 
 _WIDTH = 110  # [characters] of a line of YAML: short lists stay on one
 

@@ -1,16 +1,21 @@
-"""Which campaigns a configuration asks for, which files each is made of, and the files that it comes to.
+"""Files of a campaign's results."""
 
-Importing this loads nothing heavy.
-"""
-
+import json
 import os
 import re
-from collections.abc import Sequence
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jointgap.errors import InputError
+import pandas as pd
+
+from jointgap.config.campaign_file import Campaign
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.results_folder import ResultsFolder
+from jointgap.tables import write_text
 
 MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
 SUMMARIES = ("summary.md", "summary.html")
@@ -89,3 +94,74 @@ def _file(path: str, folders: Sequence[Path]) -> Path:
     raise InputError(
         f"campaigns: no file '{path}'{searched_folders}; correct the path (CAMPAIGN=... of `make campaign`)"
     )
+
+
+_FOLDER = "failed"
+
+
+@contextmanager
+def noted(folder: ResultsFolder, what: str) -> Iterator[None]:
+    """Around what only adds to a verdict: an error is noted in the results `folder` as `what`, and the rest goes on."""
+    place = folder.path / _FOLDER / f"{what}.txt"
+    place.unlink(missing_ok=True)
+    try:
+        yield
+    except OSError:  # a full disk is not this one's fault
+        raise
+    except Exception as error:
+        kind = "" if isinstance(error, InputError | SimulationError) else f"{type(error).__name__}: "
+        write_text(place, f"{kind}{' '.join(str(error).split())}\n\n{traceback.format_exc()}")
+
+
+def failures(folder: ResultsFolder) -> dict[str, str]:
+    """Why something failed that only adds to the verdict, in a line, by its name."""
+    places = sorted((folder.path / _FOLDER).glob("*.txt"))
+    return {place.stem: place.read_text(encoding="utf-8").partition("\n")[0] for place in places}
+
+
+_SPARE = {"name", "date", "folder"}  # a campaign may be renamed, dated or moved without its data becoming others
+
+
+def config_snapshot(campaign: Campaign) -> pd.DataFrame:
+    """Table `jointgap.tables.CONFIG_SNAPSHOT`: every key of a campaign and its mechanism, with its value."""
+    return pd.DataFrame(_rows(campaign), columns=["key", "value"])
+
+
+def check_unchanged(campaign: Campaign, snapshot: pd.DataFrame) -> None:
+    """Make sure that a campaign file says what it did when its data were read.
+
+    Fits are kept sample by sample: with a run, a channel or a unit changed they would be taken for those of other data.
+    """
+    now, then = dict(_rows(campaign)), dict(zip(snapshot["key"], snapshot["value"], strict=True))
+    if list(now.items()) == list(then.items()):
+        return
+    changed = next((key for key in {**then, **now} if now.get(key) != then.get(key)), None)
+    if changed is None:
+        what = "its keys stand in another order"
+    elif changed not in then:
+        what = f"{changed} = {now[changed]} is new"
+    elif any(key.startswith(f"{changed}.") for key in now):
+        what = f"{changed} is a mapping now, it was {then[changed]}"
+    elif changed not in now:
+        what = f"{changed} is gone, it was {then[changed]}"
+    else:
+        what = f"{changed} is {now[changed]} now, it was {then[changed]}"
+    raise InputError(
+        f"campaign {campaign.name}: the file has changed since its data were read ({what}; SI); run `jointgap measure` "
+        "on it again, and the stages after it"
+    )
+
+
+def _rows(campaign: Campaign) -> list[tuple[str, str]]:
+    content = campaign.model_dump(mode="json", exclude=_SPARE)
+    content["runs"] = {run.pop("id"): run for run in content["runs"]}
+    content["nuisance"] = dict(campaign.nuisance)  # to the last digit
+    return list(_leaves(content, ""))
+
+
+def _leaves(content: Any, place: str) -> Iterator[tuple[str, str]]:
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield from _leaves(value, f"{place}.{key}" if place else str(key))
+    else:
+        yield place, json.dumps(content)

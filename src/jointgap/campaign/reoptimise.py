@@ -6,12 +6,12 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulate, Surrogate
-from jointgap.dynamics import simulate
-from jointgap.errors import InputError, SimulationError
-from jointgap.joints import JOINT_NUMBERS
-from jointgap.link_lengths.optimise_stage import optimise
-from jointgap.mechanism import Fit
-from jointgap.slider_crank.channel_kinematics import tolerance_for
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.joints import JOINT_NUMBERS
+from jointgap.dynamics.kinematics import Fit
+from jointgap.dynamics.simulate import simulate
+from jointgap.lengths.optimise import optimise
+from jointgap.rig.channels import tolerance_for
 
 NETWORK = "network"
 
@@ -73,7 +73,7 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
 
 
 def _trained(trajectory: pd.DataFrame, output: str) -> Fit:
-    from jointgap.surrogate.train import train  # PyTorch takes seconds to start
+    from jointgap.networks.train import train  # PyTorch takes seconds to start
 
     return train(trajectory, output, _SURROGATE).default.values_and_slopes
 

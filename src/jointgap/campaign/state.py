@@ -8,22 +8,21 @@ from typing import TYPE_CHECKING
 
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, plan
 from jointgap.config.load import load_campaign
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
+from jointgap.core.results_folder import ResultsFolder
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.tables import CONFIG_SNAPSHOT, CONTRADICTIONS, FIT_TABLES, MEASURED, NOISE_TABLES, REMARKS, TABLES
-from jointgap.tables.results_folder import ResultsFolder
 
-if TYPE_CHECKING:  # what a stage does not ask for is not imported: the compiled dynamics take seconds to load
-    from jointgap.campaign.tables_of_identification import Outcome
+if TYPE_CHECKING:
+    from jointgap.campaign.fits_on_disk import Outcome
+    from jointgap.core.candidates import Candidate, Model
     from jointgap.identification.baseline import Baseline
     from jointgap.identification.fit import Fit
-    from jointgap.identification.noise_model import NoiseEstimate
+    from jointgap.identification.noise import NoiseEstimate
     from jointgap.identification.problem import Problem
-    from jointgap.identification.protocol import Candidate, Model
     from jointgap.identification.thresholds import Screening
-    from jointgap.recordings import Measurements
-    from jointgap.recordings.limits import RecordingLimits
-    from jointgap.slider_crank import SliderCrankSettings
+    from jointgap.rig.recording import Measurements
+    from jointgap.rig.settings import RecordingLimits, SliderCrankSettings
 
 Noise = dict[tuple[str, str], "NoiseEstimate"]
 """Noise of every series, by run and channel."""
@@ -62,14 +61,14 @@ class CampaignState:
     @property
     def model_settings(self) -> "SliderCrankSettings":
         """Tuned numbers of the slider-crank model."""
-        from jointgap.slider_crank import DEFAULT_SETTINGS
+        from jointgap.rig.settings import DEFAULT_SETTINGS
 
         return self._model_settings or DEFAULT_SETTINGS
 
     @property
     def recording_limits(self) -> "RecordingLimits":
         """Those of the model's settings by which recordings are checked."""
-        from jointgap.recordings.limits import DEFAULT_LIMITS
+        from jointgap.rig.settings import DEFAULT_LIMITS
 
         return self._model_settings.recordings if self._model_settings else DEFAULT_LIMITS
 
@@ -81,9 +80,9 @@ class CampaignState:
     @cached_property
     def measurements(self) -> "Measurements":
         """What the stage measure read."""
-        from jointgap.campaign.config_snapshot import check_unchanged
-        from jointgap.recordings import from_frame
-        from jointgap.recordings.contradictions import Contradiction
+        from jointgap.campaign.campaign_files import check_unchanged
+        from jointgap.rig.contradictions import Contradiction
+        from jointgap.rig.recording import from_frame
 
         check_unchanged(self.campaign, self.folder.read(CONFIG_SNAPSHOT))
         remarks = tuple(self.folder.read(REMARKS)["remark"])
@@ -97,7 +96,7 @@ class CampaignState:
 
     def check_agreement(self) -> None:
         """Make sure that channels do not contradict each other before hours of work."""
-        from jointgap.recordings.contradictions import sentences
+        from jointgap.rig.contradictions import sentences
 
         if found := [one for one in self.measurements.contradictions if one.stops]:
             raise InputError(
@@ -111,21 +110,21 @@ class CampaignState:
         """Channels that contradict others even once the faults of sensors that `explanations` hold are taken out."""
         if not self.doubted_channels:
             return ()
-        from jointgap.slider_crank.remaining_doubts import remaining_doubts
+        from jointgap.rig.model import remaining_doubts
 
         return remaining_doubts(self.model, self.measurements, explanations)
 
     @cached_property
     def model(self) -> "Model":
         """The rig's model with the measured data."""
-        from jointgap.slider_crank import build_model
+        from jointgap.rig.model import build_model
 
         return build_model(self.campaign, self.measurements, settings=self.model_settings)
 
     @cached_property
     def library(self) -> "list[Candidate]":
         """Terms that a law for a missing force may have."""
-        from jointgap.slider_crank.force_law_terms import library
+        from jointgap.rig.model import library
 
         return list(library(self.model))
 
@@ -140,7 +139,7 @@ class CampaignState:
         return self._noise("recalibrate")
 
     def _noise(self, stage: str) -> Noise:
-        from jointgap.campaign.tables_of_identification import noise_from_frames
+        from jointgap.campaign.fits_on_disk import noise_from_frames
 
         noise = noise_from_frames(self.folder.read_all(NOISE_TABLES, stage))
         for series in self.model.series:
@@ -176,7 +175,7 @@ class CampaignState:
     @cached_property
     def screening(self) -> "Screening":
         """Signatures of all candidates, and thresholds."""
-        from jointgap.campaign.tables_of_identification import signatures_from_frames
+        from jointgap.campaign.fits_on_disk import signatures_from_frames
         from jointgap.identification.thresholds import Screening, Thresholds
 
         limits = Thresholds(**self.folder.read("thresholds").to_dict("records")[0])
@@ -194,7 +193,7 @@ class CampaignState:
 
     def outcome(self, stage: str) -> "Outcome":
         """The outcome that the stage decide or regress came to, or the final one: `stage` verdict."""
-        from jointgap.campaign.tables_of_identification import Outcome
+        from jointgap.campaign.fits_on_disk import Outcome
         from jointgap.identification.decide_verdict import UNEXPLAINED
 
         row = self.folder.read("decision", stage).iloc[0]
@@ -214,25 +213,25 @@ class CampaignState:
         return Outcome(row["verdict"], row["because"], chosen, base, equivalent, ranking, best_known)
 
     def _read_fits(self, stage: str, problem: "Problem", more: "Sequence[Candidate]" = ()) -> "list[Fit]":
-        from jointgap.campaign.tables_of_identification import fits_from_frames
+        from jointgap.campaign.fits_on_disk import fits_from_frames
 
         return fits_from_frames(self.folder.read_all(FIT_TABLES, stage), problem, more)
 
     def write_fits(self, fits: "Sequence[Fit]", stage: str, seconds: Sequence[float] | None = None) -> None:
         """Write `fits` in full as those of `stage`, with the `seconds` that each took."""
-        from jointgap.campaign.tables_of_identification import fits_to_frames
+        from jointgap.campaign.fits_on_disk import fits_to_frames
 
         self.folder.write_all(fits_to_frames(fits, seconds, whole_jacobian=True), stage)
 
     def write_noise(self, noise: Noise, stage: str) -> None:
         """Write the `noise` as that of `stage`."""
-        from jointgap.campaign.tables_of_identification import noise_to_frames
+        from jointgap.campaign.fits_on_disk import noise_to_frames
 
         self.folder.write_all(noise_to_frames(noise), stage)
 
     def write_outcome(self, outcome: "Outcome", stage: str) -> None:
         """Write what the `stage` decide or regress came to, or the final one, for `outcome` to read."""
-        from jointgap.campaign.tables_of_identification import fits_to_frames, parameter_frame
+        from jointgap.campaign.fits_on_disk import fits_to_frames, parameter_frame
 
         self.folder.write_all(fits_to_frames(outcome.explanations), stage)
         plain = [] if outcome.named else [outcome.chosen]

@@ -1,12 +1,4 @@
-"""Wear: how the sizes that campaigns of one rig found on several dates grow, clearances above all.
-
-A size is a clearance of a joint, which an effect or a nuisance states whole, or the first parameter of any other effect
-that at least two campaigns name. A straight line is fitted to it over the days by weighted least squares. Weights are
-the errors that the 90 % intervals stand for. Where the sizes scatter about the line by more than that, the errors are
-widened by the Birge ratio, the root of chi2 per degree of freedom (Birge, Physical Review 40, 207, 1932): what
-campaigns do not know of themselves, such as how a rig was mounted anew, shows there alone. It grew, or shrank, if by
-the normal distribution (the z test of a slope) the rate differs from zero at the level of the campaigns' false alarms.
-"""
+"""The figure of a trend: sizes over dates, with their intervals and the line through them."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,25 +8,70 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from scipy.stats import norm
 
-from jointgap.campaign import verdict as verdict_file
-from jointgap.campaign.campaign_files import VERDICT
-from jointgap.campaign.config_snapshot import check_unchanged, config_snapshot
-from jointgap.campaign.phrasing import label_in_words, parameter_in_words, unit_of
+from jointgap.campaign import verdict_json as verdict_file
+from jointgap.campaign.campaign_files import VERDICT, check_unchanged, config_snapshot
+from jointgap.campaign.sentences import label_in_words, parameter_in_words, unit_of
 from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
+from jointgap.core.errors import InputError
+from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock, to_markdown
+from jointgap.core.plot import Drawing, Quantity, Sheet, matplotlib_style, save
+from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.words import in_words, joined, number, with_unit
 from jointgap.effects import EFFECTS
-from jointgap.errors import InputError
-from jointgap.figures.style import matplotlib_style, save
-from jointgap.figures.trend_figure import SHOWN_UNITS, trend_figure
 from jointgap.identification.decide_verdict import NO_DISAGREEMENT
-from jointgap.identification.estimates import HALF_WIDTHS, LEVELS
-from jointgap.report.page import FigureBlock, Page, Paragraph, TableBlock, to_markdown
-from jointgap.report.plain_words import joined, number, with_unit
+from jointgap.identification.fit import HALF_WIDTHS, LEVELS
 from jointgap.tables import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH, write_text
-from jointgap.tables.results_folder import ResultsFolder
+
+SHOWN_UNITS = {"m": (1e6, "µm")}
+"""Units in which sizes are shown, by SI unit, and how many of them that is."""
+
+_DATE = Quantity("date", "d since 1970-01-01")
+
+
+def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
+    """Sizes over dates, a panel for each: 90 % intervals, and the line where one was fitted."""
+    sheet = Sheet(0.8 + 2.4 * len(growth), len(growth), 1)
+    above = None
+    days = date2num(pd.to_datetime(sizes["date"]).to_numpy())
+    for place, line in enumerate(growth.to_dict("records")):
+        factor, unit = SHOWN_UNITS.get(line["unit"], (1.0, line["unit"]))
+        of_line = (sizes["label"] == line["label"]).to_numpy()
+        own, when = sizes[of_line], days[of_line]
+        panel = sheet.panel((place, 0), in_words(line["label"]), _DATE, Quantity("size", unit), below=above)
+        panel.axes.set_xlabel("date")
+        above = panel
+        counts, stated = own["counts"].to_numpy(), own["value"].notna().to_numpy()
+        for kept, series, colour, style in (
+            (counts, "size with 90 % interval", "settled", {}),
+            (stated & ~counts, "does not count in the line", "limit", {"markerfacecolor": "white"}),
+        ):
+            if kept.any():
+                shown = factor * own.loc[kept, ["value", "low_90", "high_90"]].to_numpy(float)
+                value, low, high = shown.T
+                ends = [np.where(np.isnan(end), value, end) for end in (low, high)]
+                panel.marks(series, when[kept], value, colour, *ends, **style)
+        smallest = factor * own["smallest_detectable"].to_numpy(float)
+        known, unknown = (~stated & (np.isnan(smallest) == lost) for lost in (False, True))
+        if known.any():
+            panel.marks("not found; would show from here on", when[known], smallest[known], "other", marker="v")
+        for order, day in enumerate(when[unknown]):
+            panel.vertical_line("not found; no size known", day, named=order == 0)
+        if pd.notna(line["rate"]):
+            span = np.array([when[counts].min(), when[counts].max()])
+            ends = factor * (line["first_value"] + line["rate"] * (span - when.min()))
+            panel.line("straight line", span, ends, "before")
+        locator = AutoDateLocator(minticks=3, maxticks=8)
+        panel.axes.xaxis.set_major_locator(locator)
+        panel.axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        panel.axes.margins(x=0.05)
+    sheet.legend()
+    return sheet.drawing()
+
 
 FEWEST_DATES = 3
 """Different dates: two make a line whatever the errors are, and nothing tells whether these are right."""

@@ -2,7 +2,7 @@
 
 import click
 
-from jointgap.cli.group import FILE, FOLDER, OF_TRIALS, add_command, need
+from jointgap.app.cli import FILE, FOLDER, OF_TRIALS, add_command, need
 from jointgap.trials.trial_stages import TRIAL_STAGES
 
 _code = click.option("--code", default="", help="Digest of the code; trials made by the same are not made again.")

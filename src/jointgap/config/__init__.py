@@ -32,7 +32,8 @@ from jointgap.config.scenario import (
     check_drive,
     check_tolerance,
 )
-from jointgap.effects import CRANK_SIGN_SPEED, EFFECTS, SLIDER_SIGN_SPEED, Effect
+from jointgap.effects import EFFECTS
+from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED, Effect
 
 __all__ = [
     "CRANK_SIGN_SPEED",

@@ -21,11 +21,11 @@ from jointgap.config.nuisance_bounds import (
     share_or_bounds,
 )
 from jointgap.config.scenario import MotorDrive
-from jointgap.errors import did_you_mean
-from jointgap.joints import PINS
+from jointgap.core.csv_files import Csv
+from jointgap.core.errors import did_you_mean
+from jointgap.core.joints import PINS
 from jointgap.quantities import Angle, PositiveAngle, PositiveAngularSpeed, PositiveTime, split_share
 from jointgap.section import Section
-from jointgap.tables.sample_file import Csv
 
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 

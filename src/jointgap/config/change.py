@@ -5,8 +5,8 @@ from typing import Any, TypeVar
 
 from jointgap.config.load import validate
 from jointgap.config.mechanism_config import Mechanism
-from jointgap.errors import InputError, did_you_mean
-from jointgap.joints import JOINTS
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.joints import JOINTS
 from jointgap.quantities import to_si
 from jointgap.section import Section
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 
 MOST_BYTES = {"YAML": 200_000, "JSON": 10_000_000}
 """Size of a file; those of this project have a few thousand bytes, and YAML takes a second for each 100 kB."""

@@ -1,6 +1,6 @@
 """The friction laws by name and the parameters they read: the one list that configuration and simulation share.
 
-The laws themselves, as functions of the sliding speed, stand in `jointgap.dynamics.model.friction`.
+The laws themselves, as functions of the sliding speed, stand in `jointgap.dynamics.friction`.
 """
 
 import math

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, WrapValidator, model_validator
 
 from jointgap.config.friction_laws import FRICTION_LAWS, FRICTION_PARAMETERS, described, laws_reading
-from jointgap.joints import JOINT, REFERENCE_APPROACH_SPEED
+from jointgap.core.joints import JOINT, REFERENCE_APPROACH_SPEED
 from jointgap.quantities import (
     FrictionCoefficient,
     NonNegativeNumber,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 
 BASE = "base"
 """Key of a mechanism: the path of the one over which the keys beside it are laid."""

@@ -16,8 +16,8 @@ from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import word
 from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.config.scenario import Scenario
+from jointgap.core.errors import InputError, did_you_mean
 from jointgap.counts import MOST_PARTS
-from jointgap.errors import InputError, did_you_mean
 
 _MOST_LINES = 20
 """Of an error: who has mended these sees the others."""

@@ -8,9 +8,9 @@ from pydantic import Field, ValidationError, model_validator
 
 from jointgap.complaints import complaints
 from jointgap.config.joint_config import Contact, Joint, Joints
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.joints import FROM_FRAME
 from jointgap.effects import AnyEffect
-from jointgap.errors import InputError, did_you_mean
-from jointgap.joints import FROM_FRAME
 from jointgap.quantities import Angle, Length, PositiveInertia, PositiveLength, PositiveMass
 from jointgap.section import Section
 

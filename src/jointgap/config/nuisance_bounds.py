@@ -6,9 +6,9 @@ from decimal import Decimal
 from typing import Any, NamedTuple
 
 from jointgap.config.mechanism_config import Mechanism
+from jointgap.core.errors import did_you_mean
+from jointgap.core.joints import PINS
 from jointgap.effects.joint_clearance import LEAST_CLEARANCE
-from jointgap.errors import did_you_mean
-from jointgap.joints import PINS
 from jointgap.quantities import split_quantity, to_si
 
 

@@ -25,8 +25,8 @@ from jointgap.config.networks_config import CompareSearches, DesignNetworks
 from jointgap.config.robust_config import OptimiseRobust
 from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.config.sweep_config import Sweep
+from jointgap.core.errors import InputError
 from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
-from jointgap.errors import InputError
 from jointgap.quantities import (
     Angle,
     AngularSpeed,

@@ -2,8 +2,8 @@
 
 from pydantic import Field, field_validator
 
+from jointgap.core.errors import did_you_mean
 from jointgap.counts import Seed
-from jointgap.errors import did_you_mean
 from jointgap.section import Section
 from jointgap.tables.sweep_tables import ALL_MEASURES
 

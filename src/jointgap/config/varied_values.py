@@ -5,8 +5,8 @@ from typing import Any
 from jointgap.config.change import OF_LOOSE_JOINTS, loose_paths, radius_with
 from jointgap.config.load import validate
 from jointgap.config.scenario import DrivenMechanism
-from jointgap.errors import InputError, did_you_mean
-from jointgap.joints import FROM_FRAME
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.joints import FROM_FRAME
 from jointgap.quantities import to_si
 from jointgap.section import Section
 

@@ -7,13 +7,13 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.core.errors import InputError
+from jointgap.core.progress import followed
 from jointgap.design_networks.design_space import Design, DesignSpace, design_space
 from jointgap.design_networks.held_out_errors import errors_of, held_out
 from jointgap.design_networks.settings import SETTINGS
 from jointgap.design_networks.settled_motion import SettledMotion
 from jointgap.design_networks.train_network import TrainedNetwork, train
-from jointgap.errors import InputError
-from jointgap.progress import followed
 
 HELD_OUT = 1  # beside the seed: the stream of the held-out designs, which have nothing in common with the trained ones
 _LEAST_DESIGNS = 8  # of which motions are learned at all

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from jointgap.core.errors import InputError
 from jointgap.design_networks.design_network import DesignNetwork
 from jointgap.design_networks.design_space import Design
 from jointgap.design_networks.settled_motion import SettledMotion
-from jointgap.errors import InputError
 
 ANGLE, ERROR, LIFT = "transmission angle", "RMS error", "lift"
 

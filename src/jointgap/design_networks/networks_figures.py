@@ -3,10 +3,9 @@
 import numpy as np
 import pandas as pd
 
+from jointgap.core import plot
+from jointgap.core.plot import Drawing, Quantity, Sheet
 from jointgap.design_networks.held_out_errors import ANGLE, ERROR
-from jointgap.figures import style
-from jointgap.figures.sheet import Quantity, Sheet
-from jointgap.figures.style import Drawing
 
 TITLE = "Errors on held-out designs"
 CAPTION = (
@@ -24,7 +23,7 @@ _QUANTILES = (0.05, 0.5, 0.95)
 
 def draw_errors(errors: pd.DataFrame) -> Drawing:
     """Errors by output."""
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         outputs = list(dict.fromkeys(errors["output"]))
         angles = [output for output in outputs if output in (ANGLE, ERROR)]
         motions = [output for output in outputs if output not in angles]

@@ -4,13 +4,13 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
+from jointgap.core.words import reading_unit, unit_in_words
 from jointgap.design_networks.design_networks import DesignNetworksResult
 from jointgap.design_networks.held_out_errors import ERROR
 from jointgap.design_networks.networks_figures import CAPTION, MDEG, NAME, TITLE
 from jointgap.design_networks.settings import SETTINGS
 from jointgap.designs.words_of_designs import parameter_in_words
-from jointgap.report.page import FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
-from jointgap.report.plain_words import reading_unit, unit_in_words
 from jointgap.robust_lengths.uncertain_draws import law_in_words
 
 _LEVEL = 1.1  # errors whose ratio is smaller are called level: another draw of designs would change it as much

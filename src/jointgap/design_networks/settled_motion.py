@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointgap.design_networks.design_space import Design, DesignSpace
-from jointgap.dynamics.parallel_runs import Outcome, Run, simulate_runs
-from jointgap.link_lengths.objective import measure
-from jointgap.mechanism import transmission_angle
+from jointgap.dynamics.kinematics import transmission_angle
+from jointgap.dynamics.parallel import Outcome, Run, simulate_runs
+from jointgap.lengths.objective import measure
 
 _SIGN = {"crank_pivot": 1.0, "crank_pin": 1.0, "piston_pin": -1.0}
 """Of each joint's y in what the clearances add to the height of the rod (`jointgap.mechanism.clearance_lift`)."""

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointgap.core.errors import needs
 from jointgap.design_networks.design_network import DesignNetwork, harmonics, sizes
 from jointgap.design_networks.design_space import Design
 from jointgap.design_networks.settings import NetworkSettings
 from jointgap.design_networks.settled_motion import SettledMotion
-from jointgap.errors import needs
 
 with needs("training networks", "learn"):
     import torch

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.optimize import newton
 
 from jointgap.designs.paper_optima import ErrorCounting
-from jointgap.dynamics.parallel_runs import Outcome, rod_and_slider
-from jointgap.dynamics.solver.sample_sums import ROUNDING
-from jointgap.link_lengths.objective import Objective, objective_of_motion
+from jointgap.dynamics.parallel import Outcome, rod_and_slider
+from jointgap.dynamics.sampling import ROUNDING
+from jointgap.lengths.objective import Objective, objective_of_motion
 
 _NO_ERROR = 1e-12
 """RMS [rad] below which an error is rounding, of which no share is told."""

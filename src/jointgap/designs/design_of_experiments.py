@@ -16,9 +16,9 @@ from scipy.stats import qmc
 from jointgap.config import DrivenMechanism, Scenario
 from jointgap.config.sweep_config import LogUniform, Normal, Triangular, Uniform, Values
 from jointgap.config.varied_values import unit_of, with_values
+from jointgap.core.errors import InputError
+from jointgap.core.joints import JOINTS
 from jointgap.designs.paper_optima import COUNTING, ErrorCounting, check_counting
-from jointgap.errors import InputError
-from jointgap.joints import JOINTS
 from jointgap.paper.printed import departures
 from jointgap.quantities import to_si
 from jointgap.tables.columns import Column

@@ -13,15 +13,14 @@ from pyarrow.parquet import FileMetaData
 
 from jointgap import tables
 from jointgap.config.sweep_config import MOST_DESIGNS
+from jointgap.core.errors import InputError
+from jointgap.core.progress import followed, parts
 from jointgap.designs.best_lengths import best_lengths, counted_objective
 from jointgap.designs.design_of_experiments import Designs
 from jointgap.designs.measures import angles_to_measure, measures
 from jointgap.designs.paper_optima import printed_optima
-from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.parallel_runs import Outcome, Run, numbers_of, side_by_side, simulate_run
-from jointgap.errors import InputError
-from jointgap.parts import parts
-from jointgap.progress import followed
+from jointgap.dynamics.parallel import Outcome, Run, numbers_of, side_by_side, simulate_run
+from jointgap.dynamics.parameters import Parameters
 from jointgap.tables import Table, sweep_designs
 
 DIGEST = "jointgap_sweep"

@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.parallel_runs import Outcome
-from jointgap.dynamics.simulation import IntegrationResult, crank_angles
-from jointgap.dynamics.solver.sample_sums import angle_errors, contact_sums, largest_change, slider_and_forces
-from jointgap.joints import JOINTS
+from jointgap.core.joints import JOINTS
+from jointgap.dynamics.parallel import Outcome
+from jointgap.dynamics.sampling import angle_errors, contact_sums, largest_change, slider_and_forces
+from jointgap.dynamics.simulate import IntegrationResult, crank_angles
 from jointgap.tables.sweep_tables import NOISE_ORDER
 
 _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins")

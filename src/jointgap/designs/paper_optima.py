@@ -14,8 +14,8 @@ import numpy as np
 
 from jointgap.config import Simulate
 from jointgap.config.sweep_config import Sweep
-from jointgap.errors import InputError, did_you_mean
-from jointgap.link_lengths.objective import MEASURES, Objective
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.lengths.objective import MEASURES, Objective
 from jointgap.paper.printed import OPTIMA
 
 COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
@@ -29,7 +29,7 @@ class ErrorCounting:
     """How the error of the transmission angle is counted."""
 
     window: tuple[float, float]  # First and last crank angle of the revolution [rad]
-    measure: str = "rms"  # One of `jointgap.link_lengths.objective.MEASURES`, of which the reduction is told
+    measure: str = "rms"  # One of `jointgap.lengths.objective.MEASURES`, of which the reduction is told
     revolution: int = 1  # From 1 on, the transient
 
     @classmethod

@@ -7,6 +7,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from jointgap.core import plot
+from jointgap.core.plot import COLOURS, Drawing, Panel, Quantity, Sheet, tick_label
 from jointgap.designs.sensitivity_indices import SensitivityResult, conditional_terms
 from jointgap.designs.sensitivity_inputs import Input
 from jointgap.designs.sensitivity_settings import SETTINGS
@@ -16,9 +18,6 @@ from jointgap.designs.words_of_designs import (
     parameter_in_words,
     parameter_quantity,
 )
-from jointgap.figures import style
-from jointgap.figures.sheet import Panel, Quantity, Sheet, tick_label
-from jointgap.figures.style import COLOURS, Drawing
 
 INDICES, EFFECTS, MAP = "indices", "main_effects", "map"
 """Names of the figures; those of a measure are ``main_effects_<measure>`` and ``map_<measure>``."""
@@ -35,7 +34,7 @@ def draw(found: SensitivityResult) -> Iterator[tuple[str, Drawing]]:
     """All figures with their names, one at a time; none where no measure has indices."""
     if not found.good:
         return
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         yield INDICES, _indices(found)
         for measure in found.good:
             yield f"{EFFECTS}_{measure}", _main_effects(found, measure)
@@ -68,7 +67,7 @@ def _indices(found: SensitivityResult) -> Drawing:
             values, low, high = (own[index + end].to_numpy() for end in ("", "_low", "_high"))
             at = places + beside
             panel.axes.barh(at, values, 0.38, color=COLOURS[colour], label=words)
-            panel.axes.hlines(at, low, high, color=style.INK, linewidth=0.9)
+            panel.axes.hlines(at, low, high, color=plot.INK, linewidth=0.9)
             panel.record(words, values, at, low=low, high=high, label=keys)
         shown = number % columns == 0
         panel.rows([parameter_in_words(key) if shown else "" for key in keys], places)

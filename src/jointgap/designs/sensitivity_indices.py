@@ -20,12 +20,12 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config.sensitivity_config import Sensitivity
+from jointgap.core.errors import InputError
+from jointgap.core.progress import followed
 from jointgap.designs.design_of_experiments import Designs
 from jointgap.designs.sensitivity_inputs import Input, Inputs
 from jointgap.designs.sensitivity_settings import SETTINGS, SensitivitySettings
 from jointgap.designs.sensitivity_surrogate import Surrogate, Training
-from jointgap.errors import InputError
-from jointgap.progress import followed
 from jointgap.tables.sweep_tables import ALL_MEASURES
 
 UNITS = {column.name: column.unit for column in ALL_MEASURES}

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from jointgap.core.errors import needs
 from jointgap.designs.design_of_experiments import Axis
-from jointgap.errors import needs
 
 with needs("what decides a sweep", "learn"):
     import openturns as ot

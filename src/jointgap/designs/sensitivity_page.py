@@ -5,12 +5,12 @@ from typing import Any
 
 import pandas as pd
 
+from jointgap.core.page import Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
+from jointgap.core.words import joined
 from jointgap.designs.sensitivity_figures import EFFECTS, INDICES, MAP, of_measure
 from jointgap.designs.sensitivity_indices import SensitivityResult
 from jointgap.designs.sensitivity_settings import SETTINGS
 from jointgap.designs.words_of_designs import measure_in_words, parameter_in_words
-from jointgap.report.page import Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
-from jointgap.report.plain_words import joined
 
 _MEANING = (
     "The index of a parameter is the share of a measure's variance over the designs that it decides: alone (first "

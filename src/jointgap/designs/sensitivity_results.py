@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from jointgap import tables
+from jointgap.core import plot
+from jointgap.core.page import to_html, to_markdown
 from jointgap.designs.sensitivity_figures import draw
 from jointgap.designs.sensitivity_indices import SensitivityResult
 from jointgap.designs.sensitivity_page import page
-from jointgap.figures import style
-from jointgap.report.page import to_html, to_markdown
 
 
 def write_results(found: SensitivityResult, folder: Path) -> str:
@@ -24,7 +24,7 @@ def write_results(found: SensitivityResult, folder: Path) -> str:
     pages, figures = (folder / "summary.html", folder / "summary.md"), folder / "figures"
     tables.check_writable(*places, *pages)
     figures.mkdir(exist_ok=True)
-    drawn = {path for name, drawing in draw(found) for path in style.save(drawing, figures / name)}
+    drawn = {path for name, drawing in draw(found) for path in plot.save(drawing, figures / name)}
     for path in set(figures.iterdir()) - drawn:
         path.unlink()
     for path, (table, frame) in places.items():

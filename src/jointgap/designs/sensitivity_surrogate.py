@@ -16,9 +16,9 @@ from functools import partial
 
 import numpy as np
 
+from jointgap.core.errors import needs
 from jointgap.designs.sensitivity_inputs import Inputs
 from jointgap.designs.sensitivity_settings import SensitivitySettings
-from jointgap.errors import needs
 
 with needs("what decides a sweep", "learn"):
     import openturns as ot

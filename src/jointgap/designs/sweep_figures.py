@@ -6,12 +6,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
 
+from jointgap.core import plot
+from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
+from jointgap.core.words import in_words, reading_unit
 from jointgap.designs.design_of_experiments import Axis
 from jointgap.designs.words_of_designs import parameter_quantity
-from jointgap.figures import style
-from jointgap.figures.sheet import Panel, Quantity, Sheet
-from jointgap.figures.style import Drawing
-from jointgap.report.plain_words import in_words, reading_unit
 from jointgap.tables.columns import Column
 
 _COLUMNS = 3
@@ -28,7 +27,7 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measu
     values = factor * shown[measure.name].to_numpy(dtype=float)
     columns = min(_COLUMNS, len(axes))
     rows = -(-len(axes) // columns)
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         sheet = Sheet(0.8 + 2.2 * rows, rows, columns)
         for place, axis in enumerate(axes):
             of_row = place % columns == 0
@@ -99,7 +98,7 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
             (f"{words.name} {_text(axis, value)} {words.unit.strip('1')}".strip(), designs[designs[axis.key] == value])
             for value in (axis.values[place] for place in shown)
         ]
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         sheet = Sheet(0.6 + len(_MAPPED) * (1.3 + 0.13 * len(up.values)), len(_MAPPED), len(parts))
         for row, (name, (words, unit)) in enumerate(_MAPPED.items()):
             unit, factor = reading_unit(unit)

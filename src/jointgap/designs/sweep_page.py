@@ -9,11 +9,11 @@ import numpy as np
 import pyarrow.compute as pc
 
 from jointgap import tables
+from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
+from jointgap.core.words import joined, reading_unit, unit_in_words
 from jointgap.designs.design_of_experiments import SOURCE, Axis, Designs
 from jointgap.designs.sweep_figures import MAP, has_map
 from jointgap.designs.words_of_designs import measure_in_words, parameter_in_words
-from jointgap.report.page import FigureBlock, Page, Paragraph, TableBlock
-from jointgap.report.plain_words import joined, reading_unit, unit_in_words
 from jointgap.tables.columns import Column
 
 _KINDS = {

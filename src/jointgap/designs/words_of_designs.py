@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from jointgap.core.plot import Quantity
+from jointgap.core.words import in_words, reading_unit, unit_in_words
 from jointgap.designs.design_of_experiments import Axis
-from jointgap.figures.sheet import Quantity
-from jointgap.report.plain_words import in_words, reading_unit, unit_in_words
 from jointgap.tables.sweep_tables import ALL_MEASURES
 
 _COLUMNS = {column.name: column for column in ALL_MEASURES}

@@ -3,8 +3,8 @@
 `simulate` gives one motion with everything there is to see of it; `simulate_ensemble` many, from different starts.
 """
 
-from jointgap.dynamics.model.normal_contact import LAWS, delivered_restitution
-from jointgap.dynamics.parallel_runs import simulate_ensemble
-from jointgap.dynamics.simulation import Trajectory, simulate
+from jointgap.dynamics.contact import LAWS, delivered_restitution
+from jointgap.dynamics.parallel import simulate_ensemble
+from jointgap.dynamics.simulate import Trajectory, simulate
 
 __all__ = ["LAWS", "Trajectory", "delivered_restitution", "simulate", "simulate_ensemble"]

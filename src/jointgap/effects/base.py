@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 from pydantic import Field, create_model
 
-from jointgap.errors import InputError
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.joints import PINS
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.errors import InputError
+from jointgap.core.joints import PINS
 from jointgap.quantities import quantity
 from jointgap.section import Section
 
@@ -41,7 +41,7 @@ Values = Mapping[str, float]
 Candidates = Iterable[Candidate]
 
 Records = dict[str, dict[str, Any]]
-"""Fields by record of `jointgap.dynamics.model.parameters.Parameters`; and programs under ``formulas``."""
+"""Fields by record of `jointgap.dynamics.parameters.Parameters`; and programs under ``formulas``."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ class Effect(Section):
     OPTIONAL : bool
         Whether an entry may leave out ``parameters``, which all have defaults.
     COMPILED : mapping of str to str
-        Parameter that each field of `jointgap.dynamics.model.parameters.EffectParameters` takes over as it is.
+        Parameter that each field of `jointgap.dynamics.parameters.EffectParameters` takes over as it is.
     ADDS_TO : mapping of str to (str, str)
         Body and its key in a mechanism file to which each parameter is added; such an effect is nothing but other data.
     DRIVE : str

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from jointgap.core.joints import PINS
 from jointgap.effects.base import (
     Candidates,
     Effect,
@@ -12,7 +13,6 @@ from jointgap.effects.base import (
     parameter,
 )
 from jointgap.effects.pin_friction import LARGEST_COEFFICIENT
-from jointgap.joints import PINS
 
 
 @page(order=102)

@@ -2,8 +2,8 @@
 
 import math
 
+from jointgap.core.candidates import LawFamily, Parameter
 from jointgap.effects.base import CRANK_SIGN, Effect, FitContext, amplitude, page, parameter
-from jointgap.identification.protocol import LawFamily, Parameter
 
 _SHARES_IN_USE = (0.0, 0.5, 1.0)
 

@@ -31,7 +31,7 @@ class FormulaParameters(Section):
 
 
 class DiscoveredLaw(Effect):
-    """A law by its formula; its candidates are the single terms of `jointgap.slider_crank.force_law_terms`."""
+    """A law by its formula; its candidates are the single terms of `jointgap.rig.model`."""
 
     REFERENCE = "by regression, e.g. Brunton, Proctor and Kutz, PNAS 113 (2016) 3932-3937"
     KEYS = {"label": (str, Field("", description="what to call it in tables and figures"))}

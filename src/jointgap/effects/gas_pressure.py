@@ -1,7 +1,7 @@
 """Pressure of a closed gas volume on the slider."""
 
+from jointgap.core.candidates import Parameter
 from jointgap.effects.base import Candidates, Effect, FitContext, TrialContext, TrialSize, amplitude, page, parameter
-from jointgap.identification.protocol import Parameter
 
 
 @page(order=80)

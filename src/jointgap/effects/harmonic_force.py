@@ -2,6 +2,7 @@
 
 import math
 
+from jointgap.core.candidates import Parameter
 from jointgap.effects.base import (
     Candidates,
     Effect,
@@ -13,7 +14,6 @@ from jointgap.effects.base import (
     page,
     parameter,
 )
-from jointgap.identification.protocol import Parameter
 
 
 @page(order=90)

@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.joints import REFERENCE_APPROACH_SPEED
 from jointgap.effects.base import (
     Candidates,
     Effect,
@@ -22,8 +24,6 @@ from jointgap.effects.base import (
     joint_data,
     page,
 )
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.joints import REFERENCE_APPROACH_SPEED
 from jointgap.quantities import FrictionCoefficient, quantity
 from jointgap.section import Section
 

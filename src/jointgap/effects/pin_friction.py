@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from jointgap.core.candidates import Candidate
 from jointgap.effects.base import (
     CRANK_SIGN,
     PIN,
@@ -16,7 +17,6 @@ from jointgap.effects.base import (
     page,
     parameter,
 )
-from jointgap.identification.protocol import Candidate
 
 LARGEST_COEFFICIENT = 0.6
 """Bound of a coefficient of friction, as that of a contact."""

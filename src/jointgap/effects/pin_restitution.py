@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.joints import PINS
 from jointgap.effects.base import (
     PIN,
     Candidates,
@@ -13,8 +15,6 @@ from jointgap.effects.base import (
     page,
     parameter,
 )
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.joints import PINS
 
 SMALLEST, LARGEST = 1e-3, 0.999
 """Bounds of a coefficient of restitution, within those of a contact."""

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from jointgap.core.candidates import Parameter
 from jointgap.effects.base import (
     Candidates,
     Effect,
@@ -15,7 +16,6 @@ from jointgap.effects.base import (
     page,
     parameter,
 )
-from jointgap.identification.protocol import Parameter
 
 BENDING_COUPLING = 8 / (math.pi**2 - 8)
 """The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from jointgap.core.csv_files import Csv, read_columns
+from jointgap.core.errors import InputError
 from jointgap.effects.base import Effect, Records, page
-from jointgap.errors import InputError
 from jointgap.quantities import Angle, PositiveLength, quantity, unit_factor
 from jointgap.section import Section
-from jointgap.tables.sample_file import Csv, read_columns
 
 MOST_ROWS = 4096
 """Of a table: 0.2 deg apart over 720 deg are 3600."""

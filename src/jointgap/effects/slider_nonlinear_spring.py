@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
+from jointgap.core.candidates import LawFamily, Parameter
 from jointgap.effects.base import Effect, FitContext, Values, page, parameter
-from jointgap.identification.protocol import LawFamily, Parameter
 
 _LEAST_SHARE, _LARGEST_SHARE = -0.5, 1.0
 """Of the cubic part: at -1/2 the stiffness falls to nothing at the distance h from rest, at 1 it does so at rest."""

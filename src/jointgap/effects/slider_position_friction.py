@@ -1,7 +1,7 @@
 """Dry friction of the slider that varies along its stroke, a family of Coulomb friction."""
 
+from jointgap.core.candidates import LawFamily, Parameter
 from jointgap.effects.base import SLIDER_SIGN, Effect, FitContext, amplitude, page, parameter
-from jointgap.identification.protocol import LawFamily, Parameter
 
 _SHARES_IN_USE = (0.0, 0.5, 1.0)
 

@@ -1,7 +1,7 @@
 """Drag of the slider with a power of its speed, the family of three effects of the list."""
 
+from jointgap.core.candidates import LawFamily, Parameter
 from jointgap.effects.base import FRICTION_SURVEY, SLIDER_SIGN, Effect, FitContext, amplitude, page, parameter
-from jointgap.identification.protocol import LawFamily, Parameter
 
 _LARGEST_EXPONENT = 6.0
 _EXPONENTS_IN_USE = (0.0, 1.0, 2.0, 3.0, 5.0)

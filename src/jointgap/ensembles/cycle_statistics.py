@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from jointgap import tables
 from jointgap.config import Mechanism, Simulate
-from jointgap.errors import InputError
-from jointgap.joints import JOINT, JOINT_NUMBERS
+from jointgap.core.errors import InputError
+from jointgap.core.joints import JOINT, JOINT_NUMBERS
 
 QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
 """Columns of a distribution beside its mean and its largest value."""

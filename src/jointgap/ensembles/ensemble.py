@@ -16,11 +16,11 @@ from jointgap import tables
 from jointgap.config import DrivenMechanism, Mechanism, Simulate
 from jointgap.config.scenario import Runs
 from jointgap.config.varied_values import VARIED_BY_WORD, stored_value, with_values
-from jointgap.dynamics.parallel_runs import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
-from jointgap.dynamics.solver.contact_episodes import EVENT, EVENT_NAMES, MODES, mode_numbers
-from jointgap.dynamics.solver.initial_state import perturbed_start
-from jointgap.joints import JOINTS
-from jointgap.progress import followed
+from jointgap.core.joints import JOINTS
+from jointgap.core.progress import followed
+from jointgap.dynamics.integrate import EVENT, EVENT_NAMES, MODES, mode_numbers
+from jointgap.dynamics.parallel import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
+from jointgap.dynamics.simulate import perturbed_start
 
 ROWS = 50_000
 """Rows that are gathered before they are written as one row group."""

@@ -8,10 +8,9 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.parallel_runs import Run, simulate_runs
-from jointgap.dynamics.simulation import IntegrationResult
-from jointgap.dynamics.solver.initial_state import perturbed_start
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
+from jointgap.dynamics.parallel import Run, simulate_runs
+from jointgap.dynamics.simulate import IntegrationResult, perturbed_start
 
 CHANGE = 1e-11
 """Size of the change of the start [m]: what two good codes differ by."""

@@ -9,11 +9,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from jointgap.identification.baseline import Baseline
+from jointgap.identification.baseline import Baseline, Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
-from jointgap.identification.initial_fit import fit_screened
-from jointgap.identification.nesting import labels_of, lowest_of_each
+from jointgap.identification.initial_fit import fit_screened, labels_of, lowest_of_each
 from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import (
     LinearizedFit,
@@ -22,7 +21,6 @@ from jointgap.identification.screening import (
     shortlist,
     simulate_signatures,
 )
-from jointgap.identification.smoother import Smoother, coarse_to_fine_fit, coordinate_scan, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
 

@@ -9,18 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from jointgap.errors import InputError, SimulationError
-from jointgap.identification.cycle_features import CycleFeatures
+from jointgap.core.candidates import Model
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.identification.features import CycleFeatures
 from jointgap.identification.fit import MATCHED, Fit, fit_hypothesis
-from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.protocol import Model
+from jointgap.identification.problem import Hypothesis, Noise, Problem
 from jointgap.identification.screening import can_be_searched
 from jointgap.identification.settings import (
     DEFAULT_SETTINGS,
     ConfirmationSettings,
     IdentificationSettings,
 )
-from jointgap.identification.whitening import Noise
 
 _ENDS = (0.05, 0.95)  # [1] quantiles between which a 90 % interval lies
 

@@ -1,7 +1,7 @@
 """A verdict on features of the cycle alone, where samples of rough motion cannot be followed.
 
 The lowest rung of what residuals tell: where in the cycle impacts come and how hard they are
-(`jointgap.identification.cycle_features`), not when exactly. Fits of samples have the first say; only what they leave
+(`jointgap.identification.features`), not when exactly. Fits of samples have the first say; only what they leave
 ``unexplained`` is decided here, and what the held-out data say of a name: samples that are met at other speeds no more
 than before were met by chance.
 """
@@ -14,7 +14,6 @@ import numpy as np
 
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.confirmation import HeldOutTest
-from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import (
     AMBIGUOUS,
     NAMED,
@@ -23,8 +22,9 @@ from jointgap.identification.decide_verdict import (
     Decision,
     is_within_range,
 )
+from jointgap.identification.features import CycleFeatures
 from jointgap.identification.fit import FAILED, MATCHED, Fit
-from jointgap.identification.nesting import labels_of, lowest_of_each
+from jointgap.identification.initial_fit import labels_of, lowest_of_each
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.rough_search import can_be_followed, fit_to_features
 from jointgap.identification.screening import can_be_searched

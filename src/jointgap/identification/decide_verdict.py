@@ -51,7 +51,7 @@ part, and to what is known of the channels. Again the first line that holds coun
 ===  ==========================================================================  ===============================
 
 Of an effect on which motion depends roughly the features of the cycle tell whether the held-out data confirm it where
-samples cannot be followed (`jointgap.identification.cycle_features`): these stand for the gap in lines 12 and 13, and
+samples cannot be followed (`jointgap.identification.features`): these stand for the gap in lines 12 and 13, and
 lines 11 and 14 are not asked of held-out samples. Where samples can be followed nowhere,
 `jointgap.identification.decide_by_features` goes on after line 8; of what it names features tell in lines 12 and 13,
 and lines 11, 14 and 15 are not asked. A joint that became loose whose held-out data are met by features alone keeps its
@@ -76,12 +76,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.confirmation import FALLS, RISES, STAYS, Confirmed, Rest, share_closed
-from jointgap.identification.fit import FAILED, MATCHED, Fit
+from jointgap.identification.fit import FAILED, MATCHED, Fit, chance
 from jointgap.identification.problem import Hypothesis
-from jointgap.identification.protocol import Candidate, Parameter
 from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
-from jointgap.identification.significance import chance
 from jointgap.identification.thresholds import Thresholds
 
 NO_DISAGREEMENT, PARAMETERS_ONLY = "no_disagreement", "parameters_only"

@@ -1,18 +1,342 @@
-"""Fits of a model to measured data by forward simulation, and what they say of parameters and hypotheses."""
+"""Fitting parameters by Gauss-Newton."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from scipy.optimize import lsq_linear
+from scipy.special import log_ndtr, ndtri_exp
+from scipy.stats import chi2
 
-from jointgap.errors import InputError, SimulationError
-from jointgap.identification.bounded_normal import BoundedNormal, bounded_normal
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.gauss_newton import StoppingRule, bounded_step, broyden_update, next_damping
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.problem import Hypothesis, Problem, label_of
-from jointgap.identification.protocol import Parameter
-from jointgap.identification.settings import DEFAULT_SETTINGS, DampingSettings, IdentificationSettings
+from jointgap.identification.settings import (
+    DEFAULT_SETTINGS,
+    DampingSettings,
+    IdentificationSettings,
+    IntervalSettings,
+    StoppingSettings,
+)
+
+
+@dataclass(frozen=True)
+class BoundedNormal:
+    """A normal distribution of k parameters within bounds."""
+
+    covariance: np.ndarray  # [SI] Within the bounds; zero rows of parameters of which nothing is known
+    draws: np.ndarray | None = None  # Drawn from the distribution [SI]
+
+
+def bounded_normal(
+    jacobian: np.ndarray,
+    slope: np.ndarray,
+    inflation: float,
+    values: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    shifts: np.ndarray,
+    settings: IntervalSettings = DEFAULT_SETTINGS.intervals,
+) -> BoundedNormal:
+    """The distribution around the minimum of ``|residual|^2`` within bounds, of residuals that are linear there."""
+    length, width = np.linalg.norm(jacobian, axis=0), high - low
+    live = (width > 0) & ((length > 0) | np.isfinite(width))
+    covariance = np.zeros((values.size, values.size))
+    if not live.any():
+        return BoundedNormal(covariance)
+    unit = np.where(length > 0, 1.0 / np.where(length > 0, length, 1.0), width)[live]
+    _, singular_values, right = np.linalg.svd(jacobian[:, live] * unit, full_matrices=False)
+    if singular_values.size < unit.size:  # fewer residuals than parameters
+        right = np.linalg.svd(jacobian[:, live] * unit)[2]
+        singular_values = np.append(singular_values, np.zeros(unit.size - singular_values.size))
+    singular_values = np.maximum(singular_values, settings.least_singular_value * max(singular_values[0], 1e-300))
+    # In the axes of chi2 the data have the variance `inflation`, and what shifts the values adds to it.
+    changed = singular_values[:, None] * (right @ (shifts[:, live] / unit).T)
+    variance = inflation * np.eye(unit.size) + changed @ changed.T
+    inverse = right.T / singular_values
+    free = inverse @ variance @ inverse.T
+    below, above = (low - values)[live] / unit, (high - values)[live] / unit
+    sd = np.sqrt(np.diag(free))
+    places = np.ix_(live, live)
+    if np.all(np.minimum(-below, above) > settings.far_standard_deviations * sd):
+        covariance[places] = free * np.outer(unit, unit)
+        return BoundedNormal(covariance)
+    slope = slope[live] * unit
+    outwards = ((below >= 0) & (slope > 0)) | ((above <= 0) & (slope < 0))
+    beyond = np.linalg.solve(variance, (right @ np.where(outwards, slope, 0.0)) / singular_values)
+    precision = (right.T * singular_values) @ np.linalg.solve(variance, singular_values[:, None] * right)
+    pull = -right.T @ (singular_values * beyond)
+    axes = np.vstack([np.eye(unit.size), right])
+    if shifts.any():  # they turn the axes of the distribution out of those of chi2
+        axes = np.vstack([axes, np.linalg.eigh(free)[1].T])
+    drawn = _gibbs(precision, pull, np.minimum(below, 0.0), np.maximum(above, 0.0), axes, settings) * unit
+    covariance[places] = np.atleast_2d(np.cov(drawn, rowvar=False))
+    draws = np.tile(values, (len(drawn), 1))
+    draws[:, live] = np.clip(values[live] + drawn, low[live], high[live])
+    return BoundedNormal(covariance, draws)
+
+
+def _gibbs(
+    precision: np.ndarray,
+    pull: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    axes: np.ndarray,
+    settings: IntervalSettings,
+) -> np.ndarray:
+    """Draws (s, k) of the density exp(pull x - x precision x / 2) from `low` to `high` (k,), along `axes` (a, k)."""
+    generator = np.random.default_rng(0)
+    least = 1e-12 * np.trace(precision)  # of what changes nothing, rounding may leave less than none
+    x = np.zeros((settings.chains, low.size))
+    kept = []
+    for sweep in range(settings.settling_sweeps + settings.sweeps):
+        for axis in axes:
+            curvature = max(float(axis @ precision @ axis), least)
+            moving = np.abs(axis) > 1e-12  # beyond the rounding of axes of length 1
+            with np.errstate(invalid="ignore"):
+                ends = (low - x)[:, moving] / axis[moving], (high - x)[:, moving] / axis[moving]
+            begin, end = np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
+            mean = (pull @ axis - x @ (precision @ axis)) / curvature
+            x = x + _cut_normal(generator, mean, curvature**-0.5, begin, end)[:, None] * axis
+            x = np.clip(x, low, high)
+        if sweep >= settings.settling_sweeps:
+            kept.append(x)
+    return np.concatenate(kept)
+
+
+def _cut_normal(
+    generator: np.random.Generator, mean: np.ndarray, sd: float, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
+    """Normal numbers of `mean` (c,) and `sd` from `low` to `high` (c,): the inverse of the distribution function."""
+    a, b = (low - mean) / sd, (high - mean) / sd
+    turned = a > -b  # in the left tail small probabilities are exact
+    a, b = np.where(turned, -b, a), np.where(turned, -a, b)
+    log_a, log_b = log_ndtr(a), log_ndtr(b)
+    share = generator.random(mean.size)
+    z = ndtri_exp(np.minimum(log_b + np.log(share + (1.0 - share) * np.exp(log_a - log_b)), 0.0))
+    z = np.clip(z, a, np.maximum(b, a))
+    return mean + sd * np.where(turned, -z, z)
+
+
+class FiniteDifferences:
+    """Derivatives of a problem's residuals; remembers which steps were good."""
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        statistics = sum(part.place.stop - part.place.start for part in problem.parts if part.series.statistic)
+        self.settings = problem.settings.differences
+        self.target = max(self.settings.target_length, self.settings.target_per_statistic * np.sqrt(statistics))
+        self._steps: dict[str, float] = {}
+        self.numerical_noise = 0.0
+
+    @property
+    def numerical_noise_chi2(self) -> float:
+        """Change of chi2 that numerical noise alone causes: it is added to residuals of about unit length along it."""
+        return 2.0 * self.numerical_noise
+
+    def probe(self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray) -> None:
+        """Find the numerical noise: the length of the whitened change where parameters are changed by next to nothing.
+
+        Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from
+        smaller changes than that, and no fit is better than it.
+        """
+        count = self.settings.probed_parameters
+        shared = [p for p in parameters if p.run is None][:count] or list(parameters[:count])
+        changes = []
+        for p in shared:
+            size = self.settings.probe_step * p.step
+            step = size * (1.0 if values[p.key] + 2.0 * size <= p.high else -1.0)
+            changes.append(self._noise_of(p.key, step, values, residual))
+        self.numerical_noise = float(max(changes, default=0.0))
+        self.target = max(self.target, self.settings.target_over_numerical_noise * self.numerical_noise)
+
+    def _noise_of(self, key: str, step: float, values: Mapping[str, float], residual: np.ndarray) -> float:
+        """Length of the change over a step that does not grow with the step, as a true effect does."""
+        change = self.problem.residual({**values, key: values[key] + step}) - residual
+        length = float(np.linalg.norm(change))
+        if length <= 0.5 * self.problem.settings.stopping.min_decrease:
+            return length  # no fit ends sooner for it
+        twice = self.problem.residual({**values, key: values[key] + 2.0 * step}) - residual
+        return min(length, float(np.linalg.norm(twice - 2.0 * change)))
+
+    def jacobian(
+        self,
+        parameters: Sequence[Parameter],
+        values: Mapping[str, float],
+        residual: np.ndarray,
+        hypothesis: Hypothesis,
+        known_derivatives: Mapping[str, np.ndarray] | None = None,
+        fine: bool = False,
+    ) -> np.ndarray:
+        """Derivatives of the residuals."""
+        columns = [
+            known_derivatives[p.key]
+            if known_derivatives and p.key in known_derivatives
+            else self.column(p, values, residual, hypothesis, fine)
+            for p in parameters
+        ]
+        return np.column_stack(columns) if columns else np.empty((residual.size, 0))
+
+    def column(
+        self,
+        parameter: Parameter,
+        values: Mapping[str, float],
+        residual: np.ndarray,
+        hypothesis: Hypothesis,
+        fine: bool = False,
+    ) -> np.ndarray:
+        """Derivative with respect to one parameter, (n,) [1/SI]; zero of a choice."""
+        if parameter.choices:
+            return np.zeros(residual.size)  # flat but for its steps
+        settings, target = self.settings, self.target
+        if not fine:
+            target = max(target, settings.target_share_of_residual * float(np.linalg.norm(residual)))
+        step = self._steps.get(parameter.key, parameter.step)
+        change, step = self._change(parameter, step, values, residual, hypothesis)
+        length, accepted = float(np.linalg.norm(change)), settings.accepted_factor
+        if length > 0 and not target / accepted < length < target * accepted:
+            ratio = np.clip(target / length, settings.min_step_ratio, settings.max_step_ratio)
+            better, other = self._within(parameter, step * ratio), settings.min_step_change
+            if abs(better) < abs(step) / other or abs(better) > abs(step) * other:
+                try:
+                    change, step = self._change(parameter, abs(better), values, residual, hypothesis)
+                except (InputError, SimulationError):
+                    pass  # too far; the first one will do
+        self._steps[parameter.key] = abs(step)
+        return change / step
+
+    def _within(self, parameter: Parameter, step: float) -> float:
+        span = parameter.high - parameter.low
+        return min(step, self.settings.max_share_of_range * span) if np.isfinite(span) else step
+
+    def _change(self, parameter, step, values, residual, hypothesis) -> tuple[np.ndarray, float]:
+        """Change of the residuals over a step up, or down where up is out of bounds or fails."""
+        here, step = values[parameter.key], self._within(parameter, step)
+        runs = None if parameter.run is None else [parameter.run]
+        problems = []
+        for signed in (step, -step) if here + step <= parameter.high else (-step,):
+            if not parameter.low <= here + signed <= parameter.high:
+                continue
+            moved = {**values, parameter.key: here + signed}
+            try:
+                return self.problem.residual(moved, hypothesis, runs, residual) - residual, signed
+            except (InputError, SimulationError) as error:
+                problems.append(error)
+        raise problems[0] if problems else SimulationError(f"{parameter.key} cannot be varied within its bounds")
+
+
+def compress_rows(*blocks: np.ndarray) -> list[np.ndarray]:
+    """The blocks' columns in fewer rows, with all inner products between them kept."""
+    wide = [block[:, None] if block.ndim == 1 else block for block in blocks]
+    small = np.linalg.qr(np.hstack(wide), mode="r")
+    ends = np.cumsum([block.shape[1] for block in wide])[:-1]
+    return [
+        part[:, 0] if block.ndim == 1 else part
+        for part, block in zip(np.split(small, ends, axis=1), blocks, strict=True)
+    ]
+
+
+def bounded_step(
+    jacobian: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float = 0.0
+) -> tuple[np.ndarray, float]:
+    """The step within bounds that makes ``residual + jacobian @ step`` smallest, and the square of what remains."""
+    length = np.linalg.norm(jacobian, axis=0)
+    live = (length > 0) & (high > low)
+    step = np.zeros(jacobian.shape[1])
+    if not live.any():
+        return step, float(residual @ residual)
+    small, rest = compress_rows(jacobian[:, live] / length[live], residual)
+    # A touch of damping keeps combinations of parameters that change nothing from running off to the bounds.
+    ridge = np.sqrt(damping + 1e-10) * np.eye(small.shape[1])
+    scale = length[live]
+    bounds = np.minimum(low[live], 0.0) * scale, np.maximum(high[live], 0.0) * scale
+    matrix, target = np.vstack([small, ridge]), np.concatenate([-rest, np.zeros(small.shape[1])])
+    free = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    if (free < bounds[0]).any() or (free > bounds[1]).any():
+        free = lsq_linear(matrix, target, bounds, method="bvls").x
+    step[live] = free / scale
+    remainder = rest + small @ free
+    return step, float(remainder @ remainder + max(residual @ residual - rest @ rest, 0.0))
+
+
+def broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """The Jacobian made to agree with one step (Broyden 1965), in units of the columns' lengths: none is preferred."""
+    weight = step * np.sum(jacobian**2, axis=0)
+    if not (inner := weight @ step) > 0:
+        return jacobian
+    return jacobian + np.outer(change - jacobian @ step, weight / inner)
+
+
+def next_damping(damping: float, gain_ratio: float, fresh: bool, settings: DampingSettings) -> float | None:
+    """The damping of the next step; None where the Jacobian is to be made anew instead, undamped.
+
+    A corrected Jacobian is blamed for a bad step first; only where one made at this point predicts badly is it
+    curvature.
+    """
+    if gain_ratio > settings.good_gain_ratio:
+        return damping / settings.factor if damping > settings.negligible else 0.0
+    return max(settings.factor * damping, settings.first) if fresh else None
+
+
+class StoppingRule:
+    """When a descent ends, from the course of its chi2."""
+
+    def __init__(
+        self,
+        settings: StoppingSettings,
+        size: int,
+        numerical_noise_chi2: float = 0.0,
+        sufficient_chi2: float = np.inf,
+        smoothed: bool = False,
+    ):
+        self.settings, self.size = settings, size
+        self.max_steps = settings.smoothed_max_steps if smoothed else settings.max_steps
+        self._share = settings.smoothed_decrease if smoothed else 0.0
+        self._numerical_noise, self._sufficient = numerical_noise_chi2, sufficient_chi2
+        self._creeping = max(settings.creeping_decrease, numerical_noise_chi2)
+        self._renewed, self._chi2_at_renewal = 0, np.inf
+        self.chi2: list[float] = []
+
+    def record(self, chi2: float) -> None:
+        """Note chi2 at the start, and after each step that was tried."""
+        self.chi2.append(chi2)
+
+    def _before(self, steps: int) -> float:
+        return self.chi2[max(len(self.chi2) - 1 - steps, 0)]
+
+    def min_decrease(self) -> float:
+        """The smallest predicted decrease of chi2 that is worth a step."""
+        chi2 = self.chi2[-1]
+        per_sample = max(1.0, chi2 / self.size)
+        wanted = min(self.settings.min_decrease * per_sample**2, per_sample)
+        return max(wanted, self._numerical_noise, self._share * chi2)
+
+    def poor_and_slow(self) -> bool:
+        """Whether the fit is poor and hardly improves, so that it will not be named; sooner for one that is beaten."""
+        settings, chi2 = self.settings, self.chi2[-1]
+        beaten = chi2 > settings.beaten_factor * self._sufficient
+        window = settings.beaten_window if beaten else settings.stalled_window
+        progress = settings.beaten_progress if beaten else settings.poor_progress
+        if len(self.chi2) <= window:
+            return False
+        slow = self._before(window) - chi2 < progress * chi2
+        return slow and progress * chi2 > progress * settings.poor_chi2_per_sample * self.size
+
+    def creeping(self, iteration: int) -> bool:
+        """Whether a long fit gains so little that its corrected Jacobian is worn out."""
+        settings = self.settings
+        long = iteration >= self._renewed + settings.creeping_after
+        return long and self._before(settings.stalled_window) - self.chi2[-1] < self._creeping
+
+    def renew(self, iteration: int) -> bool:
+        """Note that a creeping fit gets a new Jacobian; False where the last renewal did not help: then it ends."""
+        if self._renewed and self._chi2_at_renewal - self.chi2[-1] < self._creeping:
+            return False
+        self._renewed, self._chi2_at_renewal = iteration, self.chi2[-1]
+        return True
+
 
 CONVERGED, STOPPED, FAILED, MATCHED = "converged", "stopped", "failed", "matched"
 
@@ -175,7 +499,7 @@ def fit_hypothesis(
     """Fit nuisances and the parameters of a hypothesis's effects, with few simulations.
 
     Gauss-Newton steps within bounds, damped where they overreach; the Jacobian is made once, corrected after each step
-    by what the step found, and made anew where that no longer helps (`jointgap.identification.gauss_newton`). Of whole
+    by what the step found, and made anew where that no longer helps (`jointgap.identification.fit`). Of whole
     numbers of a run, which no step leads from one to another, all are tried before the first step and after the last
     one.
     """
@@ -359,3 +683,214 @@ class _Descent:
 
     def _by_key(self, values: np.ndarray) -> dict[str, float]:
         return self._fixed | {p.key: float(v) for p, v in zip(self._parameters, values, strict=True)}
+
+
+def wald_statistic(fit: Fit, candidate: Candidate) -> float:
+    """Squared distance [1] of an effect's amplitudes from its absence, in standard errors of all of them together.
+
+    It is what chi2 would gain by the effect in the valley in which the fit lies, if residuals were linear (Wald 1943):
+    a hypothesis that gains more owes the rest to another valley of the nuisances. An amplitude at a bound other than 0
+    has the error that it would have if the bound were farther.
+    """
+    amplitudes, free, covariance = _amplitudes(fit, candidate)
+    if not free.any():
+        return 0.0
+    scale = np.sqrt(np.diag(covariance))
+    scaled = amplitudes[free] / scale
+    return float(scaled @ np.linalg.pinv(covariance / np.outer(scale, scale), hermitian=True) @ scaled)
+
+
+def chance(fit: Fit, candidate: Candidate) -> float:
+    """Probability [1] that amplitudes as far from 0 are found where the effect is absent: small where it is there."""
+    amplitudes, free, _ = _amplitudes(fit, candidate)
+    statistic = wald_statistic(fit, candidate)
+    return float(chi2.sf(statistic, max(int(free.sum()), 1))) if amplitudes.size else 1.0
+
+
+def _amplitudes(fit: Fit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Amplitudes (m,) of an effect, which of them have an error, and the covariance of these."""
+    own = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
+    places = [i for i, p in enumerate(fit.parameters) if p.key in own]
+    if fit.draws is not None:
+        covariance = fit.distribution.covariance
+    else:
+        covariance = fit.covariance(released=[i for i in places if fit.values[i] != 0.0])
+    covariance = covariance[np.ix_(places, places)]
+    free = np.diag(covariance) > 0.0
+    return fit.values[places], free, covariance[np.ix_(free, free)]
+
+
+HALF_WIDTHS = {50: 0.6745, 90: 1.645, 99: 2.576}
+"""By level [%], half the width of an interval of the normal distribution in standard deviations [1]: five percent lie
+beyond either end of that of 90 %."""
+
+LEVELS = tuple(HALF_WIDTHS)
+"""Of the intervals that are stated [%]: that of 90 to read, the others to see by how often they hold what is wrong."""
+
+AT_BOUND = "at its bound"
+"""A parameter that the fit drew to an end of its range: the data would have it beyond, and an error within says
+nothing."""
+
+NOT_ESTIMATED = "not estimated"
+"""A number that goes with an effect and that no fit varies, such as the length of a film or a whole order; a nuisance
+where features of the cycle decide: it is adapted, and not fitted."""
+
+CHANGES_NOTHING = "changes nothing in what was measured"
+"""A parameter on which no measured value depends, such as a mass where no force is read: its value was not fitted."""
+
+
+def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
+    """Nuisances of a fit, each with its estimate as `coordinate_estimate` gives it; what changes nothing, or was not
+    fitted with the effects, has none.
+    """
+    of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
+    active = fit.active
+
+    def estimate(place: int) -> dict[str, Any]:
+        if fit.status == MATCHED or not active[place]:
+            remark = NOT_ESTIMATED if fit.status == MATCHED else CHANGES_NOTHING
+            return _no_estimate(fit.values[place], remark)
+        return coordinate_estimate(fit, place)
+
+    return [(p, estimate(i)) for i, p in enumerate(fit.parameters) if p.key not in of_effects]
+
+
+def determined_values(fit: Fit) -> dict[str, float]:
+    """Values of a fit by key, for a model that others use: nuisances that the data do not determine are nominal.
+
+    These end at a bound, change nothing in what was measured, or may lie almost anywhere within their range.
+    """
+    values = fit.mapping
+    for p, estimate in nuisance_estimates(fit):
+        if not is_taken_over(p, estimate):
+            values[p.key] = p.nominal
+    return values
+
+
+def is_taken_over(parameter: Parameter, estimate: dict[str, Any]) -> bool:
+    """Whether a model that others use takes over a nuisance: what the data determine, fitted within its range with an
+    interval that is narrower; and what is adapted to features of the cycle.
+    """
+    if "remark" in estimate:
+        return estimate["remark"] == NOT_ESTIMATED
+    low, high = estimate["interval_90"]
+    if low is None or high is None:
+        return False
+    width = parameter.high - parameter.low
+    return not np.isfinite(width) or high - low < DEFAULT_SETTINGS.intervals.determined_share * width
+
+
+def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
+    """Value, standard error and intervals (`LEVELS`) of one parameter of a fit, by its `place` among them.
+
+    An interval that the bounds cut off is that of the draws, to one side where it would not hold the value. At a bound
+    there is no standard error, but an interval to the other side and the remark; where the fit says nothing of the
+    parameter there is neither.
+    """
+    p, value, known = fit.parameters[place], float(fit.values[place]), fit.distribution
+    if p.whole:
+        return _no_estimate(value, NOT_ESTIMATED)
+    sd = float(np.sqrt(known.covariance[place, place]))
+    if known.draws is None or not sd > 0.0:
+        return estimate_with_interval(value, sd, p.low, p.high)
+    return _from_draws(value, known.draws[:, place], sd, not p.low < value < p.high)
+
+
+def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]]:
+    """Parameters of an effect as a verdict states them, by name, each as `coordinate_estimate` gives it.
+
+    Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from
+    these linearly, as they do draws along a curved valley; where a bound cuts off a coordinate on which they depend
+    their intervals are from draws, each followed through.
+    """
+    keys = [p.key for p in fit.parameters]
+    own = [p for p in candidate.coordinates if f"{candidate.label}.{p.key}" in keys]
+    columns = [keys.index(f"{candidate.label}.{p.key}") for p in own]
+    fitted = {p.key: fit.values[column] for p, column in zip(own, columns, strict=True)}
+    known = fit.distribution
+    sd = np.sqrt(np.diag(known.covariance))
+    values = candidate.parameters(fitted)
+    slopes = {name: np.zeros(len(columns)) for name in values}
+    for i, (p, column) in enumerate(zip(own, columns, strict=True)):
+        if sd[column] > 0:
+            step = 1e-3 * sd[column]
+            moved = [candidate.parameters(fitted | {p.key: fitted[p.key] + sign * step}) for sign in (1, -1)]
+            for name in values:
+                slopes[name][i] = (moved[0][name] - moved[1][name]) / (2 * step)
+    block = known.covariance[np.ix_(columns, columns)]
+    cut = np.array([_is_cut_off(fit, column) for column in columns], dtype=bool)
+    # Coordinates at a bound, each with a value inside: what these would change was drawn to the bound too.
+    inside = [(p, fitted[p.key] + p.step) for p in own if fitted[p.key] <= p.low]
+    inside += [(p, fitted[p.key] - p.step) for p in own if fitted[p.key] >= p.high]
+    estimates = {}
+    for name, value in values.items():
+        same = next((i for p, i in zip(own, columns, strict=True) if p.key == name and value == fitted[name]), None)
+        if same is not None:
+            estimates[name] = coordinate_estimate(fit, same)
+            continue
+        error = float(np.sqrt(max(slopes[name] @ block @ slopes[name], 0.0)))
+        at_bound = any(candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside)
+        if at_bound and known.draws is None:
+            estimates[name] = _no_estimate(value, AT_BOUND)
+        elif at_bound or (known.draws is not None and any(cut & (slopes[name] != 0.0))):
+            mapped = _mapped_draws(fit, candidate, [p.key for p in own], columns, name)
+            estimates[name] = _from_draws(float(value), mapped, error, at_bound)
+        elif fit.draws is not None and error > 0.0:
+            moved_by = (fit.draws[:, columns] - fit.values[columns]) @ slopes[name]
+            estimates[name] = _from_draws(float(value), value + moved_by, error, False)
+        else:
+            estimates[name] = estimate_with_interval(value, error, -np.inf, np.inf)
+    return estimates
+
+
+def _is_cut_off(fit: Fit, place: int) -> bool:
+    """Whether a bound cuts off what may be counted on of one parameter."""
+    p, value = fit.parameters[place], fit.values[place]
+    far = fit.settings.intervals.far_standard_deviations * np.sqrt(fit.distribution.covariance[place, place])
+    return bool(min(value - p.low, p.high - value) <= far)
+
+
+def _mapped_draws(fit: Fit, candidate: Candidate, keys: Sequence[str], columns: Sequence[int], name: str) -> np.ndarray:
+    """Draws (s,) of a parameter that follows from the coordinates `keys` of an effect, at `columns` of the fit."""
+    draws = fit.distribution.draws[:, columns]
+    draws = draws[:: max(len(draws) // fit.settings.intervals.mapped_draws, 1)]
+    return np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
+
+
+def _from_draws(value: float, draws: np.ndarray, sd: float, at_bound: bool) -> dict[str, Any]:
+    """The estimate of a `value` that is distributed as its `draws` (s,).
+
+    An interval holds its share of the draws, as many beyond either end. One that would not hold the value begins or
+    ends there instead, so that those of higher levels hold those of lower ones.
+    """
+    estimate: dict[str, Any] = {"value": value, "sd": None if at_bound else sd}
+    below, above = float(np.mean(draws < value)), float(np.mean(draws > value))
+    for level in LEVELS:
+        share = level / 100.0
+        beyond = 0.5 * (1.0 - share)
+        with np.errstate(invalid="ignore"):  # some draws may be infinite
+            ends = np.quantile(draws, [beyond, 1.0 - beyond]).tolist()
+            if value < ends[0]:
+                ends = [value, float(np.quantile(draws, min(below + share, 1.0)))]
+            elif value > ends[1]:
+                ends = [float(np.quantile(draws, max(1.0 - above - share, 0.0))), value]
+        # what grows without end at a bound, as the frequency of a rod that does not bend, has no end there
+        estimate[f"interval_{level}"] = [end if np.isfinite(end) else None for end in ends]
+    return estimate | {"remark": AT_BOUND} if at_bound else estimate
+
+
+def estimate_with_interval(value: float, sd: float, low: float, high: float) -> dict[str, Any]:
+    """Value, standard error and intervals (`LEVELS`), cut at the bounds; where there is no error, a remark why."""
+    if not sd > 0.0:
+        return _no_estimate(value, NOT_ESTIMATED if low < value < high else AT_BOUND)
+    estimate: dict[str, Any] = {"value": float(value), "sd": float(sd)}
+    for level in LEVELS:
+        half_width = HALF_WIDTHS[level] * sd
+        ends = np.clip([value - half_width, value + half_width], low, high)
+        estimate[f"interval_{level}"] = [float(end) for end in ends]
+    return estimate
+
+
+def _no_estimate(value: float, remark: str) -> dict[str, Any]:
+    intervals = {f"interval_{level}": [None, None] for level in LEVELS}
+    return {"value": float(value), "sd": None, **intervals, "remark": remark}

@@ -13,13 +13,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import with_intervals
 from jointgap.identification.decide_verdict import Ranked, reduced_chi2, weigh
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.protocol import Candidate
 from jointgap.identification.screening import LinearizedFit, Signature, SignatureRegression, simulate_signatures
 from jointgap.identification.settings import ForceLawSettings, IdentificationSettings
 from jointgap.identification.thresholds import Thresholds

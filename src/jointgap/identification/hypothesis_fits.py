@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointgap.identification.baseline import Baseline, probed_differences
+from jointgap.core.candidates import Candidate
+from jointgap.core.progress import followed
+from jointgap.identification.baseline import Baseline, fit_from_scattered_starts, probed_differences, smoothers_of
 from jointgap.identification.coarse_search import search_pairs, search_singles
 from jointgap.identification.decide_by_features import leaders_by_features
 from jointgap.identification.decide_verdict import reduced_chi2
 from jointgap.identification.fit import FAILED, MATCHED, STOPPED, Fit
-from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.initial_fit import fit_screened, labels_of, lowest_of_each, moved, not_above_its_parts
 from jointgap.identification.law_family import is_law_of_family
 from jointgap.identification.model_selection import (
     best_sufficient,
@@ -19,16 +21,13 @@ from jointgap.identification.model_selection import (
     shortlist_singles,
     two_effect_thresholds,
 )
-from jointgap.identification.nesting import labels_of, lowest_of_each, moved, not_above_its_parts
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import (
     can_be_followed,
     depends_roughly,
     leaves_rough_motion,
     search_rough,
 )
-from jointgap.identification.scattered_starts import fit_from_scattered_starts
 from jointgap.identification.screening import (
     LinearizedFit,
     SignatureRegression,
@@ -37,9 +36,7 @@ from jointgap.identification.screening import (
     only_searched,
     shortlist,
 )
-from jointgap.identification.smoother import smoothers_of
 from jointgap.identification.thresholds import Thresholds
-from jointgap.progress import followed
 
 TimedFits = tuple[list[Fit], list[float]]
 """Fits, one of each hypothesis, and how long each took [s]."""

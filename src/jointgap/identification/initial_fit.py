@@ -1,15 +1,14 @@
-"""Fits of screened hypotheses: where each starts, as far along the linear answer as simulation bears it out."""
+"""Starts of fits."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from jointgap.errors import InputError, SimulationError
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
-from jointgap.identification.problem import Problem
-from jointgap.identification.screening import LinearizedFit, Signatures
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.identification.fit import FAILED, STOPPED, FiniteDifferences, Fit, bounded_step, bounds_of, fit_hypothesis
+from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.screening import LinearizedFit, Signatures, only_searched
 
 Smooth = Callable[[np.ndarray], np.ndarray]
 
@@ -74,3 +73,134 @@ def _best_multiple(problem: Problem, screened: LinearizedFit, smoother: Smooth |
             break
         start, least, best, multiple = trial, chi2, multiple, 2.0 * multiple
     return start, best <= 1.0
+
+
+def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
+    """The labels of its effects, in no order."""
+    return frozenset(candidate.label for candidate in hypothesis)
+
+
+def lowest_of_each(fits: Iterable[Fit], chi2: Callable[[Fit], float] = lambda fit: fit.chi2) -> list[Fit]:
+    """Of each hypothesis, in whatever order its effects stand, the fit with the least `chi2`; lowest first."""
+    lowest: dict[frozenset[str], Fit] = {}
+    for fit in sorted(fits, key=chi2):
+        lowest.setdefault(labels_of(fit.hypothesis), fit)
+    return list(lowest.values())
+
+
+def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> dict[str, float]:
+    """Values by key [SI] at which a hypothesis predicts what the fit of a part of it does: further effects are absent.
+
+    Where a bound of an effect forbids that, it is at the bound. The amplitude of an effect that replaces a nuisance is
+    then what the fit has of the nuisance beyond nominal.
+    """
+    parameters = problem.parameters(hypothesis)
+    values, fitted = {p.key: p.nominal for p in parameters}, part.mapping
+    nominal = {p.name: p.nominal for p in problem.nuisances}
+    for candidate in hypothesis:
+        if candidate.label in labels_of(part.hypothesis):
+            continue
+        shapes = candidate.initial_guesses[0]
+        for p in candidate.coordinates_in(problem.runs):
+            absent = 0.0 if p.key in candidate.amplitudes else shapes.get(p.key, p.nominal)
+            values[f"{candidate.label}.{p.key}"] = fitted.get(p.key, absent) if p.name in nominal else absent
+        for name, amplitude in reversed(candidate.replaces.items()):  # the first one is the nearest to the effect
+            if name in fitted:
+                values[f"{candidate.label}.{amplitude}"] = fitted[name] - nominal[name]
+    values |= {key: value for key, value in fitted.items() if key in values}
+    low, high = bounds_of(parameters)
+    return {p.key: float(np.clip(values[p.key], a, b)) for p, a, b in zip(parameters, low, high, strict=True)}
+
+
+def not_above_its_parts(
+    problem: Problem, differences: FiniteDifferences, fit: Fit, parts: Sequence[Fit], sufficient_chi2: float = np.inf
+) -> Fit:
+    """The `fit`; where the fit of a part of its hypothesis is lower, one that starts from there if that is lower.
+
+    It starts as near to the part as the bounds of the further effects let it.
+    """
+    own = labels_of(fit.hypothesis)
+    searched = {candidate.label for candidate in fit.hypothesis if only_searched(problem, candidate)}
+    lower = [part for part in parts if searched <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
+    if fit.status == FAILED or not lower:
+        return fit
+    lowest = min(lower, key=lambda part: part.chi2)
+    start = with_effects_absent(problem, fit.hypothesis, lowest)
+    known = derivatives_of(fit) | derivatives_of(lowest)
+    again = fit_hypothesis(problem, fit.hypothesis, start, known, differences, sufficient_chi2=sufficient_chi2)
+    return again if again.chi2 < fit.chi2 else fit
+
+
+def with_nuisances_of(problem: Problem, fit: Fit, other: Fit) -> dict[str, float]:
+    """Values of a fit by key [SI], its nuisances as another fit has them: what an effect replaces is in its
+    amplitude.
+    """
+    nominal = {p.name: p.nominal for p in problem.nuisances}
+    nuisances = {key: value for key, value in other.mapping.items() if "." not in key}
+    for candidate in other.hypothesis:
+        for name, amplitude in candidate.replaces.items():
+            nuisances[name] = nominal[name] + other.mapping[f"{candidate.label}.{amplitude}"]
+    return fit.mapping | {key: value for key, value in nuisances.items() if key in fit.mapping}
+
+
+def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
+    """What some effects of a fit would leave with the others absent, if residuals were linear in their amplitudes.
+
+    All else is as the fit has it: no minimum of these effects alone.
+    """
+    columns = {p.key: column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True)}
+    parameters, residual, values = problem.parameters(kept), fit.residual.copy(), fit.mapping
+    names = {p.name for p in problem.nuisances}
+    for candidate in (each for each in fit.hypothesis if each not in kept):
+        own = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates_in(problem.runs)}
+        for key in candidate.amplitudes:
+            if key in own:
+                residual -= columns[own[key]] * values[own[key]]
+        for key in names & own.keys():  # the rest of a nuisance that it shares with others
+            values[key], columns[key] = values[own[key]], columns[own[key]]
+        for name, amplitude in candidate.replaces.items():
+            columns[name] = columns.get(name, 0.0) + columns[own[amplitude]]
+    here = np.array([values.get(p.key, p.nominal) for p in parameters])
+    jacobian = np.array([columns[p.key] for p in parameters]).reshape(len(parameters), -1).T
+    return Fit(kept, parameters, here, residual, jacobian, 0, STOPPED, settings=fit.settings)
+
+
+def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, sufficient_chi2: float = np.inf) -> Fit:
+    """The `fit` or, if it is lower, one of the same hypothesis that starts from the nuisances of the fit `to`."""
+    start = with_nuisances_of(problem, fit, to)
+    again = fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2)
+    return again if again.chi2 < fit.chi2 else fit
+
+
+def chi2_without_effects(problem: Problem, fit: Fit) -> float:
+    """chi2 that the model as it stands would leave in the valley of a fit, if residuals were linear there.
+
+    Its effects are absent, and the nuisances take up what they can within their bounds.
+    """
+    keys = [p.key for p in fit.parameters]
+    low, high = bounds_of(fit.parameters)
+    low, high = low - fit.values, high - fit.values
+    ranges = {p.name: (p.low - p.nominal, p.high - p.nominal) for p in problem.nuisances}
+    for candidate in fit.hypothesis:
+        replaced = {amplitude: name for name, amplitude in candidate.replaces.items()}
+        for p in candidate.coordinates_in(problem.runs):
+            place = keys.index(f"{candidate.label}.{p.key}")
+            if p.key in candidate.amplitudes:
+                absent = ranges[replaced[p.key]] if p.key in replaced else (0.0, 0.0)
+                low[place], high[place] = np.subtract(absent, fit.values[place])
+            elif p.name not in ranges:  # the shape of what is absent
+                low[place], high[place] = 0.0, 0.0
+    # The nearest place that is free of effects, and from there what the nuisances take up. At the end of a fit chi2 is
+    # even, so that its curvature is all that counts, and the Jacobian may be one in fewer rows.
+    first = np.clip(0.0, low, high)
+    _, rise = bounded_step(fit.jacobian, fit.jacobian @ first, low - first, high - first)
+    return fit.chi2 + rise
+
+
+def derivatives_of(fit: Fit) -> dict[str, np.ndarray]:
+    """Derivatives of a fit's residuals by key, each (n,) [1/SI]; none where it comes from a file, which has fewer
+    rows.
+    """
+    if fit.jacobian.shape[0] != fit.residual.size:
+        return {}
+    return dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True))

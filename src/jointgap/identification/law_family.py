@@ -1,7 +1,7 @@
 """Which shapes of its family the data allow a law that was found: one of the list alone, several, or another one.
 
 An effect of the list, such as quadratic drag, may be one shape of a family, here drag with any exponent
-(`jointgap.identification.protocol.LawFamily`). A fit of the effect says nothing of what else of the family fits. So
+(`jointgap.core.candidates.LawFamily`). A fit of the effect says nothing of what else of the family fits. So
 once it is found chi2 is followed along the shape, with all else fitted at each value.
 """
 
@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 from scipy.stats import chi2 as chi_squared
 
+from jointgap.core.candidates import Candidate, LawFamily
 from jointgap.identification.baseline import Baseline, with_intervals
 from jointgap.identification.decide_verdict import (
     AMBIGUOUS,
@@ -23,10 +24,8 @@ from jointgap.identification.decide_verdict import (
     rank,
     reduced_chi2,
 )
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, Fit, fit_hypothesis
+from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import Candidate, LawFamily
 from jointgap.identification.screening import only_searched
 from jointgap.identification.thresholds import Thresholds
 

@@ -1,6 +1,6 @@
 """Before anything is measured: which effects on which motion depends roughly look alike in features of the cycle.
 
-Linear signatures (`jointgap.identification.detectability`) say nothing of a joint that became loose. So the search of
+Linear signatures (`jointgap.identification.preflight`) say nothing of a joint that became loose. So the search of
 the analysis (`jointgap.identification.rough_search`) is rehearsed: each such effect in turn is taken as true, and it
 and all others are searched. Two look alike where the true one explains so little more than the other that the search
 would not drop it. Simulations tell of all channels at once, so with each further channel the same can be asked.
@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from jointgap.errors import InputError, SimulationError
-from jointgap.identification.cycle_features import CycleFeatures
-from jointgap.identification.noise_model import Key
-from jointgap.identification.problem import Problem
-from jointgap.identification.protocol import FAST, Candidate, Model
+from jointgap.core.candidates import FAST, Candidate, Model
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.identification.features import CycleFeatures
+from jointgap.identification.noise import Key
+from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.rough_search import Box, drawn_about
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.whitening import Noise
 
 
 def look_alikes(

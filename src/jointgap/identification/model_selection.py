@@ -5,13 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointgap.errors import InputError, SimulationError
+from jointgap.core.candidates import Candidate
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import (
     Baseline,
+    fit_via_smoothers,
     is_same_minimum,
+    leading_over_ensembles,
     multistart_fit,
     other_numerics,
     random_nuisances,
+    smoothers_of,
     with_intervals,
 )
 from jointgap.identification.decide_by_features import decided_by_features
@@ -22,13 +26,11 @@ from jointgap.identification.decide_verdict import (
     decide_rough,
     reduced_chi2,
 )
-from jointgap.identification.ensemble_regression import leading_over_ensembles
 from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
-from jointgap.identification.frequency_search import orders_of_cranks
-from jointgap.identification.initial_fit import fit_screened
-from jointgap.identification.nesting import (
+from jointgap.identification.initial_fit import (
     chi2_without_effects,
     derivatives_of,
+    fit_screened,
     labels_of,
     lowest_of_each,
     moved,
@@ -37,19 +39,19 @@ from jointgap.identification.nesting import (
     without_other_effects,
 )
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.protocol import Candidate
 from jointgap.identification.rough_search import leaves_rough_motion
 from jointgap.identification.screening import (
     LinearizedFit,
     SignatureRegression,
     Signatures,
+    SignatureSubspaces,
     can_be_searched,
     only_searched,
+    orders_of_cranks,
+    orthonormal,
     shortlist,
 )
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
-from jointgap.identification.smoother import fit_via_smoothers, smoothers_of
 from jointgap.identification.thresholds import Thresholds
 
 
@@ -160,7 +162,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
 
     A hypothesis must not win by having found a deeper valley of parameters that all share. So no fit stays above that
     of a part of it, the base is fitted again from the nuisances of what beats it by more than its effects account for
-    (`jointgap.identification.nesting`), and where the motion has numerical noise, base and rivals are fitted again from
+    (`jointgap.identification.initial_fit`), and where the motion has numerical noise, base and rivals are fitted again from
     the best one's nuisances in any case. Where it never repeats, base and leading fits are regressed over ensembles.
 
     Arguments as in `select_hypothesis`.

@@ -1,7 +1,7 @@
 """The search for effects on which motion depends roughly: by features of the cycle first, then by samples.
 
 Around the truth chi2 of samples has a valley that is a percent wide; outside it is flat. Features of the cycle
-(`jointgap.identification.cycle_features`) lead there. As in sequential Monte Carlo without likelihoods (Sisson, Fan and
+(`jointgap.identification.features`) lead there. As in sequential Monte Carlo without likelihoods (Sisson, Fan and
 Tanaka, PNAS 104 (2007) 1760-1765) points are drawn from the range of the coordinates, the best are kept, and the next
 ones drawn about these. At each of them nuisances are where derivatives say that samples are met best: those of the base
 make up for what is missing, and with them a valley may not be seen. Candidates compete: one that falls behind is
@@ -17,15 +17,14 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import qmc
 
-from jointgap.errors import InputError, SimulationError
+from jointgap.core.candidates import FAST, Candidate, Parameter
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, other_numerics
-from jointgap.identification.cycle_features import CycleFeatures
 from jointgap.identification.decide_verdict import reduced_chi2
-from jointgap.identification.fit import FAILED, MATCHED, Fit, bounds_of, fit_hypothesis
-from jointgap.identification.gauss_newton import bounded_step
-from jointgap.identification.nesting import derivatives_of, labels_of
+from jointgap.identification.features import CycleFeatures
+from jointgap.identification.fit import FAILED, MATCHED, Fit, bounded_step, bounds_of, fit_hypothesis
+from jointgap.identification.initial_fit import derivatives_of, labels_of
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.protocol import FAST, Candidate, Parameter
 from jointgap.identification.settings import RoughSearchSettings
 
 

@@ -1,4 +1,4 @@
-"""Which effects are worth a fit: what each would explain if the motion depended on it linearly."""
+"""Screening the candidates by their linear effect."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -6,15 +6,114 @@ from itertools import combinations
 
 import numpy as np
 
-from jointgap.errors import InputError, SimulationError
-from jointgap.identification.finite_differences import FiniteDifferences
-from jointgap.identification.fit import Fit, bounds_of
-from jointgap.identification.frequency_search import likely_frequencies, likely_orders
-from jointgap.identification.gauss_newton import bounded_step, compress_rows
-from jointgap.identification.problem import Hypothesis, Problem, label_of
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.progress import followed
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.progress import followed
+from jointgap.identification.fit import FiniteDifferences, Fit, bounded_step, bounds_of, compress_rows
+from jointgap.identification.problem import Hypothesis, Part, Problem, label_of
+from jointgap.identification.settings import DEFAULT_SETTINGS, ScreeningSettings
+
+
+def likely_frequencies(
+    parts: Sequence[Part],
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    carrier: np.ndarray,
+    frequency: Parameter,
+    settings: ScreeningSettings,
+) -> list[float]:
+    """The most likely frequencies [Hz] of an effect that is `carrier` times a cosine in time, the likeliest first.
+
+    A periodogram by least squares: at each frequency the carrier times a cosine and a sine, of each run its own, are
+    fitted beside the nuisances. It is exact where the motion does not respond to the force (a prescribed motion, of
+    which forces are read).
+    """
+    time, run = np.full(residual.size, np.nan), np.empty(residual.size, dtype=object)
+    for part in parts:
+        run[part.place] = part.series.run
+        if not part.series.statistic:
+            time[part.place] = part.series.time[part.used]
+    timed = np.isfinite(time)
+    if not timed.any() or not residual.any():  # a preflight has nothing to search
+        return []
+    span = max(np.ptp(part.series.time[part.used]) for part in parts if timed[part.place].all())
+    step = 1.0 / (settings.frequencies_per_line * span)
+    densest = min(np.median(np.diff(part.series.time[part.used])) for part in parts if timed[part.place].all())
+    tried = np.arange(max(frequency.low, 0.5 / span), min(frequency.high, 0.5 / densest), step)
+    order = orders_of_cranks(parts, settings)
+    tried = np.array([hertz for hertz in tried if not order(hertz)])  # an effect in step with the crank is another one
+    basis, left = _beyond_nuisances(residual, jacobian)
+    carriers = [np.where(timed & (run == name), carrier, 0.0) for name in dict.fromkeys(run)]
+    time = np.where(timed, time, 0.0)
+    power = np.array([_power(2 * np.pi * hertz * time, carriers, basis, left) for hertz in tried])
+    inner = np.arange(1, power.size - 1)
+    peaks = inner[(power[inner] >= power[inner - 1]) & (power[inner] > power[inner + 1])]
+    return [float(tried[i]) for i in sorted(peaks, key=lambda i: -power[i])[: settings.max_frequencies]]
+
+
+def likely_orders(
+    parts: Sequence[Part],
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    carrier: np.ndarray,
+    order: Parameter,
+    settings: ScreeningSettings,
+) -> list[float]:
+    """The most likely orders [cycles per revolution] of an effect that is `carrier` times a cosine of the crank angle.
+
+    As `likely_frequencies`, over those that the parameter says; an effect in step with the crank has one phase in all
+    runs. Orders that the samples of a series do not resolve are not looked for.
+    """
+    angle = np.full(residual.size, np.nan)
+    finest = np.inf
+    for part in parts:
+        own = part.series.angle[part.used]
+        angle[part.place] = own
+        if np.isfinite(own).sum() > 1:
+            finest = min(finest, float(np.nanmedian(np.abs(np.diff(own)))))
+    known = np.isfinite(angle)
+    if not known.any() or not residual.any():  # a preflight has nothing to search
+        return []
+    tried = np.array([value for value in order.tried if value <= np.pi / max(finest, 1e-9)])
+    basis, left = _beyond_nuisances(residual, jacobian)
+    carriers, angle = [np.where(known, carrier, 0.0)], np.where(known, angle, 0.0)
+    power = [_power(k * angle, carriers, basis, left) for k in tried]
+    return [float(tried[i]) for i in sorted(range(tried.size), key=lambda i: -power[i])[: settings.max_frequencies]]
+
+
+def orders_of_cranks(parts: Sequence[Part], settings: ScreeningSettings) -> Callable[[float], str]:
+    """What tells of a frequency [Hz] whether it is an order or half an order of a run's crank, in words; empty where it
+    is none.
+    """
+    rates = {}
+    for series in (part.series for part in parts if not part.series.statistic):
+        known = np.isfinite(series.time) & np.isfinite(series.angle)
+        turns, seconds = (np.ptp(values[known]) if known.any() else 0.0 for values in (series.angle, series.time))
+        if turns > 0.0 and seconds > 0.0:
+            rates[series.run] = float(turns / seconds / (2.0 * np.pi))
+
+    def order_in_words(frequency: float) -> str:
+        for run, rate in rates.items():
+            order = max(round(2.0 * frequency / rate), 1) / 2.0
+            if abs(frequency / rate - order) <= settings.order_width:
+                return f"order {order:g} of the crank in run {run}"
+        return ""
+
+    return order_in_words
+
+
+def _beyond_nuisances(residual: np.ndarray, jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Orthonormal columns of what nuisances change, and what they leave of the residual."""
+    basis = np.linalg.qr(jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300))[0]
+    return basis, residual - basis @ (basis.T @ residual)
+
+
+def _power(phase: np.ndarray, carriers: Sequence[np.ndarray], basis: np.ndarray, left: np.ndarray) -> float:
+    """How much of the squared residual the cosine and the sine of `phase` explain, with each carrier by themselves."""
+    columns = np.column_stack([carrier * wave for carrier in carriers for wave in (np.cos(phase), np.sin(phase))])
+    columns -= basis @ (basis.T @ columns)
+    weight = np.linalg.lstsq(columns, left, rcond=None)[0]
+    return float(left @ (columns @ weight))
 
 
 @dataclass(frozen=True)
@@ -288,3 +387,70 @@ def shortlist(screened: Sequence[LinearizedFit], count: int) -> list[LinearizedF
     groups = [frozenset(candidate.exclusion_group for candidate in one.hypothesis) for one in screened]
     kept = list(dict.fromkeys(groups))[:count]
     return [one for one, group in zip(screened, groups, strict=True) if group in kept]
+
+
+class SignatureSubspaces:
+    """What each candidate can change in the whitened residuals beyond what nuisances can, as orthonormal columns."""
+
+    def __init__(self, signatures: Signatures, settings: ScreeningSettings = DEFAULT_SETTINGS.screening):
+        self._settings = settings
+        self.nuisances = orthonormal(signatures.jacobian)
+        self.of: dict[str, list[np.ndarray]] = {}
+        linear = {signature.candidate.label for signature in signatures.entries if not signature.is_secant}
+        for signature in signatures.entries:
+            if signature.is_secant and signature.candidate.label in linear:
+                continue  # from where a fit starts too; what it can change is what small amplitudes do
+            space = orthonormal(self.projected(signature.columns))
+            self.of.setdefault(signature.candidate.label, []).append(space)
+        self._groups = {s.candidate.label: s.candidate.exclusion_group for s in signatures.entries}
+
+    def projected(self, columns: np.ndarray) -> np.ndarray:
+        """What of the columns (n, m) the nuisances cannot take up; zero where that is rounding."""
+        left = columns - self.nuisances @ (self.nuisances.T @ columns)
+        lost = np.linalg.norm(left, axis=0) < self._settings.negligible_projection * np.linalg.norm(columns, axis=0)
+        return np.where(lost, 0.0, left)
+
+    def span(self, labels: Iterable[str]) -> np.ndarray:
+        """All that the candidates `labels` together can change, shape (n, dimensions)."""
+        return orthonormal(np.hstack([self.nuisances[:, :0], *(space for label in labels for space in self.of[label])]))
+
+    def cosine(self, space: np.ndarray, label: str) -> float:
+        """Largest cosine [1] of anything that the candidate changes with the columns of `space`; 0 where it changes
+        nothing.
+        """
+        cosines = [np.linalg.norm(space.T @ own, 2) for own in self.of[label] if own.size and space.size]
+        return float(min(max(cosines, default=0.0), 1.0))
+
+    def is_special_case(self, special: Hypothesis, general: Hypothesis) -> bool:
+        """Whether the second hypothesis can do all that the first can, and more: a constant force is a spring without
+        stiffness.
+        """
+        general_labels = {candidate.label for candidate in general}
+        own = [candidate.label for candidate in special if candidate.label not in general_labels]
+        if any(not self.span([label] if label in self.of else []).size for label in own):
+            return False  # nuisances take up all that it changes, or nothing is known of it
+        inner, outer = (self.span([c.label for c in hyp if c.label in self.of]) for hyp in (special, general))
+        if not 0 < inner.shape[1] < outer.shape[1]:
+            return False
+        return bool(np.linalg.norm(inner - outer @ (outer.T @ inner), 2) < self._settings.special_case_distance)
+
+    def nearest(self, hypothesis: Hypothesis) -> tuple[str, float]:
+        """The candidate beyond the explanation that it could stand for best, and the squared cosine; '' where there is
+        none. Alternatives to its effects are left out: signatures cannot tell these apart, fits can.
+        """
+        named = {candidate.label for candidate in hypothesis}
+        taken = {candidate.exclusion_group for candidate in hypothesis}
+        space = self.span([label for label in named if label in self.of])
+        others = [(self.cosine(space, label) ** 2, label) for label in self.of if self._groups[label] not in taken]
+        cosine, label = max(others, default=(0.0, ""))
+        return label, cosine
+
+
+def orthonormal(columns: np.ndarray) -> np.ndarray:
+    """Orthonormal columns of the same span, shape (n, rank)."""
+    length = np.linalg.norm(columns, axis=0)
+    live = columns[:, length > 0] / length[length > 0]
+    if not live.shape[1]:
+        return live
+    left, sizes, _ = np.linalg.svd(live, full_matrices=False)
+    return left[:, sizes > 1e-9 * sizes[0]]

@@ -263,7 +263,7 @@ class LookAlikeSettings:
 @dataclass(frozen=True)
 class ScatteredStartSettings:
     """Points from which an effect is fitted where chi2 has many valleys
-    (`jointgap.identification.scattered_starts`).
+    (`jointgap.identification.baseline`).
     """
 
     leading_singles: int = 3  # Single effects for which it is done where none is sufficient, those of least chi2
@@ -573,7 +573,7 @@ class IntervalSettings:
 
 @dataclass(frozen=True)
 class ValleySettings:
-    """Draws where chi2 is not quadratic (`jointgap.identification.curved_valley`)."""
+    """Draws where chi2 is not quadratic (`jointgap.identification.baseline`)."""
 
     # Points drawn from the quadratic chi2 that are simulated to see whether it is right; so many simulations it
     # costs where it is
@@ -610,7 +610,7 @@ class ValleySettings:
 
 @dataclass(frozen=True)
 class EnsembleSettings:
-    """Regression over simulations of chaotic motion (`jointgap.identification.ensemble_regression`)."""
+    """Regression over simulations of chaotic motion (`jointgap.identification.baseline`)."""
 
     # [standard errors] About the minimum so far, over which the members of each ensemble are drawn. Narrower than
     # three, slopes are mostly what realisations scatter: with one, errors of parameters came out half as large as

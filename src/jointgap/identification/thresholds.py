@@ -8,8 +8,7 @@ import numpy as np
 
 from jointgap.identification.baseline import Baseline, other_numerics
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Signatures, simulate_signatures
-from jointgap.identification.signature_subspaces import SignatureSubspaces, orthonormal
+from jointgap.identification.screening import Signatures, SignatureSubspaces, orthonormal, simulate_signatures
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Whether searches can be compared at all: before anything is simulated, and without the packages that learn."""
 
 from jointgap.config import Scenario
+from jointgap.core.errors import InputError
 from jointgap.design_networks.design_space import DesignSpace, design_space
-from jointgap.errors import InputError
 
 
 def check_searches(scenario: Scenario) -> DesignSpace:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointgap.errors import needs
+from jointgap.core.errors import needs
 from jointgap.length_searches.settings import SearchSettings
-from jointgap.link_lengths.region import Region
+from jointgap.lengths.region import Region
 
 with needs("optimising link lengths", "learn"):
     from pymoo.algorithms.soo.nonconvex.cmaes import CMAES

@@ -14,21 +14,21 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.core.errors import InputError
+from jointgap.core.progress import tell
 from jointgap.design_networks.design_space import Design, DesignSpace
 from jointgap.design_networks.held_out_errors import HeldOut, held_out
 from jointgap.design_networks.settings import SETTINGS as OF_NETWORKS
 from jointgap.design_networks.settled_motion import SettledMotion
 from jointgap.design_networks.train_network import train
-from jointgap.errors import InputError
 from jointgap.length_searches.check_searches import check_searches
 from jointgap.length_searches.cma_search import cma_search
 from jointgap.length_searches.error_surrogate import train_surrogate
 from jointgap.length_searches.learned_search import learned_search
 from jointgap.length_searches.settings import SETTINGS
 from jointgap.length_searches.training_pool import TrainingPool, fill_pool
-from jointgap.link_lengths.local import search_from_all
-from jointgap.link_lengths.objective import frozen_objective
-from jointgap.progress import tell
+from jointgap.lengths.objective import frozen_objective
+from jointgap.lengths.search import search_from_all
 
 FROZEN, NETWORKS, SURROGATE, SIMULATION = "frozen", "networks", "surrogate", "simulation"
 WAYS = (FROZEN, NETWORKS, SURROGATE, SIMULATION)

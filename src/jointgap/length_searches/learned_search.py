@@ -1,7 +1,7 @@
 """A search for lengths where a network or a surrogate tells the error: smooth, and next to free.
 
 The paper's way with its frozen motion is a local search by sequential quadratic programming from six starts
-(`jointgap.link_lengths.local`). This is the same search, with slopes by central differences.
+(`jointgap.lengths.search`). This is the same search, with slopes by central differences.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jointgap.length_searches.settings import SearchSettings
-from jointgap.link_lengths.local import search_from_all, starting_points
-from jointgap.link_lengths.region import Region
+from jointgap.lengths.region import Region
+from jointgap.lengths.search import search_from_all, starting_points
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import FuncFormatter
 
-from jointgap.figures import style
-from jointgap.figures.sheet import Panel, Quantity, Sheet, tick_label
-from jointgap.figures.style import Drawing
+from jointgap.core import plot
+from jointgap.core.plot import Drawing, Panel, Quantity, Sheet, tick_label
 from jointgap.length_searches.compare_searches import FROZEN, NETWORKS, SIMULATION, SURROGATE
 
 GAIN, BREAK_EVEN = "gain_over_cpu_time", "when_learning_pays"
@@ -44,7 +43,7 @@ def draw_searches(
     summary: pd.DataFrame, progress: pd.DataFrame, break_even: pd.DataFrame, cost: float
 ) -> dict[str, Drawing]:
     """All figures by name."""
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         return {GAIN: _gain(summary, progress), BREAK_EVEN: _break_even(break_even, cost)}
 
 
@@ -107,7 +106,7 @@ def _break_even(frame: pd.DataFrame, cost: float) -> Drawing:
         panel.horizontal_line("a simulation takes", 1e3 * cost)
         panel.axes.annotate(
             f"measured: {1e3 * cost:.1f} ms", (1.0, 1e3 * cost), xycoords=("axes fraction", "data"), ha="right",
-            va="bottom", fontsize=8.0, color=style.COLOURS["limit"],
+            va="bottom", fontsize=8.0, color=plot.COLOURS["limit"],
         )  # fmt: skip
         if not panel.axes.get_legend_handles_labels()[0]:
             panel.axes.text(0.5, 0.75, "pays at no cost of a simulation", transform=panel.axes.transAxes, ha="center")
@@ -126,5 +125,5 @@ def _line(panel: Panel, words: str, rows: pd.DataFrame, colour: str, line: str) 
         return
     at, low, high = costs.index.to_numpy(), costs.min(axis=1).to_numpy(), costs.max(axis=1).to_numpy()
     panel.line(words, at, costs.mean(axis=1).to_numpy(), colour, linestyle=line)
-    panel.axes.fill_between(at, low, high, color=style.COLOURS[colour], alpha=0.15, linewidth=0.0)
+    panel.axes.fill_between(at, low, high, color=plot.COLOURS[colour], alpha=0.15, linewidth=0.0)
     panel.record(f"{words}, from smallest to largest", at, np.full(len(at), np.nan), low=low, high=high)

@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.core.page import Block, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
+from jointgap.core.words import joined
 from jointgap.design_networks.networks_page import axes_table
 from jointgap.design_networks.settings import SETTINGS as OF_NETWORKS
 from jointgap.length_searches.break_even import pays_from
 from jointgap.length_searches.compare_searches import FROZEN, NETWORKS, SIMULATION, WAYS, Compared
 from jointgap.length_searches.searches_figures import BREAK_EVEN, CAPTIONS, GAIN, LOOKS, TITLES
 from jointgap.length_searches.settings import SETTINGS
-from jointgap.report.page import Block, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
-from jointgap.report.plain_words import joined
 
 MDEG = 1e3 * 180.0 / np.pi
 """Thousandths of a degree in a radian."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jointgap.core.errors import InputError
 from jointgap.design_networks.design_space import Design
 from jointgap.design_networks.settled_motion import SettledMotion
-from jointgap.errors import InputError
 
 LEAST_DESIGNS = 24
 """Designs of which something is learned at all."""

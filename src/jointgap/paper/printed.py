@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.joints import PINS
+from jointgap.core.joints import PINS
 
 ROUNDING_M = 1e-9  # [m] lengths that differ by less, as by a change of units, are the same
 

@@ -24,8 +24,8 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.config.infer_settings_config import InferSettings
+from jointgap.core.errors import InputError
 from jointgap.designs.design_of_experiments import Axis, Designs, designs_of
-from jointgap.errors import InputError
 from jointgap.paper.printed import CRANK_M, OPTIMA, ROD_M
 from jointgap.tables.infer_settings_tables import INFERRED_NUMBERS, INFERRED_SETTINGS
 

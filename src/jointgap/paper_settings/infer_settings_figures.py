@@ -6,11 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from jointgap.core import plot
+from jointgap.core.plot import COLOURS, Drawing, Panel, Quantity, Sheet, tick_label
 from jointgap.designs.design_of_experiments import Axis
 from jointgap.designs.words_of_designs import parameter_quantity, value_in_words
-from jointgap.figures import style
-from jointgap.figures.sheet import Panel, Quantity, Sheet, tick_label
-from jointgap.figures.style import COLOURS, Drawing
 from jointgap.paper_settings.infer_settings import (
     BINS,
     NUMBERS,
@@ -30,7 +29,7 @@ _SHARE = Quantity("share", "%")
 
 def draw(found: InferredSettings) -> Iterator[tuple[str, Drawing]]:
     """All figures with their names, one at a time; no map where one setting alone varies."""
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         yield NUMBERS_FIGURE, _numbers(found)
         yield POSTERIOR, _posterior(found)
         if len(found.varied) > 1:

@@ -5,14 +5,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jointgap.core.page import Bullets, Cell, FigureBlock, Heading, Page, Paragraph, TableBlock
+from jointgap.core.words import joined
 from jointgap.designs.design_of_experiments import Axis
 from jointgap.designs.words_of_designs import parameter_in_words, value_in_words
 from jointgap.paper.printed import TRAINING_ITERATIONS, TRAINING_MSE
 from jointgap.paper_settings.infer_settings import NUMBERS, InferredSettings, densest
 from jointgap.paper_settings.infer_settings_figures import MAP, NUMBERS_FIGURE, POSTERIOR
 from jointgap.paper_settings.train_networks import NEAREST, RANDOM
-from jointgap.report.page import Bullets, Cell, FigureBlock, Heading, Page, Paragraph, TableBlock
-from jointgap.report.plain_words import joined
 
 NEAREST_FILE = "nearest_scenario.yaml"
 """Name of the configuration of the nearest settings that a scenario can hold."""

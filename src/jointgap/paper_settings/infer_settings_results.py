@@ -7,11 +7,11 @@ import yaml
 
 from jointgap import tables
 from jointgap.config import Scenario
-from jointgap.figures import style
+from jointgap.core import plot
+from jointgap.core.page import to_html, to_markdown
 from jointgap.paper_settings.infer_settings import InferredSettings
 from jointgap.paper_settings.infer_settings_figures import draw
 from jointgap.paper_settings.infer_settings_page import NEAREST_FILE, page
-from jointgap.report.page import to_html, to_markdown
 from jointgap.tables.infer_settings_tables import INFERRED_DESIGNS_PATH, INFERRED_TABLES, inferred_designs
 
 NEAREST_NAME = "nearest_settings"
@@ -33,7 +33,7 @@ def write_results(found: InferredSettings, training: pd.DataFrame, scenario: Sce
     pages, figures = (folder / "summary.html", folder / "summary.md"), folder / "figures"
     tables.check_writable(*places, *pages, folder / NEAREST_FILE)
     figures.mkdir(exist_ok=True)
-    drawn = {path for name, drawing in draw(found) for path in style.save(drawing, figures / name)}
+    drawn = {path for name, drawing in draw(found) for path in plot.save(drawing, figures / name)}
     for path in set(figures.iterdir()) - drawn:
         path.unlink()
     for path, (table, frame) in places.items():

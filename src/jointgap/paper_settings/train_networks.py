@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Surrogate
-from jointgap.dynamics import simulate
-from jointgap.errors import SimulationError
+from jointgap.core.errors import SimulationError
+from jointgap.core.progress import followed
+from jointgap.dynamics.simulate import simulate
+from jointgap.networks.train import train
 from jointgap.paper.printed import TRAINING_MSE
 from jointgap.paper_settings.infer_settings import InferredSettings
-from jointgap.progress import followed
-from jointgap.surrogate.train import train
 from jointgap.tables.infer_settings_tables import INFERRED_TRAINING
 
 NEAREST, RANDOM = "nearest", "random"

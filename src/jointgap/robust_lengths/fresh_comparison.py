@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.robust_lengths.robust_measure import RobustMeasure, deviation
 from jointgap.robust_lengths.search_lengths import RobustProblem
 from jointgap.robust_lengths.simulated_draws import Responses

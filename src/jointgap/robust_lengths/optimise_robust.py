@@ -6,13 +6,12 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Scenario, Simulate
-from jointgap.dynamics.parallel_runs import Run, rod_and_slider, simulate_runs
-from jointgap.errors import InputError
-from jointgap.link_lengths.constraints import geometric
-from jointgap.link_lengths.local import search_from_all
-from jointgap.link_lengths.objective import Objective, objective_of_motion
-from jointgap.link_lengths.region import Region
-from jointgap.mechanism import ideal_cycle
+from jointgap.core.errors import InputError
+from jointgap.dynamics.kinematics import ideal_cycle
+from jointgap.dynamics.parallel import Run, rod_and_slider, simulate_runs
+from jointgap.lengths.objective import Objective, objective_of_motion
+from jointgap.lengths.region import Region, geometric
+from jointgap.lengths.search import search_from_all
 from jointgap.robust_lengths.fresh_comparison import QUANTITIES, Comparison, compare
 from jointgap.robust_lengths.robust_measure import RobustMeasure
 from jointgap.robust_lengths.search_lengths import RobustProblem, best_of, front_of, search
@@ -114,7 +113,7 @@ def _frozen_optimum(
 ) -> tuple[float, float]:
     """The paper's optimum, (L2, L3) [m]: the motion in the joints is that of the original lengths, whatever they are.
 
-    The local search of `jointgap.link_lengths.local` on the simulated motion, without networks between.
+    The local search of `jointgap.lengths.search` on the simulated motion, without networks between.
     """
     objective = _frozen(nominal, simulate)
     found = min(search_from_all(objective, region, optimise.local_tolerance), key=lambda each: each.value)

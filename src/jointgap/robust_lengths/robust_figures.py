@@ -5,9 +5,8 @@ import pandas as pd
 from matplotlib.colors import LogNorm
 from scipy.interpolate import RBFInterpolator
 
-from jointgap.figures import style
-from jointgap.figures.sheet import Panel, Quantity, Sheet
-from jointgap.figures.style import Drawing
+from jointgap.core import plot
+from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.robust_lengths.optimise_robust import RobustOptimum
 
 TITLES = {
@@ -37,7 +36,7 @@ def draw_robust(found: RobustOptimum) -> dict[str, Drawing]:
     """All figures by name; without the front where no lengths that were tried keep the constraints, and without the map
     where these leave a line of lengths, or single ones (`has_map`).
     """
-    with style.matplotlib_style():
+    with plot.matplotlib_style():
         drawn = {"robust_errors": _errors(found)}
         if has_map(found):
             drawn["robust_map"] = _map(found)

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.core.page import Block, Cell, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
+from jointgap.core.words import joined, percent, reading_unit, unit_in_words
 from jointgap.designs.words_of_designs import parameter_in_words
-from jointgap.report.page import Block, Cell, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
-from jointgap.report.plain_words import joined, percent, reading_unit, unit_in_words
 from jointgap.robust_lengths.optimise_robust import COMPARED, RobustOptimum
 from jointgap.robust_lengths.robust_figures import LOOKS, MDEG, TITLES, has_map
 from jointgap.robust_lengths.search_lengths import best_of

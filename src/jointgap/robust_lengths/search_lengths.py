@@ -4,7 +4,7 @@ Three steps, each of which begins with the best of those before: a grid over the
 one measure of the error, and NSGA-II for the front of error, force and change of the stroke. What any of them tried
 counts for the optimum and for the front.
 
-The error hangs on the ratio of the lengths far more than on either of them (`jointgap.link_lengths.valley`), and its
+The error hangs on the ratio of the lengths far more than on either of them (`jointgap.lengths.objective`), and its
 valley runs across the box. Hence operators that no turn of the axes changes: donors of differential evolution are taken
 whole (crossover rate 1), and children of NSGA-II lie around their parents (parent-centric crossover, Deb et al. 2002).
 """
@@ -18,10 +18,9 @@ from scipy.stats import qmc
 
 from jointgap.config import Constraints
 from jointgap.config.robust_config import OptimiseRobust
-from jointgap.errors import needs
-from jointgap.link_lengths.constraints import MET, Constraint
-from jointgap.link_lengths.region import Region
-from jointgap.progress import tell
+from jointgap.core.errors import needs
+from jointgap.core.progress import tell
+from jointgap.lengths.region import MET, Constraint, Region
 from jointgap.robust_lengths.robust_measure import RobustMeasure, deviation, held_quantile
 from jointgap.robust_lengths.simulated_draws import Responding, Responses
 

@@ -1,6 +1,6 @@
 """Pairs of lengths simulated at each draw of what is uncertain.
 
-The error is that of equation (12) and of `jointgap.link_lengths.resimulate`: the transmission angle that was designed,
+The error is that of equation (12) and of `jointgap.lengths.resimulate`: the transmission angle that was designed,
 which is that of the original lengths without clearance, less the angle of the simulated motion of the new lengths. What
 is uncertain changes the motion and not what was designed.
 """
@@ -12,10 +12,10 @@ from typing import Protocol
 import numpy as np
 
 from jointgap.config import Mechanism, Optimise, Simulate
-from jointgap.dynamics.parallel_runs import Outcome, Run, rod_and_slider, simulate_runs
-from jointgap.joints import PINS
-from jointgap.link_lengths.objective import measure
-from jointgap.mechanism import transmission_angle
+from jointgap.core.joints import PINS
+from jointgap.dynamics.kinematics import transmission_angle
+from jointgap.dynamics.parallel import Outcome, Run, rod_and_slider, simulate_runs
+from jointgap.lengths.objective import measure
 from jointgap.robust_lengths.uncertain_draws import Draw
 
 _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins", "directions")

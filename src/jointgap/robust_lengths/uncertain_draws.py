@@ -9,9 +9,9 @@ from scipy.stats import qmc
 
 from jointgap.config import DrivenMechanism, Mechanism, Scenario, Simulate
 from jointgap.config.varied_values import with_values
+from jointgap.core.errors import InputError
 from jointgap.designs.design_of_experiments import Axis, axes_of
-from jointgap.errors import InputError
-from jointgap.link_lengths.constraints import depends_on_offset
+from jointgap.lengths.region import depends_on_offset
 
 SOURCE = "optimise_robust.uncertain"
 """What errors call the place where something uncertain stands."""

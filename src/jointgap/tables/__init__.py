@@ -31,7 +31,7 @@ TABLES = {table.name: table for table in list(globals().values()) if isinstance(
 
 
 def __getattr__(name: str) -> Any:
-    """What `jointgap.tables.store` has: read, write, describe ... It is loaded when it is first asked for."""
+    """What `jointgap.core.parquet` has: read, write, describe ... It is loaded when it is first asked for."""
     if name.startswith("__"):
         raise AttributeError(name)
-    return getattr(import_module("jointgap.tables.store"), name)
+    return getattr(import_module("jointgap.core.parquet"), name)

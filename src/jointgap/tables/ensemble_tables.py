@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from jointgap.joints import JOINTS
+from jointgap.core.joints import JOINTS
 from jointgap.tables.columns import Column, Table
 from jointgap.tables.simulate_tables import EVENTS
 

@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable
 
-from jointgap.joints import JOINT_NUMBERS, PINS
+from jointgap.core.joints import JOINT_NUMBERS, PINS
 from jointgap.tables.columns import Column, Table
 
 TRAJECTORY = Table(
     "trajectory",
     "Motion of the slider-crank at samples uniform in crank angle",
-    "jointgap.dynamics.solver.sampling:COLUMNS",  # they stand with the compiled code that fills them
+    "jointgap.dynamics.sampling:COLUMNS",  # they stand with the compiled code that fills them
     path="simulate/trajectory.parquet",
 )
 

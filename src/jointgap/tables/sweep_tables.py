@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from jointgap.joints import JOINT
+from jointgap.core.joints import JOINT
 from jointgap.tables.columns import Column, Table
 
 NOISE_ORDER = 10

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.experiment_views import KEY
 from jointgap.track.mlflow_store import Store, address_for, artifact_folder
 from jointgap.track.sqlite_store import Holds, file_of, look

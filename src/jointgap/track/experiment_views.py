@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-from jointgap.joints import JOINT_NUMBERS
+from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.tables import outputs
 from jointgap.tables.sweep_tables import MEASURES
 from jointgap.track.metric_names import name_and_factor

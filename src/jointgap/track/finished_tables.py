@@ -10,7 +10,7 @@ import pandas as pd
 
 from jointgap import tables
 from jointgap.config import Scenario
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.tables import Table
 from jointgap.track.run_parameters import run_parameters
 from jointgap.track.run_record import Dataset

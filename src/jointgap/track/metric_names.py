@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from jointgap.report.plain_words import reading_unit
+from jointgap.core.words import reading_unit
 from jointgap.tables.columns import Column
 
 MDEG = 1e3 * 180.0 / np.pi

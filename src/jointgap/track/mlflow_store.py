@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from jointgap import tables
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track import sqlite_store
 from jointgap.track.quiet_mlflow import quiet
 from jointgap.track.run_record import Dataset, Record

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jointgap.errors import InputError
-from jointgap.surrogate.network import Layout, Network, Scaling
+from jointgap.core.errors import InputError
+from jointgap.networks.network import Layout, Network, Scaling
 
 
 def to_files(network: Network, output: str) -> dict[str, bytes]:

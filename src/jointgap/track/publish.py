@@ -15,7 +15,7 @@ from pathlib import Path
 
 from jointgap import __version__
 from jointgap.config import Scenario
-from jointgap.report.page import markdown_text
+from jointgap.core.page import markdown_text
 from jointgap.track.experiment_views import NOTE, TAG, VIEWS
 from jointgap.track.mlflow_store import Store, StoredRun, address_for, opened
 from jointgap.track.run_record import Record

@@ -5,7 +5,7 @@ import sqlite3
 from enum import Enum
 from pathlib import Path
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.quiet_mlflow import quiet
 
 PREFIX = "sqlite:///"

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track import sqlite_store
 from jointgap.track.store_trouble import explained
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track import sqlite_store
 
 _DEFAULT = "unset MLFLOW_TRACKING_URI to use the store in the results folder"

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap import tables
-from jointgap.surrogate.network import Network
+from jointgap.networks.network import Network
 from jointgap.track.finished_tables import FinishedTables
 from jointgap.track.network_files import clearance_to_files, to_files
 from jointgap.track.run_record import Curve, Record

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from jointgap.config import Scenario
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.track.finished_tables import read_costs
 from jointgap.track.run_parameters import run_parameters
 from jointgap.track.run_record import Dataset, Record

@@ -11,11 +11,11 @@ from typing import Any
 import pandas as pd
 
 from jointgap import tables
-from jointgap.campaign.tables_of_identification import JOINED
-from jointgap.campaign.verdict import read
+from jointgap.campaign.fits_on_disk import JOINED
+from jointgap.campaign.verdict_json import read
+from jointgap.core.results_folder import ResultsFolder
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.tables import CONTRADICTIONS
-from jointgap.tables.results_folder import ResultsFolder
 from jointgap.trials.score import effect_label
 from jointgap.trials.sparse_regression import sparse_names
 
@@ -25,7 +25,7 @@ _GAIN_OF_AN_EFFECT = DEFAULT_SETTINGS.confirmation.min_fall_of_features
 
 def analyse_trial(campaign: Path, results: Path) -> dict[str, Any]:
     """The verdict on a campaign, what the baseline methods name, and the processor time it took."""
-    from jointgap.stages.campaign_pipeline import analyse
+    from jointgap.campaign.analyse import analyse
 
     begin = time.process_time()
     record: dict[str, Any] = {"id": campaign.name}

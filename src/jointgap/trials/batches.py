@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from jointgap.errors import InputError
+from jointgap.core.errors import InputError
 from jointgap.tables import write_text
 
 

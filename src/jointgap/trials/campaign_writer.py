@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import yaml
 
+from jointgap.core.parquet import write_atomically
 from jointgap.quantities import unit_factor
 from jointgap.tables import write_text
-from jointgap.tables.store import write_atomically
 from jointgap.trials.size_calibration import Readings
 from jointgap.trials.virtual_rig import VirtualRig
 

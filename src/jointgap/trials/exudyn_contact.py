@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from jointgap.dynamics.compilation import compiled  # how to compile, nothing of the physics
-from jointgap.errors import SimulationError
-from jointgap.joints import PINS, REFERENCE_APPROACH_SPEED
+from jointgap.core.errors import SimulationError
+from jointgap.core.joints import PINS, REFERENCE_APPROACH_SPEED
+from jointgap.dynamics.numba_cache import compiled  # how to compile, nothing of the physics
 from jointgap.trials.exudyn_model import ExudynSystem, directions
 from jointgap.trials.sensor_readings import CrankRun
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from jointgap.errors import SimulationError, needs
-from jointgap.joints import FROM_FRAME, JOINT
+from jointgap.core.errors import SimulationError, needs
+from jointgap.core.joints import FROM_FRAME, JOINT
 
 STEPS = 1500
 """Steps per revolution at least: with these, readings agree with the package's to 1e-5 of their standard deviation."""

@@ -6,9 +6,9 @@ from typing import Any
 
 from jointgap.config.load import load_campaign, validate
 from jointgap.config.mechanism_config import Mechanism
+from jointgap.core.candidates import Candidate, Parameter
 from jointgap.effects import EFFECTS
-from jointgap.identification.protocol import Candidate, Parameter
-from jointgap.slider_crank import build_model
+from jointgap.rig.model import build_model
 
 
 def idle_effects(campaign_file: Path, effects: Sequence[Mapping[str, Any]]) -> list[bool]:

@@ -1,6 +1,6 @@
 """Other numerics than the simulation's: the embedded Runge-Kutta pair of orders 5 and 4, from event to event.
 
-Method, step control and search for events are not those of `jointgap.dynamics.solver.integrate`, so that no simulator
+Method, step control and search for events are not those of `jointgap.dynamics.integrate`, so that no simulator
 is fitted to its own output: the duplication is on purpose. Equations of motion, contact laws, the conditions of an
 event, the start and what is computed from a sampled state are the same.
 
@@ -11,18 +11,16 @@ import math
 
 import numpy as np
 
-from jointgap.dynamics.compilation import compiled
-from jointgap.dynamics.model.equations import AUXILIARY_STATES, STATES
-from jointgap.dynamics.model.joint_forces import FLIGHT
-from jointgap.dynamics.model.parameters import Parameters
-from jointgap.dynamics.model.relative_motion import relative_motion
-from jointgap.dynamics.simulation import VELOCITY_TIME
-from jointgap.dynamics.solver.events import DISTANCE, FORCE, all_conditions, switched
-from jointgap.dynamics.solver.initial_state import start_state
-from jointgap.dynamics.solver.integrate import least_approach, replaced
-from jointgap.dynamics.solver.runge_kutta import instant
-from jointgap.dynamics.solver.sampling import SAMPLE, fill_samples
-from jointgap.errors import SimulationError
+from jointgap.core.errors import SimulationError
+from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
+from jointgap.dynamics.events import DISTANCE, FORCE, all_conditions, switched
+from jointgap.dynamics.integrate import least_approach, replaced
+from jointgap.dynamics.joints import FLIGHT, relative_motion
+from jointgap.dynamics.numba_cache import compiled
+from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.runge_kutta import instant
+from jointgap.dynamics.sampling import SAMPLE, fill_samples
+from jointgap.dynamics.simulate import VELOCITY_TIME, start_state
 
 _SIZE = STATES + AUXILIARY_STATES
 _NODES = np.array([0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0])
@@ -158,7 +156,7 @@ def _integrate(p, z, times, tolerance, states, auxiliary_states, modes_at, appro
 
 
 def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=None) -> dict[str, np.ndarray]:
-    """All signals of a motion at `times`, from the start of `jointgap.dynamics.solver.initial_state` on."""
+    """All signals of a motion at `times`, from the start of `jointgap.dynamics.simulate` on."""
     y, x = start_state(p, perturbation)
     n = times.size
     states, auxiliary_states = np.empty((n, STATES)), np.empty((n, AUXILIARY_STATES))

@@ -9,16 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jointgap.effects import EFFECTS, Effect
-from jointgap.effects.base import LARGEST_SIZE, TrialContext, TrialSize, random_sign
-from jointgap.slider_crank.sensor_faults import (
-    DELAY_SHARES,
-    ENCODER_OFFSET,
-    FAULTS,
-    LAG_AND_DELAY,
-    SENSOR_DELAY,
-    SensorFault,
-)
+from jointgap.effects import EFFECTS
+from jointgap.effects.base import LARGEST_SIZE, Effect, TrialContext, TrialSize, random_sign
+from jointgap.rig.sensors import DELAY_SHARES, ENCODER_OFFSET, FAULTS, LAG_AND_DELAY, SENSOR_DELAY, SensorFault
 
 Parameters = dict[str, float]
 

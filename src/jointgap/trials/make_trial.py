@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jointgap.dynamics.model.formula_evaluator import evaluate
+from jointgap.core.errors import SimulationError
+from jointgap.dynamics.equations import evaluate
 from jointgap.effects import EFFECTS
-from jointgap.errors import SimulationError
 from jointgap.formula import Program, compile_formula
 from jointgap.trials import exudyn_contact, exudyn_model
 from jointgap.trials.campaign_writer import write_campaign

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.verdict_sentences import is_told_by_features
+from jointgap.campaign.sentences import is_told_by_features
+from jointgap.core.errors import InputError
 from jointgap.effects import EFFECTS
-from jointgap.errors import InputError
 from jointgap.formula import compile_formula
 from jointgap.identification.confirmation import share_closed
-from jointgap.identification.estimates import LEVELS
-from jointgap.slider_crank.sensor_faults import ENCODER_FAULTS, FAULTS
+from jointgap.identification.fit import LEVELS
+from jointgap.rig.sensors import ENCODER_FAULTS, FAULTS
 from jointgap.tables.columns import Column, Table
 from jointgap.trials.batches import read_trial_records
 from jointgap.trials.causes import cause, has_idle_effect

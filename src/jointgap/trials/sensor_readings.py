@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.load import validate
-from jointgap.dynamics.model.compile_parameters import parameters
-from jointgap.dynamics.model.parameters import Parameters
-from jointgap.slider_crank.sensor_faults import FAULTS
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.parameters import Parameters
+from jointgap.rig.sensors import FAULTS
 from jointgap.trials.independent_integrator import integrate
 from jointgap.trials.injected_effects import InjectedEffect
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from jointgap.errors import InputError, SimulationError
-from jointgap.identification.whitening import Noise, whiten
-from jointgap.slider_crank.settings import DEFAULT_SETTINGS
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.identification.problem import Noise, whiten
+from jointgap.rig.settings import DEFAULT_SETTINGS
 from jointgap.trials.injected_effects import InjectedEffect
 from jointgap.trials.sensor_readings import CrankRun, InjectedEffects, Numerics, noise_free_readings
 from jointgap.trials.virtual_rig import VirtualRig, with_nuisances

@@ -17,8 +17,8 @@ import pandas as pd
 
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
-from jointgap.errors import needs
-from jointgap.recordings import read_measurements
+from jointgap.core.errors import needs
+from jointgap.rig.read_files import read_measurements
 
 _THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, columns and target of length 1
 _DERIVATIVE = {

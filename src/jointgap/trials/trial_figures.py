@@ -3,10 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from jointgap.figures.campaign_figures import list_rows
-from jointgap.figures.sheet import Quantity, Sheet
-from jointgap.figures.style import Drawing, matplotlib_style
-from jointgap.report.plain_words import in_words
+from jointgap.campaign.figures import list_rows
+from jointgap.core.plot import Drawing, Quantity, Sheet, matplotlib_style
+from jointgap.core.words import in_words
 from jointgap.trials.trials_report import class_confusion, confusion, rates
 
 GOALS = {

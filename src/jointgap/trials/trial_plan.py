@@ -11,13 +11,13 @@ from pydantic import Field
 from jointgap import counts
 from jointgap.config import read_yaml, validate
 from jointgap.config.names import Word
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.joints import JOINTS, PINS
+from jointgap.core.progress import parts
 from jointgap.effects import EFFECTS
-from jointgap.errors import InputError, did_you_mean
-from jointgap.joints import JOINTS, PINS
-from jointgap.parts import parts
 from jointgap.quantities import Fraction
+from jointgap.rig.sensors import SENSOR_DELAY
 from jointgap.section import Section
-from jointgap.slider_crank.sensor_faults import SENSOR_DELAY
 from jointgap.trials.injected_effects import DRAWN_APART, LISTED, OFF_LIST
 from jointgap.trials.wiring import DAMAGES
 

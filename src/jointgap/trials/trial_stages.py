@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from jointgap import tables
-from jointgap.stages.record import Stages
+from jointgap.core.stage import Stages
 
 TRIAL_STAGES = Stages()
 
@@ -55,8 +55,8 @@ def blind_analyse(listed: Path, campaigns: Path, verdicts: Path, found: Path, co
 @TRIAL_STAGES.stage()
 def blind_score(name: str, truths: Sequence[Path], founds: Sequence[Path], folder: Path) -> str:
     """Open the seals: how often the naming was right, wrong or silent, with intervals, and what the baselines do."""
-    from jointgap.figures import style
-    from jointgap.report.page import to_html, to_markdown
+    from jointgap.core import plot
+    from jointgap.core.page import to_html, to_markdown
     from jointgap.trials.score import TRIALS, score_batches
     from jointgap.trials.trial_figures import draw_score
     from jointgap.trials.trials_report import metrics, page
@@ -64,7 +64,7 @@ def blind_score(name: str, truths: Sequence[Path], founds: Sequence[Path], folde
     frame = score_batches(truths, founds)
     tables.write(TRIALS, frame, folder / "trials.parquet")
     for stem, drawing in draw_score(frame).items():
-        style.save(drawing, folder / stem)
+        plot.save(drawing, folder / stem)
     tables.write_text(folder / "metrics.json", json.dumps(metrics(frame), indent=2) + "\n")
     summary = page(name, frame)
     tables.write_text(folder / "summary.html", to_html(summary, folder))

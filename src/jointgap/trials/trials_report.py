@@ -8,9 +8,9 @@ import pandas as pd
 from scipy.stats import binom, binomtest
 
 from jointgap import tables
-from jointgap.identification.estimates import LEVELS
-from jointgap.report.page import Block, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
-from jointgap.slider_crank.sensor_faults import FAULTS
+from jointgap.core.page import Block, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
+from jointgap.identification.fit import LEVELS
+from jointgap.rig.sensors import FAULTS
 from jointgap.track.run_record import Dataset, Record
 from jointgap.trials.score import BASELINES, NAMED, TRIALS
 from jointgap.trials.size_calibration import GAP_TOLERANCE

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jointgap.core.joints import JOINTS, PINS, REFERENCE_APPROACH_SPEED
 from jointgap.effects.joint_clearance import FRICTIONS, RESTITUTIONS, STIFFNESS_FACTOR
-from jointgap.joints import JOINTS, PINS, REFERENCE_APPROACH_SPEED
 from jointgap.trials.injected_effects import InjectedEffect, RigScales
 from jointgap.trials.sensor_readings import SETTLING_REVOLUTIONS, CrankRun, Numerics, simulate_signals
 

@@ -9,9 +9,9 @@ import pandas as pd
 import yaml
 
 from jointgap.config import read_yaml
+from jointgap.core.parquet import write_atomically
 from jointgap.quantities import unit_factor
 from jointgap.tables import write_text
-from jointgap.tables.store import write_atomically
 from jointgap.trials.campaign_writer import UNITS_OF_CHANNELS, hide_times
 
 NEED_ENCODER = ("zero_off",)

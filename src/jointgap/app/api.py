@@ -1,0 +1,1160 @@
+"""The package from Python."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+import pandas as pd
+
+from jointgap import tables
+from jointgap.campaign import verdict_json as documents
+from jointgap.campaign.campaign_files import MECHANISM, VERDICT
+from jointgap.campaign.figures_catalogue import CATALOGUE
+from jointgap.campaign.fits_on_disk import assumed, confusable_groups, undetectable
+from jointgap.campaign.plan import look_alikes_table, preflight_in_words, preflight_tables, preflight_tables_with_advice
+from jointgap.campaign.sentences import (
+    answer,
+    effect_in_words,
+    label_in_words,
+    parameter_rows,
+    shown_size,
+    sure_value,
+    unit_of,
+)
+from jointgap.campaign.state import FALSE_ALARM_RATE
+from jointgap.config import (
+    Mechanism,
+    Optimise,
+    Runs,
+    Scenario,
+    Simulate,
+    Surrogate,
+    load_mechanism,
+    read_yaml,
+    validate,
+)
+from jointgap.config.change import change
+from jointgap.config.load import load_campaign
+from jointgap.config.sweep_config import Sweep
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.joints import FROM_FRAME, JOINT_NUMBERS
+from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.words import in_words, joined, number, reading_unit, rounded_gap
+from jointgap.designs.design_of_experiments import designs_of
+from jointgap.designs.designs_to_parquet import table_of
+from jointgap.designs.sweep_page import failures
+from jointgap.dynamics.mechanism_warnings import sentences
+from jointgap.dynamics.simulate import simulate as simulated
+from jointgap.ensembles.cycle_statistics import contacts, time_shares
+from jointgap.ensembles.ensemble import EVENTS, RUNS, SAMPLES, ensemble_runs, write_ensemble
+from jointgap.scenario.figures_catalogue import SPECS
+from jointgap.scenario.outcome import Outcome, outcome, remarks
+from jointgap.scenario.stages import SCENARIO_STAGES
+from jointgap.tables import read_table
+from jointgap.tables.sweep_tables import ALL_MEASURES
+
+if TYPE_CHECKING:
+    from jointgap.core.plot import Drawing
+
+_COLUMN = 24
+"""Characters of a value that stands under others; what is longer is a text of its own."""
+
+Row = tuple[str, float | int | str, str]
+"""Quantity, value and unit of a line of a summary."""
+
+
+class Result(ABC):
+    """A result that shows itself: as text, as a table in a notebook, and in figures.
+
+    Attributes
+    ----------
+    remarks : tuple of str
+        What one should know before trusting it, in sentences.
+    """
+
+    remarks: tuple[str, ...]
+    _HEADLINE: ClassVar[str]
+
+    @abstractmethod
+    def _rows(self) -> Sequence[Row]:
+        """The lines of the summary."""
+
+    @property
+    @abstractmethod
+    def figures(self) -> Mapping[str, str]:
+        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+
+    @abstractmethod
+    def _draw(self, name: str) -> "Drawing":
+        """The figure `name`, which is one of `figures`."""
+
+    def plot(self, name: str | None = None) -> "Drawing":
+        """Draw a figure of the result.
+
+        Parameters
+        ----------
+        name : str, optional
+            One of `figures`; the first of them by default.
+
+        Returns
+        -------
+        Drawing
+            Shows itself in a notebook; ``.save("name.png")`` writes it (``.svg`` and ``.pdf`` too), ``.figure`` is
+            matplotlib's, ``.data`` the table of all that is drawn.
+
+        Raises
+        ------
+        InputError
+            No such figure.
+        """
+        name = name or next(iter(self.figures), None)
+        if name is None:
+            raise InputError(f"plot: there is nothing to draw; {type(self).__name__}.remarks says why")
+        if name not in self.figures:
+            raise InputError(
+                f"plot: no figure '{name}' of this {type(self).__name__}; {did_you_mean(name, self.figures)}"
+            )
+        return self._draw(name)
+
+    def summary(self) -> pd.DataFrame:
+        """The result in numbers.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns quantity, value and unit, a row each.
+        """
+        return pd.DataFrame(self._rows(), columns=["quantity", "value", "unit"])
+
+    def _shown(self) -> pd.DataFrame:
+        table = self.summary()
+        return table.assign(value=[_in_digits(row.value, row.unit) for row in table.itertuples()])
+
+    def __repr__(self) -> str:
+        table = self._shown()
+        names = table["quantity"].str.len().max()
+        values = max((len(value) for value in table["value"] if len(value) <= _COLUMN), default=0)
+        lines = [f"{row.quantity:<{names}}  {row.value:>{values}} {row.unit}".rstrip() for row in table.itertuples()]
+        return "\n".join([self._HEADLINE, *lines, *(f"Remark: {remark}" for remark in self.remarks)])
+
+    def _repr_html_(self) -> str:
+        """A small table for a notebook."""
+        rows = "".join(
+            f"<tr><td style='text-align:left'>{escape(row.quantity)}</td>"
+            f"<td style='text-align:right'>{escape(row.value)}</td>"
+            f"<td style='text-align:left'>{escape(row.unit)}</td></tr>"
+            for row in self._shown().itertuples()
+        )
+        remarks = "".join(f"<p>Remark: {escape(remark)}</p>" for remark in self.remarks)
+        caption = f"<caption style='text-align:left'><b>{escape(self._HEADLINE)}</b></caption>"
+        return f"<table>{caption}<tbody>{rows}</tbody></table>{remarks}"
+
+
+def _in_digits(value: float | int | str, unit: str) -> str:
+    """A value for the eye: lengths to the micrometre, forces in N without powers of ten, else four digits."""
+    if isinstance(value, str | int):
+        return str(value)
+    if unit == "mm":
+        return f"{value:.3f}"
+    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else number(value)
+
+
+_TABLES = {"trajectory", "events", "kinematics"}
+_FIGURES = {spec.function.partition(":")[2]: name for name, spec in SPECS.items() if set(spec.tables) <= _TABLES}
+_OF_LOOSE_JOINTS = ("orbits", "contact_forces", "impacts", "animation")
+
+
+@dataclass(frozen=True, repr=False)
+class Motion(Result):
+    """One simulated motion, made by `jointgap.simulate`.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        What moved.
+    options : Simulate
+        How it was driven and sampled.
+    samples : pandas.DataFrame
+        One row a sample, in SI units; ``samples.attrs["units"]`` has them by column, `unit` one of them. NaN where a
+        quantity is undefined.
+    events : pandas.DataFrame
+        One row a beginning or end of contact; units as of `samples`.
+    steps : int
+        Integration steps taken, rejected ones included.
+    remarks : tuple of str
+        Where contacts do otherwise than one may think.
+    """
+
+    mechanism: Mechanism
+    options: Simulate
+    samples: pd.DataFrame
+    events: pd.DataFrame
+    steps: int
+    remarks: tuple[str, ...] = ()
+
+    _HEADLINE = "Simulated motion"
+
+    def unit(self, column: str) -> str:
+        """The unit of a column of `samples` or `events`.
+
+        Parameters
+        ----------
+        column : str
+            Its name.
+
+        Returns
+        -------
+        str
+            Such as ``"rad"``; ``"1"`` for pure numbers, empty for text.
+
+        Raises
+        ------
+        InputError
+            No such column.
+
+        Examples
+        --------
+        >>> run.unit("crank_angle")
+        'rad'
+        """
+        units = self.events.attrs["units"] | self.samples.attrs["units"]
+        return tables.unit_in(units, column)
+
+    @property
+    def figures(self) -> Mapping[str, str]:
+        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+        loose = self.mechanism.applied().loose
+        names = sorted(_FIGURES, key=lambda name: name != ("orbits" if loose else "drive_and_guide"))
+        titles = {name: SPECS[_FIGURES[name]].title.partition(" (")[0] for name in names}  # the paper's numbers apart
+        return {name: title for name, title in titles.items() if loose or name not in _OF_LOOSE_JOINTS}
+
+    def _draw(self, name: str):
+        from jointgap.scenario.figures import draw
+        from jointgap.scenario.kinematics import linkage_frames, motion_table
+
+        frames = {"trajectory": self.samples, "events": self.events}
+        if "kinematics" in SPECS[_FIGURES[name]].tables:
+            frames["kinematics"] = motion_table(
+                linkage_frames(self._scenario.mechanism, self._first), self._first["crank_angle"].to_numpy()
+            )
+        return draw(_FIGURES[name], frames, self._scenario)
+
+    @cached_property
+    def _first(self) -> pd.DataFrame:
+        return self.samples.iloc[: self.options.samples_per_revolution + 1]
+
+    @cached_property
+    def _scenario(self) -> Scenario:
+        """What figures take for a scenario: its settled revolution is the last one."""
+        scenario = Scenario(mechanism=self.mechanism.applied(), simulate=self.options)
+        last = Optimise(ensemble={"settled_revolution": self.options.revolutions})
+        return scenario.model_copy(update={"optimise": last})
+
+    def _rows(self) -> list[Row]:
+        mechanism, revolutions = self.mechanism.applied(), self.options.revolutions
+        time = self.samples["time"].to_numpy()
+        last = self.samples.iloc[(revolutions - 1) * self.options.samples_per_revolution :]
+        rows: list[Row] = [
+            ("crank length", 1e3 * mechanism.crank.length, "mm"),
+            ("rod length", 1e3 * mechanism.rod.length, "mm"),
+            ("speed of the crank", 60.0 * revolutions / (time[-1] - time[0]), "rpm"),
+            ("revolutions", revolutions, ""),
+        ]
+        for joint in FROM_FRAME:
+            words = in_words(joint)
+            if joint in mechanism.loose:
+                own = contacts(self.events, joint)
+                rows += [
+                    (f"{words}: radial clearance", 1e3 * mechanism.clearance(joint), "mm"),
+                    (f"{words}: impacts (contacts that begin)", len(own), ""),
+                    (f"{words}: time in contact", 100 * (1 - time_shares(own, time[0], time[-1])["flight"]), "%"),
+                ]
+            peaks = self.events.loc[self.events["joint"] == joint, "peak_force"].dropna()
+            largest = max([_largest_force(self.samples, joint), *peaks])
+            rows.append((f"{words}: largest force, the start included", largest, "N"))
+            rows.append((f"{words}: largest force in the last revolution", _largest_force(last, joint), "N"))
+        return rows
+
+
+def _largest_force(samples: pd.DataFrame, joint: str) -> float:
+    return float(np.hypot(samples[f"{joint}_force_x"], samples[f"{joint}_force_y"]).max())
+
+
+def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbation=None, **keys: Any) -> Motion:
+    """Simulate a slider-crank, any of its joints loose.
+
+    It starts with coincident joint centres and the velocities of the mechanism without clearance.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        From `jointgap.load_mechanism`, or made in Python.
+    options : Simulate, optional
+        How it is driven and sampled; defaults where absent.
+    perturbation : (4,) or (6,) array_like, optional
+        Clearance vectors at the start instead of zero: r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m].
+    **keys
+        Keys of `jointgap.Simulate`, which go over `options`: ``speed``, ``revolutions``, ``drive``, ``start_angle``,
+        ``samples_per_revolution``, ``tolerance``. With units as text, ``"600 rpm"``; plain numbers are in SI.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    InputError
+        An unknown key or an impossible value, named with what to do.
+    SimulationError
+        The integration cannot go on; the message holds time, crank angle and state.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> mechanism = jg.load_mechanism("erkaya2009")
+    >>> run = jg.simulate(mechanism, speed="600 rpm", revolutions=2)
+    >>> len(run.samples), run.unit("slider_position")
+    (7201, 'm')
+    >>> run.plot("impacts").save("impacts.png")
+    """
+    options = simulate_options(options, keys)
+    run = simulated(checked_mechanism(mechanism), options, perturbation)
+    samples, events = (
+        tables.with_units(table, frame)
+        for table, frame in ((tables.TRAJECTORY, run.samples), (tables.EVENTS, run.events))
+    )
+    return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism))
+
+
+def checked_mechanism(mechanism: Any) -> Mechanism:
+    """The `mechanism`, if it is one."""
+    if not isinstance(mechanism, Mechanism):
+        raise InputError(f"mechanism: is {_kind(mechanism)}, no Mechanism; load one with load_mechanism(path)")
+    return mechanism
+
+
+def simulate_options(options: Any, keys: Mapping[str, Any]) -> Simulate:
+    """The `options`, a `Simulate` or None, with other values of some `keys`."""
+    if options is None:
+        return Simulate(**keys)
+    if not isinstance(options, Simulate):
+        raise InputError(
+            f"options: is {_kind(options)}, no Simulate; write Simulate(speed='600 rpm') or speed='600 rpm'"
+        )
+    return change(options, keys) if keys else options
+
+
+def _kind(value: Any) -> str:
+    return "text" if isinstance(value, str) else f"of type {type(value).__name__}"
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Many motions in a folder, made by `jointgap.ensemble`.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds ``runs.parquet``, ``events.parquet`` and ``samples.parquet``, for any program that reads Parquet.
+    """
+
+    folder: Path
+
+    @cached_property
+    def runs(self) -> pd.DataFrame:
+        """One row a run: what it differs in, how it started, and why it failed where it did."""
+        return read_table(self.folder / RUNS)
+
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """One row a beginning or end of contact, of all runs (column ``run``)."""
+        return read_table(self.folder / EVENTS)
+
+    @cached_property
+    def samples(self) -> pd.DataFrame:
+        """One row a sample, of all runs (column ``run``); of large ensembles read the file in parts instead."""
+        return read_table(self.folder / SAMPLES)
+
+
+def ensemble(
+    mechanism: Mechanism,
+    options: Simulate | None = None,
+    *,
+    folder: Path | str,
+    vary: Mapping[str, Sequence[Any] | Mapping[str, Any]] | None = None,
+    members: int | None = None,
+    perturbation: float | str | None = None,
+    seed: int | None = None,
+    workers: int | None = None,
+    **keys: Any,
+) -> Motions:
+    """Simulate every combination of varied values, each from several starts, and write all to Parquet.
+
+    Memory does not grow with the number of runs. A run that fails is told in the table of runs, and the others go on.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    options : Simulate, optional
+        Drive and samples of all runs, where they are not varied.
+    folder : Path or str
+        Where the three files are written.
+    vary : mapping, optional
+        Lists of values by what they set: ``speed``, ``clearance``, ``friction``, ``restitution`` (of every loose
+        joint), or the path of a key such as ``mechanism.slider.mass``. ``{"from": "200 rpm", "to": "1200 rpm",
+        "number": 6}`` stands for values evenly apart.
+    members : int, optional
+        Starts of each combination, of which the first is not perturbed; 10 by default.
+    perturbation : float or str, optional
+        Standard deviation of the perturbed starting positions; ``"1e-7 m"`` by default.
+    seed : int, optional
+        Of the perturbations; 0 by default.
+    workers : int, optional
+        Threads; as many as there are cores by default. Results do not depend on it.
+    **keys
+        Keys of `jointgap.Simulate`, as `jointgap.simulate` takes them.
+
+    Returns
+    -------
+    Motions
+
+    Raises
+    ------
+    InputError
+        An unknown key, an impossible value, or a folder that cannot be written.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> mechanism = jg.load_mechanism("erkaya2009")
+    >>> sweep = jg.ensemble(
+    ...     mechanism, folder="results/sweep", vary={"clearance": ["0.1 mm", "0.5 mm"], "friction": [0, 0.1]},
+    ...     members=1, revolutions=2,
+    ... )  # fmt: skip
+    >>> sweep.runs[["clearance", "friction", "events"]].shape
+    (4, 3)
+    """
+    given = {"vary": vary, "members": members, "perturbation": perturbation, "seed": seed}
+    runs = Runs(**{key: value for key, value in given.items() if value is not None})
+    write_ensemble(ensemble_runs(checked_mechanism(mechanism), simulate_options(options, keys), runs), folder, workers)
+    return Motions(Path(folder))
+
+
+@dataclass(frozen=True, repr=False)
+class SweptDesigns(Result):
+    """Many designs, each simulated and measured, made by `jointgap.sweep`.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds ``designs``, Parquet files that are one table for pandas, polars and duckdb, and ``summary.html``.
+    """
+
+    folder: Path
+    _drawn: Any  # jointgap.designs.design_of_experiments.Designs, which the documentation has no page of
+
+    _HEADLINE = "Designs of a sweep: medians of what was measured"
+
+    @property
+    def dataset(self) -> Path:
+        """The folder of Parquet files, a row a design."""
+        return self.folder / "designs"
+
+    @cached_property
+    def designs(self) -> pd.DataFrame:
+        """One row a design: its parameters, what was measured, and the reason where it failed.
+
+        In SI units (``attrs["units"]``). Of large sweeps read some columns instead: `read`.
+        """
+        return self.read(*table_of(self._drawn).names)
+
+    def read(self, *columns: str) -> pd.DataFrame:
+        """Some columns of all designs, without the others in memory.
+
+        Parameters
+        ----------
+        *columns : str
+            Names of columns of `designs`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            In SI units, which ``attrs["units"]`` holds by column.
+
+        Raises
+        ------
+        InputError
+            No such column.
+
+        Examples
+        --------
+        >>> swept.read("friction", "piston_pin_peak_force").max()
+        """
+        units = {column.name: column.unit for column in table_of(self._drawn).columns}
+        if unknown := [name for name in columns if name not in units]:
+            raise InputError(f"read: no column '{unknown[0]}'; {did_you_mean(unknown[0], units)}")
+        frame = tables.read_columns(self.dataset, columns).to_pandas()
+        frame.attrs["units"] = {name: units[name] for name in columns}
+        return frame
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Why designs failed, where some did."""
+        return tuple(f"{count} designs failed: {why}" for why, count in failures(self.dataset).most_common())
+
+    @property
+    def figures(self) -> Mapping[str, str]:
+        """Names that `plot` takes, those of the measures, with what they are; the first one is drawn without a name."""
+        return {name: column.description for name, column in _MEASURES.items() if name in self._measured}
+
+    @cached_property
+    def _measured(self) -> dict[str, float]:
+        """Medians by measure [SI], where some design has one."""
+        names = [column.name for column in self._drawn.measured]
+        frame = self.read(*names)
+        return {name: float(frame[name].median()) for name in names if frame[name].notna().any()}
+
+    def _draw(self, name: str):
+        from jointgap.designs.sweep_figures import measure_over_parameters
+
+        axes = self._drawn.axes
+        return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, _MEASURES[name])
+
+    def _rows(self) -> Sequence[Row]:
+        rows: list[Row] = [("designs", self._drawn.number, "")]
+        rows.append(("failed", sum(failures(self.dataset).values()), ""))
+        for axis in self._drawn.axes:
+            values = self.read(axis.key)[axis.key]
+            if axis.column.kind != "float":
+                rows.append((f"{axis.key}, varied", ", ".join(sorted(map(str, values.unique()))), ""))
+                continue
+            unit, factor = reading_unit(axis.unit)
+            rows.append((f"{axis.key}, smallest", factor * float(values.min()), unit))
+            rows.append((f"{axis.key}, largest", factor * float(values.max()), unit))
+        for name, median in self._measured.items():
+            unit, factor = reading_unit(_MEASURES[name].unit)
+            rows.append((_MEASURES[name].description.partition(";")[0], factor * median, "" if unit == "1" else unit))
+        return rows
+
+
+_MEASURES = {column.name: column for column in ALL_MEASURES}
+
+
+def sweep(
+    mechanism: Mechanism,
+    options: Simulate | None = None,
+    *,
+    folder: Path | str,
+    parameters: Mapping[str, Any],
+    design: str | None = None,
+    number: int | None = None,
+    seed: int | None = None,
+    window: Sequence[float | str] | None = None,
+    best_lengths: bool | None = None,
+    designs_per_job: int | None = None,
+    workers: int | None = None,
+    **keys: Any,
+) -> SweptDesigns:
+    """Simulate and measure many designs, and write them to a dataset of Parquet files.
+
+    Memory does not grow with the number of designs, but of a Latin hypercube, which is drawn whole. A design that is
+    impossible, or whose simulation fails, is a row with its reason. What the folder holds already is kept: a sweep that
+    was interrupted goes on, and one with a larger `number` of the same Sobol sequence simulates the new designs alone.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    options : Simulate, optional
+        Drive and samples of all designs, where they are not varied.
+    folder : Path or str
+        Where ``designs``, the dataset, and the summary are written.
+    parameters : mapping
+        What varies, by a word (``speed``; ``clearance``, ``friction``, ``restitution`` of every loose joint;
+        ``crank_length``, ``rod_length``) or by the path of a key such as ``mechanism.slider.mass``: a list of values,
+        or ``{"from": "0.1 mm", "to": "1 mm"}``, with ``"distribution"`` one of ``uniform`` (default), ``log_uniform``,
+        ``normal`` (with ``mean`` and ``deviation``) and ``triangular`` (with ``peak``).
+    design : str, optional
+        ``"sobol"`` (default), ``"latin_hypercube"`` or ``"grid"``.
+    number : int, optional
+        Designs; 1024 by default.
+    seed : int, optional
+        Of the drawing; 0 by default.
+    window : sequence of two, optional
+        Crank angles of the first revolution over which the error of the transmission angle is measured too; all of it
+        by default.
+    best_lengths : bool, optional
+        Whether each design is measured too by its best lengths by the paper's method; False by default.
+    designs_per_job : int, optional
+        Designs of a file; 5000 by default.
+    workers : int, optional
+        Threads; as many as there are cores by default. Results do not depend on it.
+    **keys
+        Keys of `jointgap.Simulate`, as `jointgap.simulate` takes them.
+
+    Returns
+    -------
+    SweptDesigns
+
+    Raises
+    ------
+    InputError
+        An unknown key, an impossible value, or a folder that holds another sweep or cannot be written; before anything
+        is simulated.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> mechanism = jg.load_mechanism("erkaya2009")
+    >>> swept = jg.sweep(
+    ...     mechanism, folder="results/sweep", number=64, revolutions=2,
+    ...     parameters={"clearance": {"from": "0.1 mm", "to": "1 mm"}, "friction": {"from": 0, "to": 0.2}},
+    ... )  # fmt: skip
+    >>> swept.designs[["clearance", "friction", "piston_pin_peak_force"]].shape
+    (64, 3)
+    >>> swept.plot("angle_error_rms").save("error.png")
+    """
+    given = {"parameters": parameters, "design": design, "number": number, "seed": seed, "window": window}
+    given |= {"best_lengths": best_lengths, "designs_per_job": designs_per_job}
+    scenario = Scenario(
+        mechanism=checked_mechanism(mechanism),
+        simulate=simulate_options(options, keys),
+        sweep=validate(Sweep, {key: value for key, value in given.items() if value is not None}, "sweep"),
+    )
+    SCENARIO_STAGES["sweep"].function(scenario, Path(folder), workers)
+    return SweptDesigns(Path(folder), designs_of(scenario))
+
+
+_NETWORKS = "networks"
+_WRITTEN = SCENARIO_STAGES["optimise"].writes
+_MODULE = "optimum_figures:"
+_optimum_FIGURES = {
+    spec.function.removeprefix(_MODULE): name for name, spec in SPECS.items() if spec.function.startswith(_MODULE)
+}
+
+
+@dataclass(frozen=True, repr=False)
+class Optimum(Result):
+    """The link lengths found, and what they bring once simulated with; made by `jointgap.optimise`.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        With the lengths found; effects that only change its data are in these.
+    original : Motion
+        The motion with the original lengths.
+    tables : mapping of str to pandas.DataFrame
+        All that the search came to, by name, in SI units (``attrs["units"]``): ``optima``, ``resimulated``, ``worth``,
+        ``loads`` and others, as the workflow writes them.
+    """
+
+    mechanism: Mechanism
+    original: Motion
+    tables: Mapping[str, pd.DataFrame]
+    _outcome: Outcome
+
+    _HEADLINE = "Link lengths with the smallest error of the transmission angle"
+
+    @property
+    def lengths(self) -> tuple[float, float]:
+        """Of crank and rod [m]."""
+        return self._outcome.lengths
+
+    @property
+    def at_bounds(self) -> tuple[str, ...]:
+        """The bounds and constraints that the lengths lie at, in words; empty where they lie within."""
+        return self._outcome.bounds
+
+    @property
+    def gain(self) -> float:
+        """By which share the RMS error of the transmission angle falls [1]: simulated again, median.
+
+        Over a whole revolution once the motion has settled; over the window, where one is asked for.
+        """
+        return self._outcome.gain.reduction
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """5 % and 95 % quantile of `gain` over pairs of runs from slightly different starts [1].
+
+        Ends of both signs mean that a single run may show a loss as well.
+        """
+        return self._outcome.gain.low, self._outcome.gain.high
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What to know before taking the lengths over, in sentences."""
+        return remarks(self._outcome)
+
+    @property
+    def figures(self) -> Mapping[str, str]:
+        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+        return {name: SPECS[key].title for name, key in _optimum_FIGURES.items()}
+
+    def _draw(self, name: str):
+        from jointgap.scenario.figures import draw
+
+        frames = {f"optimise_{table}": frame for table, frame in self.tables.items()}
+        return draw(_optimum_FIGURES[name], frames, self._outcome.scenario)
+
+    def _rows(self) -> list[Row]:
+        found, gain = self._outcome, self._outcome.gain
+        (old_crank, old_rod), (crank, rod) = found.original, found.lengths
+        before, after = found.cycle("simulated")
+        (old_force, force) = (max(forces.values()) for forces in found.peak_pin_forces)
+        over = f"over {found.stretch_in_words}"
+        return [
+            ("crank length", 1e3 * crank, "mm"),
+            ("changes by", 1e3 * (crank - old_crank), "mm"),
+            ("rod length", 1e3 * rod, "mm"),
+            ("changes by", 1e3 * (rod - old_rod), "mm"),
+            ("lies at a bound", joined(found.bounds) or "no", ""),
+            (f"RMS error of the transmission angle {over}, before", float(np.degrees(gain.before)), "deg"),
+            (f"RMS error of the transmission angle {over}, after", float(np.degrees(gain.after)), "deg"),
+            ("falls by", 100.0 * gain.reduction, "%"),
+            ("falls by, 5 % of pairs of runs", 100.0 * gain.low, "%"),
+            ("falls by, 95 % of pairs of runs", 100.0 * gain.high, "%"),
+            *(
+                (f"{in_words(name)} changes by", 1e3 * float(after[name] - before[name]), "mm")
+                for name in ("stroke", "outer_dead_centre", "inner_dead_centre")
+            ),
+            ("largest force in a pin, before", old_force, "N"),
+            ("largest force in a pin, after", force, "N"),
+        ]
+
+
+def optimise(
+    mechanism: Mechanism,
+    options: Simulate | None = None,
+    *,
+    networks: bool = False,
+    surrogate: Surrogate | None = None,
+    **keys: Any,
+) -> Optimum:
+    """Search link lengths that bring the transmission angle near what it would be without clearance.
+
+    The mechanism is simulated; with the motion in its joints frozen, a genetic and a local optimiser search crank and
+    rod length; what they find is simulated again, from several slightly perturbed starts. The best lengths for a whole
+    revolution are taken, once the motion has settled (over the window, where one is asked for). Needs pymoo: the extra
+    ``learn``.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With the original lengths, at which the desired transmission angle is taken.
+    options : Simulate, optional
+        Drive and samples; of its revolutions ``ensemble.settled_revolution`` (4 by default) counts.
+    networks : bool
+        Search too as the paper does, on networks trained on the motion (needs PyTorch: the extra ``learn``). Of all
+        lengths found, those are taken that do best once simulated again.
+    surrogate : Surrogate, optional
+        How the networks are trained.
+    **keys
+        Keys of `jointgap.Optimise`, with units as text: ``boxes`` (bounds of the lengths by name, the first one counts;
+        5 % around the mechanism's own by default), ``constraints`` (stroke, dead centres, space, largest force in a
+        pin), ``ratio_limit``, ``window``, ``genetic``, ``ensemble``.
+
+    Returns
+    -------
+    Optimum
+
+    Raises
+    ------
+    InputError
+        An unknown key or an impossible value, no joint that is loose, or a package that is missing.
+    SimulationError
+        The mechanism cannot be simulated.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> mechanism = jg.load_mechanism("erkaya2009")
+    >>> box = {"crank_length": ("147 mm", "153 mm"), "rod_length": ("555 mm", "564 mm")}
+    >>> best = jg.optimise(mechanism, jg.Simulate(speed="600 rpm"), boxes={"near": box})
+    >>> best.plot("valley").save("valley.png")
+    """
+    from jointgap.lengths.optimise import optimise as optimised
+
+    simulated_so = simulate_options(options, {})
+    sections = {"mechanism": checked_mechanism(mechanism), "simulate": simulated_so, "optimise": Optimise(**keys)}
+    if networks or surrogate:
+        sections["surrogate"] = surrogate or Surrogate()
+    scenario = Scenario(**sections)
+    applied = scenario.mechanism.applied()
+    if not applied.loose:
+        raise InputError("optimise: all joints are ideal, so the transmission angle has no error; make one loose")
+    motion = simulate(mechanism, scenario.simulate)
+    trained = _trained(motion, scenario.surrogate) if "surrogate" in sections else {}
+    fits = {_NETWORKS: {name: one.default.values_and_slopes for name, one in trained.items()}} if trained else {}
+    # without networks no samples are kept from them: the points of their grid are the two ends
+    points = scenario.surrogate.training_points if trained else 2
+    found = optimised(applied, scenario.simulate, scenario.optimise, points, motion.samples, fits)
+    frames = {table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN}
+    errors = [pd.DataFrame(columns=tables.FIT_ERRORS.names), *(one.errors() for one in trained.values())]
+    result = outcome(frames | {"fit_errors": pd.concat(errors) if trained else errors[0]}, scenario)
+    return Optimum(
+        mechanism=applied.with_lengths(*result.lengths),
+        original=motion,
+        tables={
+            table.name.removeprefix("optimise_"): tables.with_units(table, frames[table.name]) for table in _WRITTEN
+        },
+        _outcome=result,
+    )
+
+
+def _trained(motion: Motion, options: Surrogate) -> dict[str, Any]:
+    """Networks of the clearance vectors, which are all that the search takes of them, by output."""
+    from jointgap.networks.train import train  # PyTorch takes seconds to start
+
+    numbers = [JOINT_NUMBERS[joint] for joint in motion.mechanism.applied().loose]
+    outputs = [f"{name}{number}" for number in numbers for name in ("r", "gamma")]
+    return {output: train(motion.samples, output, options) for output in outputs}
+
+
+_ENDINGS = (".yaml", ".yml", ".json")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One parameter of one effect that a verdict names.
+
+    Attributes
+    ----------
+    effect : str
+        In words: ``Coulomb friction of the slider``.
+    name, site : str
+        Of the effect in configurations.
+    parameter : str
+        Of the effect.
+    size : float or str
+        Its value in `unit`; a formula where that is what was found.
+    unit : str
+        SI unit, ``"1"`` for pure numbers.
+    sd : float or None
+        Standard error; None where it is not known.
+    interval : tuple of float or None, or None
+        90 % interval; an end is None where it is open, and all of it where it is not known.
+    """
+
+    effect: str
+    name: str
+    site: str
+    parameter: str
+    size: float | str
+    unit: str
+    sd: float | None
+    interval: tuple[float | None, float | None] | None
+
+
+@dataclass(frozen=True, repr=False)
+class Verdict(Result):
+    """What a campaign comes to, made by `jointgap.analyse` or `jointgap.read_verdict`.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds ``verdict.json``, the mechanism with what was found, and all tables (`jointgap.read_table`).
+    document : dict
+        Content of ``verdict.json``.
+    """
+
+    folder: Path
+    document: dict[str, Any]
+
+    @property
+    def _HEADLINE(self) -> str:
+        return f"Campaign {self.document['campaign']}: {self.sentence}"
+
+    @property
+    def kind(self) -> str:
+        """``named``, ``named_with_remaining_misfit``, ``ambiguous``, ``unexplained``, ``no_disagreement`` or
+        ``parameters_only``.
+        """
+        return self.document["verdict"]
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in a sentence or two."""
+        return answer(self.document)
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is named, one entry a parameter; empty where nothing is."""
+        return tuple(
+            Finding(
+                effect=effect_in_words(effect),
+                name=effect["name"],
+                site=effect["site"],
+                parameter=parameter,
+                size=estimate["value"],
+                unit=unit_of(effect["name"], effect["site"], parameter),
+                sd=estimate.get("sd"),
+                interval=tuple(estimate["interval_90"]) if estimate.get("interval_90") else None,
+            )
+            for effect in self.document["effects"]
+            for parameter, estimate in effect["parameters"].items()
+        )
+
+    @property
+    def effect(self) -> str | None:
+        """The effect that is named, in words; of several the first, see `findings`. None where none is."""
+        return self.findings[0].effect if self.findings else None
+
+    @property
+    def size(self) -> float | str | None:
+        """The first parameter of `effect`, in `unit`."""
+        return self.findings[0].size if self.findings else None
+
+    @property
+    def unit(self) -> str | None:
+        """SI unit of `size`."""
+        return self.findings[0].unit if self.findings else None
+
+    @property
+    def interval(self) -> tuple[float | None, float | None] | None:
+        """90 % interval of `size`."""
+        return self.findings[0].interval if self.findings else None
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The mechanism with what was found, to simulate or optimise with."""
+        return load_mechanism(self.folder / MECHANISM)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the data made worth saying, before anything was concluded from them."""
+        return tuple(self._tables.read("remarks")["remark"])
+
+    @property
+    def figures(self) -> Mapping[str, str]:
+        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+        return {name: spec.title for name, spec in CATALOGUE.items()}
+
+    def _draw(self, name: str):
+        from jointgap.campaign.figures_catalogue import draw
+        from jointgap.campaign.page import figure_tables
+
+        return draw(name, figure_tables(self._tables, CATALOGUE[name].tables), self.document)
+
+    @cached_property
+    def _tables(self) -> ResultsFolder:
+        return ResultsFolder(self.folder)
+
+    def _rows(self) -> list[Row]:
+        rows: list[Row] = [("verdict", in_words(self.kind), "")]
+        rows += [(name, sure_value(*row), "") for name, *row in parameter_rows(self.document["effects"])]
+        rows += [
+            (f"explanation {place}", joined(map(effect_in_words, effects)), "")
+            for place, effects in enumerate(self.document["equivalent"], 1)
+        ]
+        words = {"identify": "data used for fitting", "confirm": "held-out data"}
+        for role, gap in self.document["gap"].items():
+            for when, value in gap.items():
+                if value is not None:
+                    rows.append((f"gap on {words[role]} {when} (1: noise alone)", rounded_gap(value), ""))
+        return rows
+
+
+def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool = False) -> Verdict:
+    """Find where the measured runs of a campaign disagree with its model, and what is missing in the model.
+
+    Parameters
+    ----------
+    campaign : Path or str
+        A campaign file (docs/naming.md has its keys), or a folder that holds one.
+    folder : Path or str, optional
+        Where all tables, the mechanism with what was found and ``verdict.json`` are written;
+        ``results/campaigns/{name of the campaign}`` by default. What an earlier analysis concluded there is removed.
+    anyway : bool
+        Whether to go on where channels contradict each other, such as two columns that are swapped.
+
+    Returns
+    -------
+    Verdict
+
+    Raises
+    ------
+    InputError
+        Campaign or data cannot be used, channels contradict each other, or the folder cannot be written; the message
+        says what to do.
+    SimulationError
+        The model as it stands cannot be simulated.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> verdict = jg.analyse("config/campaigns/demonstration.yaml")
+    >>> verdict.effect, verdict.unit
+    ('Coulomb friction of the slider', 'N')
+    >>> verdict.plot("gaps").save("gaps.png")
+    """
+    from jointgap.campaign.analyse import analyse as run
+
+    campaign = campaign_file(campaign)
+    folder = Path(folder or Path("results/campaigns") / load_campaign(campaign).name)
+    return Verdict(folder, run(campaign, folder, anyway=anyway))
+
+
+def read_verdict(folder: Path | str) -> Verdict:
+    """The verdict of an analysis that has been made, by `analyse` or by the workflow.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Results of a campaign, such as ``results/campaigns/demonstration``.
+
+    Returns
+    -------
+    Verdict
+
+    Raises
+    ------
+    InputError
+        No verdict is there.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> jg.read_verdict("results/campaigns/demonstration").kind
+    'named'
+    """
+    return Verdict(Path(folder), documents.read(Path(folder) / VERDICT))
+
+
+def campaign_file(path: Path | str) -> Path:
+    """The campaign file at a `path`, or the only one in a folder.
+
+    Raises
+    ------
+    InputError
+        The folder holds none, or several.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        return path
+    files = sorted(file for file in path.iterdir() if file.suffix in _ENDINGS and "channels" in read_yaml(file))
+    if len(files) != 1:
+        names = ", ".join(file.name for file in files)
+        what = f"holds several campaign files ({names}); name one" if files else "holds no campaign file; name one"
+        raise InputError(f"{path}: {what}")
+    return files[0]
+
+
+@dataclass(frozen=True, repr=False)
+class Preflight(Result):
+    """What a planned campaign can show, made by `jointgap.preflight`.
+
+    Attributes
+    ----------
+    campaign : str
+        Its name.
+    detectable : pandas.DataFrame
+        Smallest size of every effect that these runs and channels show.
+    confusability : pandas.DataFrame
+        Which effects look how much alike.
+    advice : pandas.DataFrame or None
+        Which further speed or channel would help most; None where it was not sought.
+    look_alikes : pandas.DataFrame or None
+        Which joints that could have become loose look alike; None where it was not sought.
+    """
+
+    campaign: str
+    detectable: pd.DataFrame
+    confusability: pd.DataFrame
+    advice: pd.DataFrame | None = None
+    look_alikes: pd.DataFrame | None = None
+
+    @property
+    def _HEADLINE(self) -> str:
+        return f"What the campaign {self.campaign} can show"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Noise that was assumed where the campaign states none."""
+        return tuple(f"assumed noise: {text}" for text in assumed(self.detectable))
+
+    @property
+    def merged(self) -> list[list[str]]:
+        """Groups of effects that these runs and channels cannot tell apart."""
+        return confusable_groups(self.confusability)
+
+    @property
+    def text(self) -> str:
+        """What was found as lines of text, as `jointgap preflight` prints it; without what was not sought."""
+        empty = [
+            pd.DataFrame(columns=table.names) if frame is None else frame
+            for table, frame in ((tables.ADVICE, self.advice), (tables.LOOK_ALIKES, self.look_alikes))
+        ]
+        return preflight_in_words(self.detectable, self.confusability, *empty)
+
+    @property
+    def figures(self) -> Mapping[str, str]:
+        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+        return {name: CATALOGUE[name].title for name in ("detectable", "confusability")}
+
+    def _draw(self, name: str):
+        from jointgap.campaign.figures_catalogue import draw
+
+        told = {"undetectable": undetectable(self.detectable), "merged": self.merged}
+        return draw(name, {each: getattr(self, each) for each in self.figures}, {"preflight": told})
+
+    def _rows(self) -> list[Row]:
+        rows: list[Row] = [
+            (
+                label_in_words(row.label),
+                f"shows {'' if row.falls else 'from '}"
+                + shown_size(row.label, row.parameter, row.smallest_detectable, row.unit, row.falls),
+                "",
+            )
+            for row in self.detectable[self.detectable["detectable"]].itertuples()
+        ]
+        rows += [(label_in_words(label), "not detectable", "") for label in undetectable(self.detectable)]
+        rows += [("cannot be told apart", joined(map(label_in_words, group)), "") for group in self.merged]
+        return rows
+
+
+def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
+    """Say before anything is measured what a campaign will be able to show.
+
+    Which effects its speeds and channels can detect, from which size on, which of them they cannot tell apart, and
+    which further speed or channel would help most. Files of runs need not exist; of those that do, samples are counted.
+    Nothing is written.
+
+    Parameters
+    ----------
+    campaign : Path or str
+        A campaign file, or a folder that holds one.
+    advice : bool
+        Whether further speeds and channels are tried too, and joints that could be loose are compared, which takes
+        several times as long.
+
+    Returns
+    -------
+    Preflight
+
+    Raises
+    ------
+    InputError
+        The campaign cannot be used; the message says what to do.
+    SimulationError
+        The model as it stands cannot be simulated.
+
+    Examples
+    --------
+    >>> import jointgap as jg
+    >>> plan = jg.preflight("config/campaigns/demonstration.yaml", advice=False)
+    >>> plan.plot("detectable").save("detectable.png")
+    """
+    planned = load_campaign(campaign_file(campaign))
+    if not advice:
+        return Preflight(planned.name, **_with_units(preflight_tables(planned, FALSE_ALARM_RATE)))
+    frames = preflight_tables_with_advice(planned, FALSE_ALARM_RATE)
+    return Preflight(planned.name, **_with_units(frames | {"look_alikes": look_alikes_table(planned)}))
+
+
+def _with_units(frames: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    return {name: tables.with_units(tables.TABLES[name], frame) for name, frame in frames.items()}

@@ -1,0 +1,869 @@
+"""The command line."""
+
+import errno
+import inspect
+import math
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from jointgap import tables
+from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.core.progress import heard_by
+from jointgap.core.stage import Stage
+from jointgap.scenario.stages import SCENARIO_STAGES
+from jointgap.tables import TRAJECTORY, Table
+
+if TYPE_CHECKING:
+    from jointgap.campaign.state import CampaignState
+    from jointgap.scenario.results import ScenarioResults
+
+FILE = click.Path(dir_okay=False, path_type=Path)
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+options_option = click.option(
+    "--options", required=True, help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text."
+)
+
+workers_option = click.option(
+    "--workers", type=click.IntRange(min=1), help="Runs side by side; as many as there are cores when absent."
+)
+
+
+def need(flag: str, meaning: str, kind: click.Path = FILE) -> Decorator:
+    """A required option `flag` that names a file, or a folder if `kind` is `FOLDER`; `meaning` is its help."""
+    return click.option(flag, type=kind, required=True, help=meaning)
+
+
+def open_results(options: str, path: Path, places: Mapping[str, Path] | None = None) -> "ScenarioResults":
+    """The results of a scenario."""
+    from jointgap.config import parse_options
+    from jointgap.scenario.results import ScenarioResults
+
+    return ScenarioResults(path, parse_options(options), places)
+
+
+def add_command(name: str, text: str, command: Callable[..., Any], options: Sequence[Decorator], section: str) -> None:
+    """Add a subcommand."""
+
+    def show(**given: Any) -> None:
+        if shown := command(**given):
+            click.echo(shown)
+
+    for option in reversed(options):
+        show = option(show)
+    cli.command(name, help=text)(show)
+    if all(name not in names for names in cli.sections.values()):
+        cli.sections[section].append(name)
+
+
+class SectionedGroup(click.Group):
+    """A group whose help lists the subcommands by what they are for."""
+
+    sections: dict[str, list[str]]
+    """Names of subcommands by heading, in order."""
+
+    removed: dict[str, str]
+    """Commands of earlier versions, with what to use instead."""
+
+    def resolve_command(self, ctx: click.Context, args: list[str]):
+        """The subcommand that `args` name; of one that is gone a line with what to use instead."""
+        if args and args[0] in self.removed:
+            ctx.fail(f"{args[0]} is gone; {self.removed[args[0]]}.")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the subcommands of `ctx` with the `formatter`, a section for each heading."""
+        shown = {name for name in self.list_commands(ctx) if not self.commands[name].hidden}
+        longest = max(map(len, shown))
+        for heading, names in self.sections.items():
+            rows = [
+                (f"{name:<{longest}}", self.commands[name].get_short_help_str(formatter.width - longest - 6))
+                for name in names
+                if name in shown
+            ]
+            with formatter.section(heading):
+                formatter.write_dl(rows)
+
+
+@click.group(cls=SectionedGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="jointgap")
+def cli() -> None:
+    """Slider-cranks with loose joints: simulate, learn, optimise, compare.
+
+    `make run` and `make campaign` call the stages of the workflow in their order. Every stage reads and writes Parquet
+    files whose columns carry units; `jointgap describe FILE` shows them.
+    """
+
+
+cli.removed = dict.fromkeys(("study", "study-points"), "use `jointgap sweep` with sweep.design: grid")
+
+OF_SCENARIO, OF_CAMPAIGN, OF_TRIALS = (
+    f"Workflow: {part}" for part in ("stages of a scenario", "stages of a campaign", "blind trials")
+)
+"""Headings of the subcommands that the workflow calls."""
+
+cli.sections = {
+    "Your mechanism": ["simulate", "ensemble", "growth", "cycles", "effects"],
+    "Your measurement": ["preflight", "analyse", "trend"],
+    "Results": ["dashboard", "describe", "export"],
+    "Configuration": ["config", "schema"],
+    **{heading: [] for heading in (OF_SCENARIO, OF_CAMPAIGN, OF_TRIALS)},
+}
+
+
+_campaign = click.argument("campaign", type=FILE)
+_folder = click.option(
+    "--folder", type=FOLDER, help="Folder of the campaign's results; results/campaigns/NAME when absent."
+)
+_parts = click.option(
+    "--parts",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Into how many parts the fits are divided.",
+)
+_part = click.option(
+    "--part", type=click.IntRange(min=0), default=0, show_default=True, help="Which of them to fit, counted from 0."
+)
+_anyway = click.option("--anyway", is_flag=True, help="Go on where channels contradict each other.")
+_OPTIONS = {
+    "noise": (_anyway,),
+    "fit": (_part, _parts),
+    "pair": (_part, _parts),
+    "decide": (_parts,),
+    "track-campaign": (
+        need("--store", "Folder of the store.", FOLDER),
+        need("--published", "JSON file to write: what was published where."),
+    ),
+}
+_go_on = click.option(
+    "--go-on", is_flag=True, help="A stage that only adds to the verdict does not fail: the verdict says what it lacks."
+)
+_then = click.option(
+    "--then",
+    "further",
+    type=click.Choice([name for name in CAMPAIGN_STAGES if name not in {*_OPTIONS, "track-campaign"}]),
+    metavar="STAGE",
+    multiple=True,
+    help="Another stage, of those without options of their own, to run afterwards in the same process; repeatable.",
+)
+
+
+def _state(campaign: Path, folder: Path | None) -> "CampaignState":
+    from jointgap.campaign.state import CampaignState
+
+    return CampaignState(campaign, folder)
+
+
+def _end_if_something_failed(state: "CampaignState") -> None:
+    """Exit code 3 and a line for each thing that could not be made beside the verdict."""
+    from jointgap.campaign.campaign_files import failures
+
+    failed = failures(state.folder)
+    for what, why in failed.items():
+        click.echo(f"jointgap: failed: {what}: {why} (more: {state.folder.path / 'failed' / what}.txt)", err=True)
+    if failed:
+        raise SystemExit(3)
+
+
+def _check_part(part: int, parts: int) -> None:
+    """InputError on a part that nobody would read."""
+    from jointgap.core.errors import InputError
+
+    if part >= parts:
+        raise InputError(
+            f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give {parts - 1} "
+            "at most, or more --parts"
+        )
+
+
+def _stage_command(stage: Stage) -> None:
+    def command(campaign: Path, folder: Path | None, further: tuple[str, ...], go_on: bool, **given: Any) -> str:
+        if "part" in given:
+            _check_part(given["part"], given["parts"])
+        state = _state(campaign, folder)
+        stages = [CAMPAIGN_STAGES[stage.name], *(CAMPAIGN_STAGES[name] for name in further)]
+        state.folder.check_writable(*(path for each in stages for path in each.outputs(given.get("part", 0))))
+        adding = set(CAMPAIGN_STAGES) - {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"} if go_on else ()
+        shown = []
+        for each, options in zip(stages, [given, *({} for _ in further)], strict=True):
+            if each.name in adding:
+                from jointgap.campaign.analyse import run_if_possible
+
+                shown.append(run_if_possible(each, state, **options))
+            else:
+                shown.append(each.function(state, **options))
+        if stage.name == "conclude" and not go_on:
+            _end_if_something_failed(state)
+        return "\n".join(filter(None, shown))
+
+    add_command(
+        stage.name, stage.help, command, [_campaign, _folder, _then, _go_on, *_OPTIONS.get(stage.name, ())], OF_CAMPAIGN
+    )
+
+
+for _each in CAMPAIGN_STAGES.values():
+    _stage_command(_each)
+
+
+@cli.command(hidden=True, context_settings={"ignore_unknown_options": True})
+@click.argument("arguments", nargs=-1)
+def rechain(arguments: tuple[str, ...]) -> NoReturn:
+    """The former name of `jointgap reoptimise`."""
+    from jointgap.core.errors import InputError
+
+    raise InputError("rechain: is called `jointgap reoptimise` now, with the same arguments")
+
+
+@cli.command()
+@_campaign
+@_folder
+@_anyway
+def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
+    """Find what is missing in the model of CAMPAIGN: every stage in one go, down to verdict.json, summary and figures.
+
+    `make campaign` does the same with stages side by side, goes on where it was stopped, and optimises again.
+    """
+    from jointgap.app.report import verdict_lines
+    from jointgap.campaign.analyse import analyse as analyse_campaign
+    from jointgap.campaign.page import show
+
+    state = _state(campaign, folder)
+    analyse_campaign(campaign, state.folder.path, pictures=True, anyway=anyway)
+    show(state)
+    click.echo("\n".join(verdict_lines(state.folder.path)))
+    _end_if_something_failed(state)
+
+
+@cli.command()
+@click.argument("campaigns", metavar="CAMPAIGN...", type=FILE, nargs=-1, required=True)
+@click.option(
+    "--results",
+    type=FOLDER,
+    default=Path("results/campaigns"),
+    show_default=True,
+    help="Folder that holds the results of the campaigns, each in a folder of its name.",
+)
+@click.option(
+    "--folder", type=FOLDER, default=Path("results/trend"), show_default=True, help="Folder to write the trend into."
+)
+def trend(campaigns: tuple[Path, ...], results: Path, folder: Path) -> None:
+    """Show by date how clearances, and sizes of other effects, grow: one or more analysed campaigns of one rig.
+
+    Each campaign file states its `date`; `make campaign` or `jointgap analyse` comes first.
+    """
+    from jointgap.campaign.trend import trend as write_trend
+
+    click.echo(write_trend(campaigns, results, folder))
+
+
+WIDTH = 100  # columns; also where the output is no terminal and its width unknown
+
+
+@cli.command()
+@click.argument("name", required=False)
+def effects(name: str | None) -> None:
+    """Show the physical effects that a mechanism file can list: law, parameters with units and bounds, reference; and
+    the faults of sensors that a campaign looks for.
+
+    With NAME, show that effect in full, and what to paste into the mechanism file.
+    """
+    from jointgap.config import EFFECTS
+    from jointgap.core.errors import InputError, did_you_mean
+    from jointgap.rig.sensors import FAULTS
+
+    if name is None:
+        _catalogue(EFFECTS)
+        _faults(FAULTS)
+    elif name in FAULTS:
+        _faults({name: FAULTS[name]})
+    elif name in EFFECTS:
+        _page_of(name, EFFECTS[name])
+    else:
+        raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, [*EFFECTS, *FAULTS])}")
+
+
+def _limits(row) -> str:
+    """Bounds and unit of a parameter; empty for text and mappings."""
+    return f"{row.bounds or 'any'} {row.unit if row.unit != '1' else ''}".rstrip() if row.unit else ""
+
+
+def _catalogue(catalogue) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from jointgap.effects.describe import parameters_of
+
+    shown = Table(show_lines=True, width=WIDTH, highlight=False)
+    shown.add_column("effect, site", width=24, overflow="fold")
+    shown.add_column("law, reference")
+    shown.add_column("parameters", width=34, overflow="fold")
+    for name, effect in catalogue.items():
+        rows = (f"{row.name}: {limits}" if (limits := _limits(row)) else row.name for row in parameters_of(effect))
+        shown.add_row(
+            Text.assemble((name, "bold"), "\n", effect.SITE),
+            Text.assemble(effect.LAW, "\n", (effect.REFERENCE, "dim")),
+            Text("\n".join(rows)),
+        )
+    console = Console(width=WIDTH)
+    console.print(shown)
+    console.print(
+        "v, x: slider's velocity, position; w, theta: crank's speed, angle; t: time.\n"
+        "None acts unless it is listed. One in full, with what to paste: jointgap effects NAME",
+        markup=False,
+        highlight=False,
+    )
+
+
+def _faults(faults) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(show_lines=True, width=WIDTH, highlight=False)
+    shown.add_column("fault of a sensor", width=24, overflow="fold")
+    shown.add_column("reading y of the true u")
+    shown.add_column("parameter", width=22, overflow="fold")
+    for name, fault in faults.items():
+        unit = {"": "channel's unit", "1": ""}.get(fault.unit, fault.unit)
+        shown.add_row(Text(name, "bold"), Text(fault.law), Text(f"{fault.parameter} {unit}".rstrip()))
+    Console(width=WIDTH).print(shown)
+
+
+def _page_of(name: str, effect) -> None:
+    import inspect
+    import textwrap
+
+    import yaml
+
+    from jointgap.effects.describe import example, parameters_of
+
+    click.echo(click.style(name, bold=True))
+    for label, text in (
+        ("", inspect.cleandoc(effect.__doc__).replace("\n\n", " ")),
+        ("site: ", effect.SITE),
+        ("law: ", effect.LAW),
+        ("reference: ", effect.REFERENCE),
+    ):
+        click.echo(textwrap.fill(label + " ".join(text.split()), WIDTH, subsequent_indent=" " * len(label)))
+    click.echo("parameters:")
+    for row in parameters_of(effect):
+        default = f", default {row.default}" if row.default else ""
+        limits = _limits(row)
+        click.echo(
+            textwrap.fill(
+                f"  {row.name}{f' [{limits}]' if limits else ''}{default}: {row.meaning}",
+                WIDTH,
+                subsequent_indent="    ",
+            )
+        )
+    click.echo("\nin the mechanism file:\n")
+    snippet = yaml.safe_dump({"effects": [example(effect)]}, sort_keys=False, width=WIDTH)
+    click.echo(textwrap.indent(snippet, "    "), nl=False)
+
+
+@cli.command()
+@options_option
+@need("--folder", "Folder to write samples.parquet, events.parquet and runs.parquet to.", FOLDER)
+@workers_option
+def ensemble(options: str, folder: Path, workers: int | None) -> None:
+    """Simulate many motions: every combination of varied values, each from several starts.
+
+    The scenario's section `ensemble` says what varies: speed, clearance, friction and restitution (of all loose
+    joints), or any key by its path. A run that fails is reported in runs.parquet with its reason; the others go on.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 10, samples_per_revolution: 720, tolerance: 1e-9 m}
+      ensemble:
+        vary:
+          speed: {from: 200 rpm, to: 1200 rpm, number: 6}
+          friction: [0, 0.05, 0.2]
+          mechanism.slider.mass: [0.3 kg, 0.6 kg]
+        members: 5
+      END
+      jointgap ensemble --options mine.yaml --folder results/mine
+    """
+    from jointgap.config import parse_options
+    from jointgap.ensembles.ensemble import ensemble_runs, write_ensemble
+
+    scenario = parse_options(options)
+    varied = scenario.ensemble
+    total = math.prod(map(len, varied.vary.values())) * varied.members
+    written = write_ensemble(ensemble_runs(scenario.mechanism, scenario.simulate, varied), folder, workers, total)
+    for run, reason in written.reasons.items():
+        click.echo(f"jointgap: run {run} failed: {reason}", err=True)
+    click.echo(
+        f"{folder}: {written.runs} runs, {written.failed} failed; {written.events} events, {written.steps} steps"
+    )
+
+
+@cli.command()
+@options_option
+@need("--growth", "Parquet file to write: growth of the change over the crank angle.")
+@click.option("--change", default="1e-11 m", show_default=True, help="Size of the change of the start.")
+@workers_option
+def growth(options: str, growth: Path, change: str, workers: int | None) -> None:
+    """Tell how far samples of a motion can be compared, and from where on statistics alone.
+
+    Simulates the scenario's motion again from starts that differ by a hair, and prints what the difference grows to. In
+    a chaotic motion another code, or the same on another machine, gives other samples after that angle.
+    """
+    from jointgap import tables
+    from jointgap.config import parse_options
+    from jointgap.core.errors import InputError
+    from jointgap.ensembles.growth import measure_growth
+
+    scenario, size = parse_options(options), _quantity("--change", change, "m")
+    tables.check_writable(growth)
+    if not size > 0:
+        raise InputError(f"--change {change!r}: must be a positive length, e.g. '1e-11 m'")
+    result = measure_growth(scenario.mechanism, scenario.simulate, size, workers=workers)
+    tables.write(tables.GROWTH, result.frame(), growth)
+    click.echo(result.verdict)
+
+
+@cli.command()
+@options_option
+@need("--trajectory", "Parquet file to read: the simulated motion.")
+@need("--events", "Parquet file to read: its events.")
+@need(
+    "--folder",
+    "Folder to write section.parquet, revolutions.parquet, impacts.parquet and eccentricity.parquet to.",
+    FOLDER,
+)
+@click.option("--angle", default="0 deg", show_default=True, help="Crank angle of the Poincare section.")
+@click.option(
+    "--first-revolution",
+    type=click.IntRange(min=1),
+    default=2,
+    show_default=True,
+    help="First revolution that counts as settled.",
+)
+def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int) -> None:
+    """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
+    from jointgap import tables
+    from jointgap.config import parse_options
+    from jointgap.ensembles.cycle_statistics import cycles
+    from jointgap.scenario.results import read_trajectory
+
+    scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
+    places = [folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")]
+    tables.check_writable(*places)
+    samples, rows = read_trajectory(trajectory, scenario), tables.read(tables.EVENTS, events)
+    statistics = cycles(samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned)
+    frames = (
+        (tables.POINCARE_SECTION, statistics.section),
+        (tables.JOINT_REVOLUTIONS, statistics.revolutions),
+        (tables.IMPACT_DISTRIBUTION, statistics.impacts),
+        (tables.ECCENTRICITY, statistics.eccentricity),
+    )
+    for (table, frame), place in zip(frames, places, strict=True):
+        tables.write(table, frame, place)
+    click.echo(statistics.summary)
+
+
+def _quantity(option: str, text: str, unit: str) -> float:
+    """The value of an option in `unit`."""
+    from jointgap.core.errors import InputError
+    from jointgap.quantities import to_si
+
+    try:
+        return to_si(text, unit)
+    except ValueError as error:
+        raise InputError(f"{option} {text!r}: {error}") from error
+
+
+_scenario = click.option(
+    "--scenario", "scenarios", nargs=2, multiple=True, required=True, help="Name and options of a scenario, repeatable."
+)
+_published = (
+    click.option(
+        "--scenario", "name", required=True, help="Name of the scenario: with stage and output it identifies a run."
+    ),
+    need("--store", "Folder of the store.", FOLDER),
+    need("--published", "JSON file to write: what was published where."),
+)
+_stage_commands_OPTIONS = {
+    "surrogate": (
+        click.option(
+            "--output-name", "output", required=True, help="What to learn: a column such as r2 or gamma3_ddot."
+        ),
+    ),
+    "figures": (
+        click.option(
+            "--figure", "names", multiple=True, help="Name of a figure, repeatable; all still figures when absent."
+        ),
+        click.option("--folder", type=FOLDER, help="Folder to write to; figures/ among the results when absent."),
+    ),
+    "compare": (
+        click.option(
+            "--beside",
+            "siblings",
+            nargs=2,
+            multiple=True,
+            help="Name and options of a scenario, in the folder beside --results, that differs in its loose joints "
+            "alone; repeatable.",
+        ),
+    ),
+    "track": _published,
+    "track-sweep": _published,
+    "sweep-designs": (
+        click.option("--first", type=click.IntRange(min=0), required=True, help="First design, from 0 on."),
+        click.option("--number", type=click.IntRange(min=1), required=True, help="How many designs."),
+        need("--designs", "Parquet file to write: these designs and what was measured of them."),
+        workers_option,
+    ),
+    "optimise-robust": (workers_option,),
+    "design-networks": (workers_option,),
+    "compare-searches": (workers_option,),
+    "sweep": (
+        need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
+        workers_option,
+    ),
+    "infer-settings": (
+        need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),
+        need("--folder", "Folder to write summary.md, summary.html, tables and figures/ to.", FOLDER),
+    ),
+    "sensitivity": (
+        need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),
+        need("--folder", "Folder to write summary.md, summary.html, tables and figures/ to.", FOLDER),
+    ),
+}
+"""Options of a stage besides the scenario's and its results, by the names of its function's arguments."""
+
+
+def _flagged(stage: Stage) -> dict[str, Table]:
+    """Tables of a stage whose files can be named one by one, by the name of the option: where there is one file of
+    each.
+    """
+    named = stage.writes and set(stage.reads) <= {TRAJECTORY}
+    return {Path(table.path).stem: table for table in (*stage.reads, *stage.writes)} if named else {}
+
+
+def _results_command(stage: Stage) -> None:
+    flagged = _flagged(stage)
+
+    def command(options: str, results: Path | None, **given: Any) -> str | None:
+        files = {flag: given.pop(flag) for flag in flagged}
+        if results is None and None in files.values():
+            missing = next(flag for flag, file in files.items() if file is None)
+            raise click.UsageError(f"Missing option '--{missing}', or '--results' for all of them.")
+        places = {flagged[flag].name: file for flag, file in files.items() if file is not None}
+        stored = open_results(options, results or Path(), places)
+        if "siblings" in given:
+            given["siblings"] = {name: open_results(more, results.parent / name) for name, more in given["siblings"]}
+        written = [stored.place(table, given.get("output", "")) for table in stage.writes]
+        tables.check_writable(*written, *(stored.path / file for file in stage.files))
+        return stage.function(stored, **given)
+
+    folder = click.option(
+        "--results",
+        type=FOLDER,
+        required=not flagged,
+        help="The scenario's results folder: tables are read and written at their places in it.",
+    )
+    files = [
+        click.option(
+            f"--{flag}",
+            type=FILE,
+            help=f"Parquet file to {'read' if table in stage.reads else 'write'}: {table.description[0].lower()}"
+            f"{table.description[1:]}.",
+        )
+        for flag, table in flagged.items()
+    ]
+    add_command(
+        stage.name,
+        stage.help,
+        command,
+        [options_option, folder, *files, *_stage_commands_OPTIONS.get(stage.name, ())],
+        OF_SCENARIO,
+    )
+
+
+def _with_file(line: str, options: str, sections: Iterable[str]) -> str:
+    """The `line` of an error, which begins with the file of the options where it is about a key of their `sections`."""
+    about_key = re.match(r"[a-z_]+", line)
+    if about_key is None or about_key[0] not in sections or line[about_key.end() :][:1] not in (".", ":"):
+        return line
+    return f"{'--options' if options.lstrip().startswith('{') else options}: {line}"
+
+
+def _scenario_command(stage: Stage) -> None:
+    def command(options: str, **given: Any) -> str | None:
+        from jointgap.config import parse_options
+        from jointgap.core.errors import InputError
+
+        scenario = parse_options(options)
+        try:
+            return stage.function(scenario, **given)
+        except InputError as error:
+            raise InputError(
+                *(_with_file(line, options, type(scenario).model_fields) for line in error.args)
+            ) from error
+
+    add_command(stage.name, stage.help, command, [options_option, *_stage_commands_OPTIONS[stage.name]], OF_SCENARIO)
+
+
+def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
+    stage = SCENARIO_STAGES["overview"]
+    tables.check_writable(*(results / path for path in stage.outputs()))
+    stage.function({name: open_results(options, results / name) for name, options in scenarios}, results)
+
+
+def _report(
+    results: Path,
+    report: Path,
+    scenarios: tuple[tuple[str, str], ...],
+    campaigns: tuple[str, ...],
+) -> None:
+    tables.check_writable(report)
+    opened = {name: open_results(options, results / name) for name, options in scenarios}
+    SCENARIO_STAGES["report"].function(opened, campaigns, results, report)
+
+
+_NAMED = "Name and options of a scenario"
+_REPORT_OPTIONS = [
+    need("--results", "Folder of the folders of results.", FOLDER),
+    need("--report", "HTML file to write; its links hold where it lies in that folder."),
+    click.option("--scenario", "scenarios", nargs=2, multiple=True, help=f"{_NAMED}, repeatable."),
+    click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable."),
+]
+
+for _stage in SCENARIO_STAGES.values():
+    if _stage.name == "overview":
+        _folder = need(
+            "--results", "Folder of the scenarios' folders; overview.md, .html and .parquet go there.", FOLDER
+        )
+        add_command(_stage.name, _stage.help, _overview, [_folder, _scenario], OF_SCENARIO)
+    elif _stage.name == "report":
+        add_command(_stage.name, _stage.help, _report, _REPORT_OPTIONS, OF_SCENARIO)
+    elif "results" in inspect.signature(_stage.function).parameters:
+        _results_command(_stage)
+    else:
+        _scenario_command(_stage)
+
+
+@cli.command()
+@click.option(
+    "--results",
+    type=FOLDER,
+    default=Path("results"),
+    show_default=True,
+    help="Folder that holds the default store.",
+)
+@click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="First port to try.")
+@click.option("--browser/--no-browser", default=True, show_default=True, help="Open the comparison in the browser.")
+def dashboard(results: Path, port: int, browser: bool) -> None:
+    """Serve MLflow's pages on this machine, open the comparison of the scenarios, and print its address."""
+    from jointgap.track.dashboard import dashboard
+
+    dashboard(results, port, say=click.echo, browse=browser)
+
+
+@cli.command()
+@click.argument("file", type=FILE)
+def describe(file: Path) -> None:
+    """Show the columns of a Parquet FILE with their units and meaning."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from jointgap.tables import describe
+
+    shown = Table("column", "unit", "description", title=Text(str(file)))
+    for row in describe(file).itertuples(index=False):
+        shown.add_row(*map(Text, row))  # of a plain string rich takes what stands in brackets for its own marks
+    Console().print(shown)
+
+
+@cli.command()
+@click.argument("source", metavar="FILE_OR_FOLDER", type=click.Path(exists=True, path_type=Path))
+@click.option("--to", type=FOLDER, help="Folder to write into; beside each Parquet file when absent.")
+@click.option(
+    "--unit",
+    "units",
+    multiple=True,
+    help="Unit to write instead of the SI unit of its dimension, such as mm, deg or rpm; repeatable.",
+)
+@click.option("--force", is_flag=True, help="Write over files that are there.")
+def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -> None:
+    """Write a Parquet FILE, or all of a FOLDER, as CSV with the unit behind each name, for spreadsheets and MATLAB.
+
+    \b
+    Example:
+      jointgap export results/paper/simulate --to csv --unit mm --unit deg --unit rpm
+    """
+    from jointgap.core.export import export as exported
+
+    for path in exported(source, to, units, force):
+        click.echo(path)
+
+
+@cli.command()
+@click.argument("files", type=FILE, nargs=-1, required=True)
+@click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
+@click.option("--sources", is_flag=True, help="Print a table instead: each key, its value as written, and its file.")
+def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None:
+    """Check the configuration FILES, each laid over those before it, and print one scenario, complete and in SI, as
+    JSON for --options.
+    """
+    from jointgap.config import load, read_yaml
+    from jointgap.config.layers import Layer, merged
+    from jointgap.core.errors import InputError, did_you_mean
+    from jointgap.lengths.region import check_constraints
+
+    layers = [Layer(str(file), read_yaml(file)) for file in files]
+    folders = (Path(), *(folder for file in reversed(files) for folder in (file.parent, file.parent.parent)))
+    source = " with ".join(map(str, files))
+    scenarios = load.resolve(merged(layers), folders, source)
+    check_constraints(scenarios, source)
+    name = scenario or next(iter(scenarios))
+    if name not in scenarios:
+        raise InputError(f"{source}: no scenario '{name}' in run; {did_you_mean(name, scenarios)}")
+    if not sources:
+        click.echo(scenarios[name].model_dump_json(indent=2))
+        return
+    rows = load.sources_of(scenarios[name], name, layers, folders)
+    widths = [max(len(row[place]) for row in rows) for place in (0, 1)]
+    for key, source, value in rows:
+        click.echo(f"{key:<{widths[0]}}  {source:<{widths[1]}}  {value}")
+
+
+@cli.command()
+@click.option("--write", "path", type=FILE, help="File to write; printed when absent.")
+@click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
+def schema(path: Path | None, campaign: bool) -> None:
+    """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
+    import json
+
+    from jointgap import tables
+    from jointgap.config import json_schema
+    from jointgap.config.load import campaign_json_schema
+
+    text = json.dumps(campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False) + "\n"
+    if path is None:
+        click.echo(text, nl=False)
+    else:
+        tables.write_text(path, text)
+
+
+_SECONDS_OF_SILENCE = 2.0  # work that is over sooner shows nothing
+_SECONDS_BETWEEN_LINES = 60.0
+_SECONDS_BETWEEN_UPDATES = 0.1
+
+
+@contextmanager
+def progress_shown() -> Iterator[None]:
+    """Show how far long work has come until the block ends."""
+    terminal = sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+    display = _Bars() if terminal else _Lines()
+    with heard_by(display.hear):
+        try:
+            yield
+        finally:
+            display.end()
+
+
+class _Lines:
+    def __init__(self) -> None:
+        self._last = time.monotonic()
+
+    def hear(self, what: str, done: int, total: int | None) -> None:
+        now = time.monotonic()
+        if now - self._last >= _SECONDS_BETWEEN_LINES:
+            self._last = now
+            print(f"jointgap: {what}: {done}{f' of {total}' if total else ''}", file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        pass
+
+
+class _Bars:
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._progress: Any = None
+        self._tasks: dict[str, Any] = {}
+        self._told: dict[str, float] = {}
+
+    def hear(self, what: str, done: int, total: int | None) -> None:
+        now = time.monotonic()
+        over = done == total
+        if now - self._start < _SECONDS_OF_SILENCE:
+            return
+        if over:
+            if what in self._tasks:
+                self._progress.remove_task(self._tasks.pop(what))
+            return
+        if now - self._told.get(what, 0.0) < _SECONDS_BETWEEN_UPDATES:
+            return
+        self._told[what] = now
+        if self._progress is None:
+            self._progress = _started()
+        if what not in self._tasks:
+            self._tasks[what] = self._progress.add_task(what, total=total)
+        self._progress.update(self._tasks[what], completed=done, total=total)
+
+    def end(self) -> None:
+        if self._progress is not None:
+            self._progress.stop()
+
+
+def _started() -> Any:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    # what the command answers goes where it was sent, not to the terminal of the bars
+    progress = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=sys.stdout.isatty())
+    progress.start()
+    return progress
+
+
+def main() -> None:
+    """Run the command line; a mistake in the input ends with its message and exit code 2, not a traceback."""
+
+    from jointgap.core.errors import InputError, SimulationError
+
+    # One thread, though Snakemake says as many as the job has: matrices are small, so that further threads cost more
+    # processor time than they save, and sums in another order would change the last bits.
+    for library in ("OPENBLAS", "OMP", "MKL"):
+        os.environ[f"{library}_NUM_THREADS"] = "1"
+    try:
+        with progress_shown():
+            cli()
+    except (InputError, SimulationError) as error:
+        _end(str(error))
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        where = error.filename or "the log of this command, or a temporary file"
+        _end(f"{where}: cannot be written ({error.strerror}); free some space, then run it again")
+
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
+
+def _end(message: str) -> NoReturn:
+    """Show the message and end; where the log of a job has no room for it, on the terminal of the workflow."""
+    text = "".join(f"jointgap: error: {line}\n" for line in message.splitlines())
+    try:
+        click.echo(text, err=True, nl=False)
+    except OSError:
+        # an open file, by its number; workflow/rules/terminal.smk
+        if terminal := os.environ.get("JOINTGAP_TERMINAL"):
+            os.write(int(terminal), text.encode())
+    sys.exit(2)

@@ -1,0 +1,246 @@
+"""Stage preflight: what a campaign can show and tell apart, from its plan, and what would help most.
+
+Of runs whose files are there as many samples and (where the motion is chaotic) revolutions count as these hold; and
+where a motor or a measured angle drives, and all files are there, how the crank turned. Nothing else that was measured
+is looked at. Others are planned with
+`jointgap.rig.settings.SampleGridSettings`."""
+
+import math
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from jointgap.campaign.fits_on_disk import (
+    assumed,
+    assumed_in_a_cell,
+    confusability_frame,
+    confusable_groups,
+    failures_of_preflight,
+    undetectable,
+)
+from jointgap.campaign.sentences import label_in_words, shown_size, unit_of, without_code_names
+from jointgap.config.campaign_file import Campaign
+from jointgap.config.channels import CHANNELS, Channel
+from jointgap.core.candidates import Model
+from jointgap.core.words import in_words as name_in_words
+from jointgap.core.words import joined, size_for_the_eye
+from jointgap.identification.look_alikes import look_alikes
+from jointgap.identification.noise import numerics_noise
+from jointgap.identification.preflight import Preflight, advise, assumed_noise, preflight
+from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
+from jointgap.rig.model import build_model
+from jointgap.rig.read_files import read_measurements
+from jointgap.rig.recording import Measurements, Recording
+from jointgap.rig.settings import DEFAULT_SETTINGS as DEFAULT_MODEL_SETTINGS
+from jointgap.rig.settings import SliderCrankSettings
+
+_FASTER, _SLOWER = 1.5, 0.5
+"""Further speeds that are tried [1, of the fastest and of the slowest]: far enough to change what inertia hides."""
+
+_SEPARATOR = " | "
+_MOST_ADVICE = 3  # lines: the first helps most, and a plan is changed one step at a time
+
+
+def preflight_tables(
+    campaign: Campaign,
+    rate: float,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
+) -> dict[str, pd.DataFrame]:
+    """What the campaign's speeds and channels can show."""
+    campaign, recordings = recorded(campaign)
+    model = _as_recorded(campaign, recordings, model_settings)
+    if model is None:
+        model = build_model(campaign, None, revolutions(campaign, recordings), model_settings)
+    return _frames(preflight(model, None, rate, counts(model, recordings), settings))
+
+
+def preflight_tables_with_advice(
+    campaign: Campaign,
+    rate: float,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
+) -> dict[str, pd.DataFrame]:
+    """As `preflight_tables`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
+    campaign, recordings = recorded(campaign)
+    more = extended(campaign)
+    like = recordings.get(campaign.runs[0].id)
+    if like is not None:  # a further run is as long as the one that it is like
+        for_fitting = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
+        recordings |= {run.id: for_fitting for run in more.runs[len(campaign.runs) :]}
+    lengths = revolutions(more, recordings)
+    plan, wider = (build_model(each, None, lengths, model_settings) for each in (campaign, more))
+    wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
+    planned = [series.key for series in plan.series]
+    shown_now, changes = advise(wider, planned, None, rate, counts(wider, recordings), settings)
+    joined = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
+    measured = _as_recorded(campaign, recordings, model_settings)
+    if measured is not None:
+        shown_now = preflight(measured, None, rate, counts(measured, recordings), settings)
+    return _frames(shown_now) | {"advice": changes.assign(**joined)}
+
+
+def look_alikes_table(
+    campaign: Campaign,
+    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
+) -> pd.DataFrame:
+    """Which joints that could have become loose look alike by features of the cycle: table
+    `jointgap.tables.LOOK_ALIKES`.
+
+    In the runs for fitting, four revolutions of each.
+    """
+    for_fitting = {"runs": tuple(run for run in campaign.runs if run.role != "confirm")}
+    plan, wider = (
+        build_model(each.model_copy(update=for_fitting), None, None, model_settings)
+        for each in (campaign, extended(campaign))
+    )
+    noise = numerics_noise(wider, {}, assumed_noise(wider, settings.detectability)[0], settings.noise)
+    found = look_alikes(wider, [series.key for series in plan.series], noise, settings)
+    return found.assign(parted_by=found["parted_by"].map(", ".join))
+
+
+def _as_recorded(
+    campaign: Campaign, recordings: Mapping[str, Recording], model_settings: SliderCrankSettings
+) -> Model | None:
+    """The model with the motion that was recorded, where that is known and is not that of a plan.
+
+    A plan's crank turns evenly; one that a motor turns, or whose angle was measured, does not, and its inertia tells
+    effects apart that are one at an even speed.
+    """
+    runs = [run.id for run in campaign.runs]
+    if campaign.drive == "constant_speed" or any(run not in recordings for run in runs):
+        return None
+    return build_model(campaign, Measurements({run: recordings[run] for run in runs}), settings=model_settings)
+
+
+def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
+    """The campaign without runs that cannot be used, and those of its runs whose files are there."""
+    there = tuple(run for run in campaign.runs if os.path.isfile(campaign.folder / run.file))
+    measured = read_measurements(campaign.model_copy(update={"runs": there}), compared=False)
+    runs = tuple(run for run in campaign.runs if run.id not in measured.left_out)
+    return campaign.model_copy(update={"runs": runs}), dict(measured.runs)
+
+
+def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict[str, float]:
+    """How often the crank turns in each recording [revolutions], those without angles at the run's speed."""
+    speeds = {run.id: run.speed for run in campaign.runs}
+    turned = {}
+    for run, recording in recordings.items():
+        angle = recording.crank_angle if recording.has_angle else speeds[run] * recording.time
+        turned[run] = float(np.ptp(angle[np.isfinite(angle)])) / math.tau * angle.size / (angle.size - 1)
+    return turned
+
+
+def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str, str], int]:
+    """How many samples for fitting each recording has of each channel; of channels that it lacks, as many as rows."""
+    counted = {}
+    for run, channel in (series.key for series in model.series if series.run in recordings):
+        recording = recordings[run]
+        values = (
+            recording.crank_angle
+            if channel == "crank_angle"
+            else recording.channels.get(channel, np.zeros(recording.held_out.size))
+        )
+        counted[run, channel] = int(np.count_nonzero(np.isfinite(values) & ~recording.held_out))
+    return counted
+
+
+def extended(campaign: Campaign) -> Campaign:
+    """The campaign with a slower and a faster run and every channel that a rig can have."""
+    speeds, taken = sorted(run.speed for run in campaign.runs), {run.id for run in campaign.runs}
+
+    def free(name: str) -> str:
+        return free(f"further_{name}") if name in taken else name
+
+    runs = [
+        campaign.runs[0].model_copy(
+            update={"id": free(f"{speed * 30 / math.pi:.0f}_rpm"), "file": "-", "speed": speed, "role": "identify"}
+        )
+        for speed in (_SLOWER * speeds[0], _FASTER * speeds[-1])
+    ]
+    inputs = ("time", "crank_angle", "crank_speed")  # what the drive prescribes says nothing new
+    channels = {
+        name: Channel(column=f"({name})", unit=unit.replace("^", "**"))
+        for name, unit in CHANNELS.items()
+        if name not in (*campaign.channels, *inputs)
+    }
+    return campaign.model_copy(update={"runs": (*campaign.runs, *runs), "channels": campaign.channels | channels})
+
+
+def _frames(result: Preflight) -> dict[str, pd.DataFrame]:
+    effects = result.effects
+    # What varies an effect need not be what states it: units of the latter are in the catalogue.
+    units = [row.unit or unit_of(*row.label.partition(":")[::2], row.parameter) for row in effects.itertuples()]
+    failed = pd.Series([result.failed.get(label) for label in effects["label"]], dtype=object)
+    detectable = effects.assign(unit=units, failed=failed, assumed=assumed_in_a_cell(result.assumed))
+    return {"detectable": detectable, "confusability": confusability_frame(result.cosines, result.merged)}
+
+
+def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
+    """Which further experiment would tell explanations apart, in a sentence."""
+    first, *others = explanations
+    differing = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
+    if not any(pair <= set(group) for pair in differing for group in merged):
+        return "Preflight does not count them as alike: a longer record, or one with less noise, should separate them."
+    for row in advice.itertuples():
+        separated = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
+        if differing & separated:
+            return f"A further {row.change} would separate them."
+    return "No single further speed or channel that was tried would separate them: vary a mass or a load between runs."
+
+
+def preflight_in_words(
+    detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame, look_alikes: pd.DataFrame
+) -> str:
+    """What a preflight found, as lines of text."""
+    lines = ["Effects that these runs and channels show, from which size on:"]
+    for row in detectable[detectable["detectable"]].itertuples():
+        size = shown_size(row.label, row.parameter, row.smallest_detectable, row.unit, row.falls)
+        lines.append(f"  {label_in_words(row.label)}: {size}")
+    failed = failures_of_preflight(detectable)
+    if absent := [label for label in undetectable(detectable) if label not in failed]:
+        lines.append(f"Not detectable at any size within bounds: {joined(map(label_in_words, absent))}")
+    lines += [
+        f"Could not be simulated, so what size shows is not known: {label_in_words(label)} ({why})"
+        for label, why in failed.items()
+    ]
+    for group in confusable_groups(confusability):
+        lines.append(f"Cannot be told apart: {joined(map(label_in_words, group))}")
+    for row in advice.head(_MOST_ADVICE).itertuples():
+        shown = [label_in_words(label) for label in row.newly_detectable.split(", ") if label]
+        pairs = [pair.split(_SEPARATOR) for pair in row.separated.split(", ") if pair]
+        apart = [" from ".join(map(label_in_words, pair)) for pair in pairs]
+        gains = [f"shows {joined(shown)}"] if shown else []
+        gains += [f"tells {', '.join(apart)}"] if apart else []
+        if gains:
+            lines.append(f"A further {without_code_names(row.change)} {', and '.join(gains)}")
+    lines += _alike_in_words(look_alikes)
+    if noise := assumed(detectable):
+        lines += [
+            "Assumed noise, where the campaign states none:",
+            *(f"  {without_code_names(text)}" for text in noise),
+        ]
+    return "\n".join(lines)
+
+
+def _alike_in_words(look_alikes: pd.DataFrame) -> list[str]:
+    """Lines of text on table `jointgap.tables.LOOK_ALIKES`: for each pair the sizes, and what parts it at each."""
+    lines, alike = [], look_alikes[look_alikes["alike"]]
+    for pair in dict.fromkeys(frozenset((row.true, row.other)) for row in alike.itertuples()):
+        rows = [row for row in alike.itertuples() if {row.true, row.other} == pair]
+        names = joined(map(label_in_words, sorted(pair)))
+        sizes = ", ".join(f"{label_in_words(row.true)} {size_for_the_eye(row.size, row.unit)}" for row in rows)
+        lines.append(f"Cannot be told apart by where impacts come and how hard they are: {names} (true: {sizes})")
+        parting = [
+            name for name in rows[0].parted_by.split(", ") if all(name in row.parted_by.split(", ") for row in rows)
+        ]
+        lines += [f"A further channel {name_in_words(name)} tells these apart" for name in parting if name][
+            :_MOST_ADVICE
+        ]
+        if not any(parting):
+            lines.append("No single further channel that was tried tells these apart at each of these sizes")
+    return lines

@@ -1,0 +1,349 @@
+"""The stages of a campaign, from measured runs to a verdict, in their order.
+
+Each takes the state of the campaign and writes its tables. It imports what it needs when it runs: a job that reads data
+alone does not wait for the compiled dynamics."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jointgap import tables
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
+from jointgap.core.stage import Stages
+from jointgap.tables import (
+    ADVICE,
+    CHANNEL_ERRORS,
+    CONFIG_SNAPSHOT,
+    CONFUSABILITY,
+    CONTRADICTIONS,
+    DETECTABLE,
+    FIT_TABLES,
+    GAPS,
+    LAW_FAMILIES,
+    LOOK,
+    LOOK_ALIKES,
+    MAP_BINS,
+    MAP_ORDERS,
+    MAP_SCALING,
+    MAP_STANDOUT,
+    MAP_TESTS,
+    MAP_WINDOWS,
+    MEASURED,
+    MISSING_FORCE,
+    NOISE_TABLES,
+    OPTIMUM,
+    OUTCOME_TABLES,
+    REMARKS,
+    RESIDUALS,
+    SCREENED,
+    SIGNATURE_SHAPES,
+    SIGNATURES,
+    THRESHOLDS,
+    Table,
+)
+
+if TYPE_CHECKING:
+    from jointgap.campaign.fits_on_disk import Outcome
+    from jointgap.campaign.state import CampaignState
+
+CAMPAIGN_STAGES = Stages()
+
+_MEASURED = (MEASURED, REMARKS, CONTRADICTIONS, CONFIG_SNAPSHOT)
+
+
+def _of(stage: str, written: tuple[Table, ...]) -> tuple[Table, ...]:
+    return tuple(table.at(stage) for table in written)
+
+
+@CAMPAIGN_STAGES.stage(writes=(*_MEASURED, LOOK))
+def measure(state: "CampaignState", pictures: bool = True) -> str:
+    """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter."""
+    import pandas as pd
+
+    from jointgap.campaign.campaign_files import config_snapshot
+    from jointgap.dynamics.mechanism_warnings import odd_data
+    from jointgap.rig.read_files import read_measurements
+    from jointgap.rig.recording import to_frame
+
+    folder = state.folder
+    read = read_measurements(state.campaign, state.recording_limits)
+    odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)]
+    state.measurements = replace(read, remarks=(*read.remarks, *odd))
+    folder.write(CONFIG_SNAPSHOT, config_snapshot(state.campaign))
+    folder.write(REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
+    folder.write(CONTRADICTIONS, pd.DataFrame(state.measurements.contradictions, columns=CONTRADICTIONS.names))
+    folder.write(MEASURED, to_frame(state.measurements))
+    if pictures:
+        from jointgap.core import plot
+        from jointgap.rig.inspection import inspect
+
+        numbers, drawings = inspect(state.campaign, state.measurements)
+        folder.write(LOOK, numbers)
+        for run, drawing in drawings.items():
+            plot.save(drawing, folder.path / "measure" / run)
+    remarks = [f"Remark: {text}" for text in state.measurements.remarks]
+    return "\n".join([*remarks, f"figures and tables: {folder.path / 'measure'}"])
+
+
+@CAMPAIGN_STAGES.stage(writes=(DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES))
+def preflight(state: "CampaignState", advice: bool = True) -> str:
+    """Say before anything is measured what CAMPAIGN will be able to show.
+
+    Which effects these speeds and channels can detect, from which size on, which of them they cannot tell apart, and
+    which further speed or channel would help most. The runs' files need not exist; of those that do, the samples are
+    counted.
+    """
+    from jointgap.campaign.plan import (
+        look_alikes_table,
+        preflight_in_words,
+        preflight_tables,
+        preflight_tables_with_advice,
+    )
+
+    frames = (preflight_tables_with_advice if advice else preflight_tables)(
+        state.campaign, state.false_alarm_rate, state.settings, state.model_settings
+    )
+    if advice:
+        frames["look_alikes"] = look_alikes_table(state.campaign, state.settings, state.model_settings)
+    state.folder.write_all(frames)
+    told = (DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES)
+    return preflight_in_words(*(frames[table.name] for table in told)) if advice else ""
+
+
+@CAMPAIGN_STAGES.stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES))
+def noise(state: "CampaignState", anyway: bool = False) -> None:
+    """Find the noise of every channel of every run, from what does not repeat."""
+    from jointgap.identification.noise import noise_of_model
+
+    if not anyway:
+        state.check_agreement()
+    state.noise = noise_of_model(state.model, state.settings)
+    state.write_noise(state.noise, "noise")
+
+
+@CAMPAIGN_STAGES.stage(
+    reads=(*_MEASURED, *CAMPAIGN_STAGES.written_by("noise")),
+    writes=(
+        *_of("recalibrate", NOISE_TABLES),
+        *_of("recalibrate/nominal", FIT_TABLES),
+        *_of("recalibrate/base", FIT_TABLES),
+    ),
+)
+def recalibrate(state: "CampaignState") -> None:
+    """Fit the parameters that are not known exactly within their ranges."""
+    from jointgap.identification.baseline import recalibrate as recalibrated
+    from jointgap.identification.noise import numerics_noise
+
+    baseline = state.baseline = recalibrated(state.model, state.noise, state.settings)
+    # of held-out runs too
+    of_all_runs = numerics_noise(state.model, baseline.base.mapping, state.noise, state.settings.noise)
+    of_fitted_runs = {part.series.key: part.noise for part in baseline.problem.parts}
+    state.noise_with_numerics = of_all_runs | of_fitted_runs
+    state.write_noise(state.noise_with_numerics, "recalibrate")
+    state.write_fits([baseline.nominal], "recalibrate/nominal")
+    state.write_fits([baseline.base], "recalibrate/base")
+
+
+_BASELINE = (*_MEASURED, *CAMPAIGN_STAGES.written_by("noise", "recalibrate"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_BASELINE, writes=(SIGNATURES, SIGNATURE_SHAPES, SCREENED, THRESHOLDS))
+def screen(state: "CampaignState") -> None:
+    """Simulate every effect that could be missing at a small size, and choose what is worth a fit."""
+    import pandas as pd
+
+    from jointgap.campaign.fits_on_disk import screened_frame, signatures_to_frames
+    from jointgap.identification.model_selection import shortlist_singles
+    from jointgap.identification.noise import degrees_of_freedom
+    from jointgap.identification.thresholds import screen_candidates
+
+    dof = degrees_of_freedom(state.noise)
+    signatures, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
+    state.folder.write_all(signatures_to_frames(signatures))
+    state.folder.write(THRESHOLDS, pd.DataFrame([vars(limits)]))
+    state.folder.write(SCREENED, screened_frame(signatures, shortlist_singles(signatures, limits, state.settings)))
+
+
+_SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES))
+def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
+    """Fit the chosen effects by forward simulation."""
+    from jointgap.identification.hypothesis_fits import fit_singles
+
+    screening = state.screening
+    fits, seconds = fit_singles(state.baseline, screening.signatures, screening.limits, part, parts)
+    state.write_fits(fits, f"fit/{part}", seconds)
+
+
+@CAMPAIGN_STAGES.stage(reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit")), writes=_of("pair/{part}", FIT_TABLES))
+def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
+    """Fit the pairs of effects that are worth it by forward simulation.
+
+    Beside the single effects, which as many parts have fitted. Where none of these is enough the first part takes a
+    second look at them all.
+    """
+    from jointgap.identification.hypothesis_fits import fit_pairs
+
+    screening, (alone, _) = state.screening, state.fits("fit", parts)
+    doubted = bool(state.doubted_channels)
+    fits, seconds = fit_pairs(state.baseline, screening.signatures, screening.limits, alone, part, parts, doubted)
+    state.write_fits(fits, f"pair/{part}", seconds)
+
+
+@CAMPAIGN_STAGES.stage(
+    reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit", "pair")),
+    writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES), LAW_FAMILIES),
+)
+def decide(state: "CampaignState", parts: int = 1) -> None:
+    """Weigh the fits: what is missing, or why it cannot be told, and what else of a law's family fits."""
+    from jointgap.campaign.fits_on_disk import family_frame, outcome_of
+    from jointgap.identification.decide_by_features import with_feature_gains
+    from jointgap.identification.law_family import with_families
+    from jointgap.identification.model_selection import select_hypothesis
+
+    (singles, seconds), (pairs, seconds_of_pairs) = (state.fits(stage, parts) for stage in ("fit", "pair"))
+    labels, screening = seconds | seconds_of_pairs, state.screening
+    total = {label: seconds.get(label, 0.0) + seconds_of_pairs.get(label, 0.0) for label in labels}
+    decision = select_hypothesis(state.baseline, screening.signatures, [*singles, *pairs], screening.limits)
+    decision, families = with_families(state.baseline, decision, screening.limits)
+    decision = with_feature_gains(state.baseline.problem, decision)
+    state.folder.write(LAW_FAMILIES, family_frame(families))
+    state.rest_on(decision.base)
+    state.write_fits([decision.base], "decide/base")
+    state.write_outcome(outcome_of(decision, total), "decide")
+
+
+_DECIDED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("decide"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_DECIDED, writes=(MAP_BINS, MAP_WINDOWS, MAP_TESTS, MAP_ORDERS, MAP_STANDOUT, MAP_SCALING))
+def locate(state: "CampaignState") -> None:
+    """Map where the recalibrated model disagrees with the measurement: run, channel, crank angle."""
+    from jointgap.campaign.fits_on_disk import map_as_read
+    from jointgap.identification.disagreement import map_disagreement
+
+    baseline = state.verdict_baseline
+    disagreement = map_disagreement(baseline.problem, baseline.base.residual, state.false_alarm_rate)
+    state.folder.write(MAP_BINS, map_as_read(disagreement.bins, state.clockwise))
+    state.folder.write(MAP_WINDOWS, map_as_read(disagreement.windows, state.clockwise))
+    state.folder.write(MAP_TESTS, disagreement.tests)
+    state.folder.write(MAP_ORDERS, disagreement.orders)
+    state.folder.write(MAP_STANDOUT, disagreement.standout)
+    state.folder.write(MAP_SCALING, disagreement.scaling)
+
+
+@CAMPAIGN_STAGES.stage(reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")), writes=_of("regress", OUTCOME_TABLES))
+def regress(state: "CampaignState") -> None:
+    """Where no effect explains what is missing: look for a force law as a formula."""
+    from jointgap.campaign.fits_on_disk import outcome_with_law
+    from jointgap.identification import force_law
+    from jointgap.identification.decide_verdict import UNEXPLAINED
+
+    if state.folder.read("decision", "decide")["verdict"].iloc[0] != UNEXPLAINED:
+        state.folder.write_all(state.folder.read_all(OUTCOME_TABLES, "decide"), "regress")
+        return
+    baseline = state.verdict_baseline
+    proposed = force_law.find_force_law(
+        baseline.problem, baseline.base, state.library, state.screening.limits, baseline.differences
+    )
+    state.write_outcome(outcome_with_law(state.outcome("decide"), proposed), "regress")
+
+
+_REGRESSED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("regress"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(RESIDUALS, CHANNEL_ERRORS, GAPS, *_of("verdict", OUTCOME_TABLES)))
+def confirm(state: "CampaignState") -> None:
+    """Predict the held-out runs with and without what was found, and come to the final verdict."""
+    from jointgap.campaign.fits_on_disk import channel_errors, residuals_as_read, with_places
+    from jointgap.identification import confirmation
+    from jointgap.identification.decide_by_features import refitted_to_features
+    from jointgap.identification.decide_verdict import final_verdict
+
+    def confirmed_with(outcome: "Outcome") -> confirmation.Confirmed:
+        proposed = outcome.proposed
+        plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
+        return confirmation.confirm(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
+
+    outcome = state.outcome("regress")
+    prediction = confirmed_with(outcome)
+    doubted = state.remaining_doubts(outcome.equivalent or [outcome.chosen])
+    final = final_verdict(outcome, prediction, doubted, state.settings.decision)
+    by_features = refitted_to_features(state.verdict_baseline, final, prediction.test)
+    if by_features is not final and (again := confirmed_with(by_features)).test.outcome == confirmation.FALLS:
+        final, prediction = by_features, again
+    residuals = residuals_as_read(prediction.residuals, state.clockwise)
+    state.folder.write(RESIDUALS, residuals)
+    state.folder.write(CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
+    state.folder.write(GAPS, prediction.gaps)
+    state.write_outcome(with_places(final), "verdict")
+
+
+_CONFIRMED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("confirm"))
+
+
+@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(MISSING_FORCE,), files=(MECHANISM,))
+def augment(state: "CampaignState") -> None:
+    """Write the mechanism file with what was found, for every other stage."""
+    from jointgap.campaign.augment import augment as augmented
+    from jointgap.config.load import mechanism_as_written
+
+    text, force = augmented(state.campaign, state.outcome("verdict"), mechanism_as_written(state.file))
+    tables.write_text(state.folder.path / MECHANISM, text)
+    state.folder.write(MISSING_FORCE, force)
+
+
+@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(OPTIMUM,))
+def reoptimise(state: "CampaignState") -> None:
+    """Optimise the link lengths for the model before and after: does the missing effect move the optimum?
+
+    At the speed of the fastest run for fitting. Where nothing was added to the model, or no joint is loose, there is
+    nothing to compare, and the table has no row.
+    """
+    import pandas as pd
+
+    from jointgap.config import load_mechanism
+
+    augmented = load_mechanism(state.folder.path / MECHANISM)
+    # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
+    loose = state.campaign.mechanism.applied().loose or augmented.applied().loose
+    outcome = state.outcome("verdict") if loose else None
+    if outcome is None or all(candidate.sensor for candidate in outcome.chosen.hypothesis):
+        state.folder.write(OPTIMUM, pd.DataFrame(columns=OPTIMUM.names))
+        return
+    from jointgap.campaign.augment import mechanisms
+    from jointgap.campaign.reoptimise import reoptimise as reoptimised
+
+    models = dict(zip(("base", "augmented"), mechanisms(state.campaign, outcome), strict=True))
+    fastest = max((run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
+    if fastest.direction == "clockwise":
+        models = {name: mechanism.applied().mirrored() for name, mechanism in models.items()}
+    state.folder.write(OPTIMUM, reoptimised(models, fastest.speed))
+
+
+@CAMPAIGN_STAGES.stage(
+    reads=(
+        *_CONFIRMED,
+        *CAMPAIGN_STAGES.written_by("preflight", "locate", "augment", "reoptimise"),
+    ),
+    files=(VERDICT, *SUMMARIES, "figures/gaps.png"),
+)
+def conclude(state: "CampaignState") -> None:
+    """Write verdict.json, the one-page summary and the figures."""
+    from jointgap.campaign import page as concluding
+
+    concluding.conclude(state)
+    concluding.show(state)
+
+
+@CAMPAIGN_STAGES.stage(reads=(*_of("verdict", OUTCOME_TABLES), GAPS, RESIDUALS))
+def track_campaign(state: "CampaignState", store: Path, published: Path) -> None:
+    """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
+    from jointgap.campaign.mlflow_runs import DESCRIPTION, records
+    from jointgap.track.publish import publish_records
+
+    summary = publish_records(state.campaign.name, DESCRIPTION, records(state.folder.path), None, store)
+    tables.write_text(published, json.dumps(summary, indent=2) + "\n")

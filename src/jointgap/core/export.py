@@ -1,0 +1,78 @@
+"""Tables as CSV, for spreadsheets and other programs: the unit stands behind the name of each column."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from jointgap.core.errors import InputError
+from jointgap.core.parquet import batches, check_writable, describe, write_atomically
+from jointgap.quantities import unit_factor
+
+
+def export(source: Path, to: Path | None = None, units: Sequence[str] = (), force: bool = False) -> list[Path]:
+    """Write tables as CSV; the files written, in order.
+
+    In the first line stand names with units, ``crank_angle [rad]``; those of pure numbers and text have none. What is
+    absent is empty. Numbers have all their digits.
+    """
+    for unit in units:
+        try:
+            unit_factor(unit, unit)
+        except ValueError as error:
+            raise InputError(f"--unit {unit!r}: {error}") from error
+    root = source if source.is_dir() else source.parent
+    files = [source]
+    if source.is_dir():
+        files = sorted(path for path in source.rglob("*.parquet") if not _hidden(path, source))
+    if not files:
+        raise InputError(f"{source}: holds no Parquet file; give a folder of results, or a file")
+    targets = [((to or root) / path.relative_to(root)).with_suffix(".csv") for path in files]
+    taken = [target for target in targets if target.exists()]
+    if taken and not force:
+        more = f" (and {len(taken) - 1} more)" if len(taken) > 1 else ""
+        raise InputError(f"{taken[0]}: is there already{more}; --force writes over it, --to DIR writes elsewhere")
+    columns = [_columns(path, units) for path in files]  # so that a mistake is found before anything is written
+    check_writable(*targets)
+    for path, target, converted in zip(files, targets, columns, strict=True):
+        write_atomically(target, _saving(path, converted))
+    return targets
+
+
+def _hidden(path: Path, folder: Path) -> bool:
+    return any(part.startswith(".") for part in path.relative_to(folder).parts)
+
+
+def _columns(path: Path, units: Sequence[str]) -> dict[str, tuple[str, float]]:
+    """By column of a file: its name with the unit, and the factor to that."""
+    columns = {}
+    for row in describe(path).itertuples():
+        unit, factor = row.unit, 1.0
+        if unit not in ("", "1"):
+            unit, factor = next((found for wanted in units if (found := _converted(unit, wanted))), (unit, factor))
+        columns[row.column] = (f"{row.column} [{unit}]" if unit not in ("", "1") else row.column, factor)
+    return columns
+
+
+def _converted(unit: str, wanted: str) -> tuple[str, float] | None:
+    """The unit `wanted`, and how many of it one `unit` is; None where it is of another dimension."""
+    try:
+        unit_factor(unit, unit)  # some columns have one of several, in words
+        return wanted, 1.0 / unit_factor(wanted, unit)
+    except ValueError:
+        return None
+
+
+def _saving(path: Path, columns: Mapping[str, tuple[str, float]]) -> Callable[[str], None]:
+    def save(temporary: str) -> None:
+        with open(temporary, "w", encoding="utf-8", newline="") as file:
+            head = pd.DataFrame(columns=[name for name, _ in columns.values()])
+            head.to_csv(file, index=False, lineterminator="\n")
+            for frame in batches(path):
+                for name, (_, factor) in columns.items():
+                    if factor != 1.0:
+                        frame[name] = np.asarray(frame[name], dtype=float) * factor
+                frame.to_csv(file, index=False, header=False, lineterminator="\n")
+
+    return save

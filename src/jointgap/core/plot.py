@@ -1,0 +1,463 @@
+"""How figures look, and how they are written."""
+
+from base64 import b64encode
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.contour import QuadContourSet
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MultipleLocator, NullLocator
+from numpy.typing import ArrayLike
+from PIL import Image
+
+from jointgap import tables
+from jointgap.core.errors import InputError
+
+_NOTEBOOK_DOTS = 110
+"""Dots per inch at which a notebook shows a figure."""
+
+INK = "#222222"
+COLOURS = {
+    # After Okabe and Ito's palette, which people with any colour vision tell apart; what stands together in one panel
+    # differs in lightness too
+    "ideal": "#000000",
+    "simulation": "#0072B2",
+    "network": "#D55E00",
+    "second surrogate": "#009E73",
+    "spline": "#CC79A7",
+    "optimised": "#009E73",
+    "genetic": "#D55E00",
+    "local": "#0072B2",
+    "paper": "#E69F00",
+    "crank pin": "#00508C",
+    "piston pin": "#D55E00",
+    "crank pivot": "#33B58A",
+    "flight": "#DDDDDD",
+    "impact": "#E69F00",
+    "contact": "#0072B2",
+    "first": "#E69F00",
+    "settled": "#0072B2",
+    "limit": "#777777",
+    "other": "#999999",
+    "before": "#D55E00",
+    "after": "#00508C",
+    "pair": "#E69F00",
+    "formula": "#CC79A7",
+    "named": "#009E73",
+    "sky": "#56B4E9",
+}
+LOOK = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.6,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.1,
+    "lines.solid_joinstyle": "round",
+    "path.simplify_threshold": 0.3,  # of a pixel: nobody sees it, and it takes a seventh off the SVG of a dense curve
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.hashsalt": "jointgap",  # the same names of clip paths in every run
+    "svg.fonttype": "path",
+}
+WIDTH = 7.5  # inches
+DOTS_PER_INCH = 160  # [1/in] sharp on a screen; printing takes the SVG
+
+
+@dataclass(frozen=True, repr=False)
+class Drawing:
+    """A figure, or the frames of an animation, and the data that it shows.
+
+    Attributes
+    ----------
+    figure : Figure
+        The figure; of an animation, the state of the last frame.
+    data : DataFrame
+        Table `jointgap.tables.PLOTTED`.
+    frames : tuple of ndarray
+        Frames of an animation, shape (height, width, 3), uint8; empty for a still figure.
+    frame_duration : float
+        Time a frame is shown [s]; 0 for a still figure.
+    """
+
+    figure: Figure
+    data: pd.DataFrame
+    frames: tuple[np.ndarray, ...] = ()
+    frame_duration: float = 0.0
+
+    def save(self, path: Path | str) -> Path:
+        """Write the figure alone, without its data.
+
+        Parameters
+        ----------
+        path : Path or str
+            Its suffix says how: ``.png`` or ``.svg``; of an animation ``.gif``.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            Another suffix, or a file that cannot be written.
+        """
+        path, savers = Path(path), _savers(self)
+        if path.suffix not in savers:
+            raise InputError(
+                f"{path}: figures are not written as '{path.suffix}'; end the name in {' or '.join(savers)}"
+            )
+        tables.write_atomically(path, savers[path.suffix])
+        return path
+
+    def _repr_mimebundle_(self, include=None, exclude=None) -> tuple[dict[str, str], dict[str, dict[str, int]]]:
+        """The picture, for a notebook."""
+        suffix, content = ".gif" if self.frames else ".png", BytesIO()
+        _savers(self)[suffix](content)
+        kind = f"image/{suffix[1:]}"
+        width = {} if self.frames else {"width": round(self.figure.get_figwidth() * _NOTEBOOK_DOTS)}
+        return {kind: b64encode(content.getvalue()).decode()}, {kind: width}
+
+    def __repr__(self) -> str:
+        return f"Figure of {len(self.figure.axes)} panels: .save('name.{'gif' if self.frames else 'png'}') writes it"
+
+
+def matplotlib_style() -> AbstractContextManager[None]:
+    """Context in which figures are made and saved."""
+    return mpl.rc_context(LOOK)
+
+
+def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
+    """Write a drawing and the data it shows.
+
+    Neither file carries a date or the name of the software: the same drawing gives the same bytes.
+    """
+    stem = Path(stem)
+    paths = []
+    for suffix, saver in _savers(drawing).items():
+        path = stem.with_name(stem.name + suffix)
+        tables.write_atomically(path, saver)
+        paths.append(path)
+    data = stem.with_name(stem.name + ".parquet")
+    tables.write(tables.PLOTTED, drawing.data, data)
+    return (*paths, data)
+
+
+def _savers(drawing: Drawing) -> dict[str, Callable]:
+    """Functions that write the `drawing`, by suffix."""
+    return _moving(drawing) if drawing.frames else _still(drawing)
+
+
+def _still(drawing: Drawing) -> dict[str, Callable]:
+    figure = drawing.figure
+    with matplotlib_style():
+        figure.draw_without_rendering()  # lays the panels out, once for both formats
+    figure.set_layout_engine("none")
+
+    def vectors(path):
+        with matplotlib_style():
+            figure.savefig(path, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None, "Creator": None})
+
+    def pixels(path):
+        drawn = BytesIO()
+        with matplotlib_style():
+            figure.savefig(drawn, format="png", dpi=DOTS_PER_INCH)
+        # a palette of 256 colours is enough for curves and maps, and halves what pages and reports weigh
+        reduced = Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        reduced.save(path, format="PNG", optimize=True, dpi=(DOTS_PER_INCH, DOTS_PER_INCH))
+
+    return {".svg": vectors, ".png": pixels}
+
+
+def _moving(drawing: Drawing) -> dict[str, Callable]:
+    def gif(path):
+        # One palette for all frames, taken from a frame late enough to hold every colour: what stands still stays the
+        # same
+        # in each frame, and only what moves is stored again.
+        frames = [Image.fromarray(frame) for frame in drawing.frames]
+        palette = frames[-1].quantize(128, method=Image.Quantize.MAXCOVERAGE)
+        reduced = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+        reduced[0].save(
+            path,
+            format="GIF",
+            save_all=True,
+            append_images=reduced[1:],
+            duration=round(1000 * drawing.frame_duration),
+            loop=0,
+            optimize=True,
+        )
+
+    return {".gif": gif}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What an axis shows."""
+
+    name: str  # In words
+    unit: str  # Unit of the numbers on the axis; ``'1'`` for pure numbers, ``''`` for categories
+    symbol: str = ""  # Symbol for the label, as mathtext; may be empty
+
+    @property
+    def label(self) -> str:
+        """Text beside the axis."""
+        words = f"{self.name} {self.symbol}".strip()
+        return f"{words} [{'–' if self.unit == '1' else self.unit}]" if self.unit else words
+
+
+def round_up(value: float) -> float:
+    """The next number of the form 1, 2 or 5 times a power of ten."""
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9)))
+
+
+def tick_label(value: float, position: int) -> str:
+    """Label of a tick at a `value`: plain up to 10 000, a power of ten beyond. Its `position` among the ticks is
+    matplotlib's.
+    """
+    if abs(value) < 1e4:
+        return f"{value:g}".replace("-", "−")
+    exponent = int(np.floor(np.log10(abs(value)) + 1e-9))
+    factor = value / 10.0**exponent
+    lead = {1.0: "", -1.0: "-"}.get(round(factor, 6), rf"{factor:g} \times ")
+    return rf"${lead}10^{{{exponent}}}$"
+
+
+def width_for(columns: int) -> float:
+    """Width of a figure with one column of panels for each loose joint [inches]: the usual one holds two."""
+    return WIDTH * max(1.0, columns / 2)
+
+
+BULK = 95.0  # [%] of the samples lie in the linear part of a scale that is logarithmic beyond
+IMPACTS_DWARF = 4.0  # times beyond the bulk, or the desired motion, from which a scale becomes logarithmic
+LINEAR_BAND = "scale linear here, logarithmic beyond"
+DENSE_LINE, DENSE_MARKS = 5000, 300
+"""Points beyond which a curve, or marks, are drawn as pixels in SVG too, which would grow to megabytes."""
+
+CRANK_ANGLE = Quantity("crank angle", "deg", r"$\theta_2$")
+
+
+class Panel:
+    """One pair of axes of a sheet."""
+
+    def __init__(self, axes: Axes, title: str, x: Quantity, y: Quantity):
+        self.axes, self.title, self.x, self.y = axes, title, x, y
+        self.records: list[dict[str, np.ndarray]] = []
+        axes.set_title(title)
+        axes.set_xlabel(x.label)
+        axes.set_ylabel(y.label)
+
+    def line(self, series: str, x: ArrayLike, y: ArrayLike, colour: str, **style) -> None:
+        """A curve `x`, `y`, each (n,) in its axis' unit, called `series`; it breaks where `y` is nan.
+
+        `colour` is a name of `COLOURS`, `style` what else matplotlib takes.
+        """
+        pixels = {"rasterized": np.size(x) > DENSE_LINE}
+        self.axes.plot(x, y, label=series, color=COLOURS[colour], **pixels | style)
+        self.record(series, x, y)
+
+    def marks(
+        self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, along="y", **style
+    ) -> None:
+        """Points `x`, `y`, each (n,) in its axis' unit; `series`, `colour` and `style` as in `line`.
+
+        With bars from `low` to `high` (n,) `along` an axis where these are given; `labels` name categories.
+        """
+        pixels = {"rasterized": np.size(x) > DENSE_MARKS}
+        style = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | pixels | style
+        if low is not None:
+            centre = np.asarray(y if along == "y" else x)
+            spread = {f"{along}err": np.abs([centre - np.asarray(low), np.asarray(high) - centre])}
+            self.axes.errorbar(x, y, **spread, label=series, color=COLOURS[colour], capsize=2.5, **style)
+        else:
+            self.axes.plot(x, y, label=series, color=COLOURS[colour], **style)
+        self.record(series, x, y, low=low, high=high, label=labels)
+
+    def contours(
+        self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **style
+    ) -> QuadContourSet:
+        """Filled contours of a `value` (len(y), len(x)) over the grid of `x` and `y`; gives what a colour bar needs.
+
+        `quantity` says what the value is; `series` and `style` as in `line`.
+        """
+        drawn = self.axes.contourf(x, y, value, **style)
+        grid_x, grid_y = np.meshgrid(x, y)
+        self.record(
+            series,
+            grid_x.ravel(),
+            grid_y.ravel(),
+            value=np.ravel(value),
+            value_quantity=quantity.name,
+            value_unit=quantity.unit,
+        )
+        return drawn
+
+    def horizontal_line(self, series: str, y: float) -> None:
+        """A horizontal line across the panel at `y`, recorded as `series`, not in the legend."""
+        self.axes.axhline(y, color=COLOURS["limit"], linewidth=0.9, linestyle=":")
+        self.record(series, [np.nan], [y])
+
+    def categories(self, names: Sequence[str]) -> None:
+        """Names on the abscissa at 0, 1, 2, ..."""
+        self.axes.set_xticks(range(len(names)), names)
+        self.axes.grid(False, axis="x")
+
+    def rows(self, names: Sequence[str], places: ArrayLike) -> None:
+        """The `names` on the ordinate at `places`."""
+        self.axes.set_yticks(places, names)
+        self.axes.grid(False, axis="y")
+
+    def bands(self, row: float, label: str, x: np.ndarray, values: np.ndarray, kinds: Sequence[str]) -> None:
+        """A band at height `row` that shows by colour which of `kinds` the text `values` (n,) over `x` (n,) is,
+        recorded as `label`.
+        """
+        starts = np.flatnonzero(np.append(True, values[1:] != values[:-1]))
+        edges = np.append(x[starts], x[-1])
+        for kind in kinds:
+            low, high = (edges[i:][: len(starts)][values[starts] == kind] for i in (0, 1))
+            spans = list(zip(low, high - low, strict=True))
+            self.axes.broken_barh(spans, (row - 0.4, 0.8), color=COLOURS[kind], label=kind, linewidth=0.0)
+            self.record(
+                kind, (low + high) / 2.0, np.full(len(low), float(row)), low=low, high=high, label=[label] * len(low)
+            )
+
+    def vertical_line(self, series: str, x: float, named: bool = True) -> None:
+        """A vertical line across the panel at `x`, in the legend as `series` if `named`."""
+        self.axes.axvline(x, label=series if named else None, color=COLOURS["limit"], linewidth=0.9, linestyle="--")
+        self.record(series, [x], [np.nan])
+
+    def over_crank_angle(self, start: float, end: float) -> None:
+        """Ticks and limits for crank angles from `start` to `end` [deg]."""
+        span = end - start
+        self.axes.set_xlim(start, end)
+        self.axes.xaxis.set_major_locator(
+            MultipleLocator(180 if span > 600 else 60 if span > 200 else 15 if span > 50 else 5)
+        )
+
+    def square(self, half_width: float) -> None:
+        """Equal scales on both axes, from -`half_width` to `half_width`."""
+        self.axes.set_xlim(-half_width, half_width)
+        self.axes.set_ylim(-half_width, half_width)
+        self.axes.set_aspect("equal")
+
+    def logarithmic(self) -> None:
+        """A logarithmic ordinate with plain numbers at it; call it after plotting."""
+        low, high = self.axes.dataLim.intervaly
+        steps = (1.0, 2.0, 5.0) if 0.0 < high < 1e3 * max(low, 1e-300) else (1.0,)
+        self.axes.set_yscale("log")
+        self.axes.yaxis.set_major_locator(LogLocator(subs=steps))
+        self.axes.yaxis.set_major_formatter(FuncFormatter(tick_label))
+        self.axes.yaxis.set_minor_locator(NullLocator())
+
+    def linear_then_logarithmic(self, threshold: float, named: bool = True) -> None:
+        """An ordinate that is linear up to +-`threshold` (grey band) and logarithmic beyond; call it after plotting.
+
+        The legend says so if `named`.
+        """
+        bottom, top = self.axes.dataLim.intervaly
+        decades = 10.0 ** np.arange(np.floor(np.log10(threshold)) + 1.0, 20.0)
+        beyond = decades[decades > 4.0 * threshold]  # a label nearer would touch that of the threshold
+        ticks = [-threshold, 0.0, threshold, *beyond[beyond <= 1.3 * top], *-beyond[beyond <= -1.3 * bottom]]
+        self.axes.set_yscale("symlog", linthresh=threshold, linscale=1.2)
+        self.axes.yaxis.set_major_locator(FixedLocator(sorted(ticks)))
+        self.axes.yaxis.set_major_formatter(FuncFormatter(tick_label))
+        self.axes.yaxis.set_minor_locator(NullLocator())
+        self.axes.set_ylim(min(1.5 * bottom, -1.2 * threshold), max(1.5 * top, 1.2 * threshold))
+        if named:
+            self.axes.axhspan(-threshold, threshold, color="#EEEEEE", zorder=0, label=LINEAR_BAND)
+            self.record(LINEAR_BAND, [np.nan], [0.0], low=[-threshold], high=[threshold])
+
+    def spread_scale(self, shown: np.ndarray) -> None:
+        """An ordinate linear for the bulk of the values `shown` and logarithmic beyond, where the first impacts dwarf
+        the rest.
+        """
+        size = np.abs(shown[np.isfinite(shown)])
+        bulk = np.percentile(size, BULK)
+        if size.max() > IMPACTS_DWARF * bulk > 0.0:
+            self.linear_then_logarithmic(round_up(bulk))
+
+    def record(self, series: str, x: ArrayLike, y: ArrayLike, **more) -> None:
+        """Note points `x`, `y` (n,) of a `series` for the data beside the figure; `more` are further columns of
+        `PLOTTED`.
+        """
+        constant = {
+            "panel": self.title,
+            "series": series,
+            "x_quantity": self.x.name,
+            "x_unit": self.x.unit,
+            "y_quantity": self.y.name,
+            "y_unit": self.y.unit,
+        }
+        given = {"x": x, "y": y} | constant | {name: values for name, values in more.items() if values is not None}
+        rows = len(np.asarray(x))
+        record = {}
+        for column in tables.PLOTTED.columns:
+            kind, absent = (float, np.nan) if column.kind == "float" else (object, None)
+            record[column.name] = np.broadcast_to(np.asarray(given.get(column.name, absent), dtype=kind), rows)
+        self.records.append(record)
+
+
+class Sheet:
+    """A figure in the one style and the record of what is on it."""
+
+    def __init__(self, height: float, rows: int, columns: int, width: float = WIDTH, **grid):
+        self.figure = Figure(figsize=(width, height), layout="constrained")
+        self.grid = self.figure.add_gridspec(rows, columns, **grid)
+        self.panels: list[Panel] = []
+
+    def panel(self, place: tuple, title: str, x: Quantity, y: Quantity, below: Panel | None = None) -> Panel:
+        """A panel with a `title` at `place` = (row, column) of the grid, `x` and `y` its axes; it shares the abscissa
+        of `below`.
+        """
+        axes = self.figure.add_subplot(self.grid[place], sharex=below.axes if below else None)
+        panel = Panel(axes, title, x, y)
+        if below:
+            below.axes.set_xlabel("")
+            below.axes.tick_params(labelbottom=False)
+        self.panels.append(panel)
+        return panel
+
+    def legend(self, panels: Sequence[Panel] | None = None, columns: int | None = None) -> None:
+        """One legend for some panels (all by default), above them; each series once, in as many `columns` as have room
+        unless they are given.
+        """
+        handles: dict[str, object] = {}
+        for panel in panels or self.panels:
+            for handle, label in zip(*panel.axes.get_legend_handles_labels(), strict=True):
+                handles.setdefault(label, handle)
+        if LINEAR_BAND in handles:  # last: it is about the scale
+            handles[LINEAR_BAND] = handles.pop(LINEAR_BAND)
+        if columns is None:
+            longest = max(map(len, handles))
+            columns = max(1, min(len(handles), int(14 * self.figure.get_figwidth() / (longest + 7))))
+        self.figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=columns)
+
+    def drawing(self) -> Drawing:
+        """The figure with its data."""
+        records = [record for panel in self.panels for record in panel.records]
+        names = [column.name for column in tables.PLOTTED.columns]
+        data = pd.DataFrame({name: np.concatenate([record[name] for record in records]) for name in names})
+        return Drawing(self.figure, data)

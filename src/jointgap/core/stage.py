@@ -1,0 +1,193 @@
+"""One stage, one record: what it reads and writes, and the function that does it."""
+
+import ast
+import hashlib
+import inspect
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jointgap.tables import Table
+
+if TYPE_CHECKING:
+    from jointgap.config import Scenario
+
+_ROOT = Path(__file__).parent.parent
+
+
+@cache
+def code_digest(function: Callable[..., Any]) -> str:
+    """Twelve hexadecimal digits over what a function of this package runs (jointgap's own code, not its
+    dependencies).
+    """
+    own, modules = code_of(function)
+    digest = hashlib.sha256(own.encode())
+    for name in sorted(modules):
+        source = source_of(name)
+        digest.update(name.encode() + source.read_bytes())
+        if source.name == "__init__.py":  # templates are code too
+            for template in sorted(source.parent.glob("templates/*.j2")):
+                digest.update(template.name.encode() + template.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def code_of(function: Callable[..., Any]) -> tuple[str, frozenset[str]]:
+    """The code that a function runs."""
+    own = _used(ast.parse(source_of(function.__module__.removeprefix("jointgap.")).read_bytes()), function.__name__)
+    return "\n".join(map(ast.unparse, own)), frozenset().union(*map(closure, _imported(own)))
+
+
+@cache
+def closure(module: str) -> frozenset[str]:
+    """`module` and all modules of the package that it imports, directly or not."""
+    seen, waiting = set(), [module]
+    while waiting:
+        name = waiting.pop()
+        if name not in seen:
+            seen.add(name)
+            waiting += _imports_of(name) - seen
+    return frozenset(seen)
+
+
+@cache
+def source_of(module: str) -> Path:
+    """File of a module, or of a package's face."""
+    place = _ROOT.joinpath(*module.split("."))
+    return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+
+
+@cache
+def _imports_of(module: str) -> frozenset[str]:
+    return _imported([ast.parse(source_of(module).read_bytes())]) | ({module.rpartition(".")[0]} - {""})
+
+
+def _imported(nodes: Iterable[ast.AST]) -> frozenset[str]:
+    """Modules of the package that the code in `nodes` imports, or names in a text from which it imports at run time."""
+    names = (name for root in nodes for node in ast.walk(root) for name in _named(node))
+    return frozenset(name for name in names if name and _exists(name))
+
+
+def _named(node: ast.AST) -> Iterator[str]:
+    if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "jointgap":
+        base = node.module.removeprefix("jointgap").removeprefix(".")
+        yield base
+        yield from (".".join(filter(None, (base, alias.name))) for alias in node.names)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("jointgap."):
+        # "jointgap.figures.", as in an f-string that a module's name follows, may be any module of that package, "...*"
+        # is all
+        name = node.value.removeprefix("jointgap.")
+        package = name.rstrip("*").rstrip(".")
+        yield name
+        if package != name and _exists(package):
+            yield from (f"{package}.{path.stem}" for path in sorted(source_of(package).parent.glob("*.py")))
+
+
+def _used(module: ast.Module, name: str) -> list[ast.stmt]:
+    """The statements of a module that define `name`, and all that these use of the module."""
+    defined: dict[str, ast.stmt] = {}
+    typed_only = [inner for statement in module.body if isinstance(statement, ast.If) for inner in statement.body]
+    for statement in (*typed_only, *module.body):
+        if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+            defined[statement.name] = statement
+        elif isinstance(statement, ast.Import | ast.ImportFrom):
+            defined |= {(alias.asname or alias.name).partition(".")[0]: statement for alias in statement.names}
+        elif isinstance(statement, ast.Assign | ast.AnnAssign):
+            defined |= {node.id: statement for node in ast.walk(statement) if _is_stored(node)}
+    used, waiting = {}, [name]
+    while waiting:
+        statement = defined.get(waiting.pop())
+        if statement is not None and statement not in used:
+            used[statement] = None
+            waiting += [node.id for node in ast.walk(statement) if isinstance(node, ast.Name)]
+            waiting += _quoted_in_annotations(statement)
+    return sorted(used, key=lambda statement: statement.lineno)
+
+
+def _quoted_in_annotations(statement: ast.stmt) -> Iterator[str]:
+    """Names in quoted annotations. Other texts, such as the name of a section of the configuration, mean no code."""
+    for node in ast.walk(statement):
+        for annotation in (getattr(node, "annotation", None), getattr(node, "returns", None)):
+            for inner in ast.walk(annotation) if annotation is not None else ():
+                if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
+                    yield from re.findall(r"[A-Za-z_]\w*", inner.value)
+
+
+def _is_stored(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
+
+
+@cache
+def _exists(name: str) -> bool:
+    return all(part.isidentifier() for part in name.split(".")) and source_of(name).is_file()
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage of a scenario or of a campaign."""
+
+    name: str  # Of the subcommand, and of the folder of its results
+    function: Callable[..., str | None]
+    reads: tuple[Table, ...] = ()  # Each with its place in the folder of results
+    writes: tuple[Table, ...] = ()  # Each with its place in the folder of results
+    files: tuple[str, ...] = ()  # What it writes besides tables, or the first of many files in a folder
+    sections: tuple[str, ...] = ()  # The sections of a scenario that it depends on
+
+    @property
+    def help(self) -> str:
+        """What it does: the docstring of its function, without its section of parameters."""
+        return (inspect.getdoc(self.function) or "").partition("\n\nParameters\n")[0]
+
+    @property
+    def description(self) -> str:
+        """What it does, in a line."""
+        return self.help.partition("\n\n")[0].replace("\n", " ")
+
+    @property
+    def digest(self) -> str:
+        """Twelve digits that change with the code that the stage runs."""
+        return code_digest(self.function)
+
+    def options(self, scenario: "Scenario") -> str:
+        """What it reads of a scenario, as JSON text in SI: the value of its ``--options``."""
+        return scenario.model_dump_json(include=set(self.sections), by_alias=True)
+
+    def outputs(self, part: int | str = 0) -> list[str]:
+        """Paths that it writes within its folder of results; of a stage that has parts, those of `part`."""
+        return [path.replace("{part}", str(part)) for path in (*(table.path for table in self.writes), *self.files)]
+
+
+class Stages(dict[str, Stage]):
+    """Stages by name, in the order in which they follow each other."""
+
+    def stage(
+        self,
+        reads: tuple[Table, ...] = (),
+        writes: tuple[Table, ...] = (),
+        files: tuple[str, ...] = (),
+        sections: tuple[str, ...] = (),
+    ) -> Callable[[Callable[..., str | None]], Callable[..., str | None]]:
+        """A decorator that records a function as the next stage."""
+
+        def record(function: Callable[..., str | None]) -> Callable[..., str | None]:
+            name = function.__name__.replace("_", "-")
+            self[name] = Stage(name, function, reads, writes, files, sections)
+            return function
+
+        return record
+
+    def needed_for(self, name: str) -> list[str]:
+        """The stage `name` and all whose tables it is made from, in their order; the others only add to it."""
+        wanted: set[str] = set()
+        needed: list[str] = []
+        for stage in reversed(self.values()):
+            if stage.name == name or not wanted.isdisjoint(table.path for table in stage.writes):
+                wanted |= {table.path for table in stage.reads}
+                needed.append(stage.name)
+        return needed[::-1]
+
+    def written_by(self, *names: str) -> tuple[Table, ...]:
+        """Tables that the stages `names` write."""
+        return tuple(table for name in names for table in self[name].writes)

@@ -1,0 +1,134 @@
+"""Numbers, units and names in plain words."""
+
+import re
+from collections.abc import Iterable
+from datetime import date
+from math import floor, log10, pi
+
+
+def in_words(name: str) -> str:
+    """``sensor bias: crank torque`` of ``sensor_bias:crank_torque``, ``crank pin`` of ``crank_pin``."""
+    return re.sub("coulomb|stribeck", lambda person: person[0].title(), name.replace("_", " ").replace(":", ": "))
+
+
+_NUISANCES = {
+    "speed": "crank speed",
+    "first_angle": "crank angle at the first sample",
+    "encoder_zero": "zero of the encoder",
+    "encoder_lag": "lag of the encoder",
+    "slider_position_zero": "zero of the slider position",
+    "slider_offset": "offset of the slide",
+    "stall_torque": "stall torque of the motor",
+    "no_load_speed": "no-load speed of the motor",
+    "friction_speed": "sliding speed over which friction in the joints sets in",
+    "joint_friction": "coefficient of friction of both pins",
+    "restitution": "coefficient of restitution of both pins",
+}
+_OF_JOINTS = {
+    "joint_friction_": "coefficient of friction of the",
+    "restitution_": "coefficient of restitution of the",
+    "lasting_damping_": "natural logarithm of the factor on the damping of a lasting contact in the",
+}
+
+
+def nuisance_in_words(key: str) -> str:
+    """``crank speed of run slow`` of ``speed@slow``: a parameter that is re-fitted beside what is searched for."""
+    name, _, run = key.partition("@")
+    words = _NUISANCES.get(name) or in_words(name)
+    for beginning, of_joint in _OF_JOINTS.items():
+        if name.startswith(beginning):
+            words = f"{of_joint} {in_words(name.removeprefix(beginning))}"
+    return f"{words} of run {run}" if run else words
+
+
+_READ_IN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / pi), "rad/s": ("rpm", 30.0 / pi)}
+
+
+def reading_unit(unit: str, value: float | None = None) -> tuple[str, float]:
+    """In which unit a quantity of the SI `unit` is read best, and how many of these one SI unit is: mm, deg and rpm; of
+    a `value`, small lengths in um and times in the unit that needs no zeros."""
+    if value and unit in _FINER:
+        factor, finer = next((f for f in _FINER[unit] if abs(value) >= 0.1 * f[0]), _FINER[unit][-1])
+        if unit == "s" or factor < 1e-3:
+            return finer, 1.0 / factor
+    return _READ_IN.get(unit, (unit, 1.0))
+
+
+def day_in_words(day: date) -> str:
+    """``3 November 2026``."""
+    return f"{day.day} {day:%B %Y}"
+
+
+def joined(parts: Iterable[str]) -> str:
+    """``a, b and c``."""
+    parts = list(parts)
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
+
+
+def number(value: float | str | None) -> str:
+    """Four digits; a formula as it is, a dash for what is not known."""
+    if isinstance(value, str):
+        return value
+    return "–" if value is None or value != value else f"{value:.4g}"
+
+
+def with_error(value: float | str | None, error: float | None) -> tuple[str, str]:
+    """A `value` down to the second digit of its standard `error`, four digits at most, and that error; four digits
+    where there is none."""
+    if isinstance(value, str) or not value or not error or error != error:
+        return number(value), number(error)
+    size = floor(log10(abs(value)))
+    digits = min(max(2 + size - floor(log10(error)), 2), 4)
+    shown = f"{value:.{max(digits - 1 - size, 0)}f}" if -4 <= size < 6 else f"{value:#.{digits}g}"
+    return shown, f"{error:#.2g}".rstrip(".")
+
+
+_SHOWN_UNITS = {"um": "µm", "us": "µs", "g_n": "g"}
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def unit_in_words(unit: str) -> str:
+    """``N m`` of ``N*m``, ``m/s²`` of ``m/s^2`` or ``m/s**2``, ``g`` of ``g_n``: a pint name for the eye."""
+    shown = []
+    for part in re.split(r"([*/ ])", unit.replace("**", "^")):
+        name, _, power = part.partition("^")
+        shown.append(_SHOWN_UNITS.get(name, name) + power.translate(_RAISED))
+    return "".join(shown).replace("*", " ")
+
+
+_FINER = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")), "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))}
+_DEGREE = 0.017453292519943295  # rad
+
+
+def size_for_the_eye(value: float, unit: str) -> str:
+    """``0.11 mm`` of a `value` of 0.00011 and the `unit` m: two digits, lengths and times in the unit that needs no
+    zeros, angles in degrees.
+    """
+    if unit == "rad":
+        value, unit = value / _DEGREE, "deg"
+    factor, shown = next((f for f in _FINER.get(unit, ()) if abs(value) >= 0.1 * f[0]), (1.0, unit_in_words(unit)))
+    size = f"{value / factor:#.2g}".rstrip(".") if abs(value) < 100 * factor else f"{value / factor:.0f}"
+    return with_unit(size, shown)
+
+
+def with_unit(value: str, unit: str) -> str:
+    """A `value` and its `unit`; that of a pure number (``1``) is left out."""
+    return value if unit in ("", "1") else f"{value} {unit}"
+
+
+def rounded_gap(gap: float) -> str:
+    """A gap [standard deviations of the noise]: two digits after the point, none from 100 on."""
+    return f"{gap:.2f}" if gap < 100 else f"{gap:.0f}"
+
+
+def fall_in_percent(falls: Iterable[float]) -> str:
+    """``falls by 3.1 to 5.0 %`` of several `falls` [%]; ``changes by −5.0 to +1.2 %`` where one of them is none."""
+    low, high = min(falls := list(falls)), max(falls)
+    if low > 0.0:
+        return f"falls by {low:.1f} to {high:.1f} %"
+    return f"changes by {-high:+.1f} to {-low:+.1f} %".replace("-", "\N{MINUS SIGN}")
+
+
+def percent(share: float, digits: int = 1) -> str:
+    """A `share` of 1 in percent, with so many `digits` after the point."""
+    return f"{100.0 * share:.{digits}f} %"

@@ -1,0 +1,167 @@
+"""From a configured mechanism and its drive to the numbers of the equations of motion; every effect writes its own."""
+
+import math
+
+import numpy as np
+
+from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance, hertz_stiffness
+from jointgap.config.friction_laws import FRICTION_LAWS
+from jointgap.config.scenario import MeasuredDrive, MotorDrive
+from jointgap.core.errors import InputError
+from jointgap.core.joints import JOINT, JOINTS
+from jointgap.dynamics.contact import FADING_DURATIONS, LAWS, MEMORY_DURATIONS, elastic_duration
+from jointgap.dynamics.drive import angle_pieces
+from jointgap.dynamics.parameters import (
+    DRIVE_KINDS,
+    NO_KNOTS,
+    NO_TABLE,
+    BodyParameters,
+    DriveParameters,
+    EffectParameters,
+    JointParameters,
+    Parameters,
+    Switches,
+    knots_record,
+    program_record,
+    record,
+    table_record,
+)
+from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
+from jointgap.formula import NOTHING
+
+
+def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
+    """The numbers of the joint `name` of a `mechanism` without effects."""
+    joint = mechanism.joint(name)
+    if joint is None:
+        return JointParameters()
+    if not joint.loose:
+        return JointParameters(pin_radius=joint.journal_radius)
+    contact = joint.contact
+    body_has_journal = joint.journal == JOINT[name].body
+    radii = (joint.journal_radius, joint.bearing_radius)
+    body_radius, partner_radius = radii if body_has_journal else radii[::-1]
+    penalty = contact.law == "penalty"
+    stiffness = hertz_stiffness(joint) if contact.stiffness is None else contact.stiffness
+    damping = 0.0 if penalty else LAWS[contact.law](contact.restitution)
+    fading = {}
+    if contact.reference_speed is not None:
+        moving = (mechanism.crank, mechanism.rod, mechanism.slider) if name == "crank_pivot" else (
+            mechanism.rod, mechanism.slider,
+        )  # fmt: skip
+        # All that moves beyond the joint: the most that can rebound there.
+        mass = sum(body.mass for body in moving)
+        duration = elastic_duration(stiffness, contact.exponent, mass, contact.least_approach_speed)
+        fading = {
+            "memory_time": MEMORY_DURATIONS * duration,
+            "fading_time": FADING_DURATIONS * duration,
+            "lasting_damping": damping / contact.reference_speed,
+        }
+    return JointParameters(
+        loose=True,
+        clearance=joint.clearance,
+        body_radius=body_radius,
+        partner_radius=partner_radius,
+        side=1.0 if body_has_journal else -1.0,
+        stiffness=stiffness,
+        exponent=contact.exponent,
+        damping=damping,
+        least_approach=contact.least_approach_speed,
+        **fading,
+        penalty_damping=contact.penalty_damping if penalty else 0.0,
+        penalty_depth=contact.penalty_depth if penalty else 0.0,
+        friction_law=FRICTION_LAWS[contact.friction_law].code,
+        **contact.friction_parameters(),
+        film_clearance=joint.clearance,
+    )
+
+
+def _bodies(mechanism: Mechanism) -> BodyParameters:
+    """The numbers of crank, rod and slider without effects but weight."""
+    crank, rod, slider = mechanism.crank, mechanism.rod, mechanism.slider
+    gravity_x, gravity_y = (float(component) for component in mechanism.gravity)
+    return BodyParameters(
+        crank_length=crank.length,
+        crank_mass=crank.mass,
+        crank_moment_x=crank.mass * crank.mass_centre,
+        crank_moment_y=crank.mass * crank.mass_centre_across,
+        crank_inertia=crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2),
+        rod_length=rod.length,
+        rod_inverse_length=1 / rod.length,
+        rod_mass=rod.mass,
+        rod_inertia=rod.inertia,
+        rod_inverse_mass=1 / rod.mass,
+        rod_inverse_inertia=1 / rod.inertia,
+        rod_centre=rod.mass_centre,
+        slider_mass=slider.mass,
+        slider_inverse_mass=1 / slider.mass,
+        slider_offset=slider.offset,
+        gravity_x=gravity_x,
+        gravity_y=gravity_y,
+        rod_angular_frequency=0.0,
+        rod_damping_ratio=0.0,
+    )
+
+
+def _drive(options: Simulate, pieces: np.ndarray | None) -> DriveParameters:
+    """The numbers of the drive but its kind; `pieces` are those of a measured angle."""
+    drive = options.drive
+    if pieces is not None:
+        speed = (pieces[-1, 6] - pieces[0, 6]) / (pieces[-1, 0] - pieces[0, 0]) if len(pieces) > 1 else pieces[0, 5]
+        return DriveParameters(speed=float(speed), start_angle=options.start_angle)
+    if not isinstance(drive, MotorDrive):
+        return DriveParameters(speed=options.speed, start_angle=options.start_angle)
+    return DriveParameters(
+        speed=options.speed,
+        start_angle=options.start_angle,
+        stall_torque=drive.stall_torque,
+        no_load_speed=drive.no_load_speed,
+        rotor_inertia=drive.inertia,
+    )
+
+
+def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
+    """The numbers of `mechanism`, its effects applied, under the drive of `options`."""
+    if options.speed < 0:
+        raise InputError(
+            f"simulate.speed {options.speed:g} rad/s is clockwise: a single simulation turns so, all else does not; "
+            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) "
+            "and a positive speed"
+        )
+    made = mechanism.applied()
+    check_drive(made, options)
+    check_tolerance(made, options)
+    pieces, end = angle_pieces(options) if isinstance(options.drive, MeasuredDrive) else (None, 0.0)
+    drive = _drive(options, pieces)
+    made.check_contacts(max(abs(drive.speed), options.highest_speed))
+    outermost = math.sqrt((made.crank.length + made.rod.length) ** 2 - made.slider.offset**2)
+    signs = {"slider_sign_speed": SLIDER_SIGN_SPEED, "crank_sign_speed": CRANK_SIGN_SPEED}
+    groups = {
+        "bodies": _bodies(made),
+        **{name: joint_parameters(made, name) for name in JOINTS},
+        "drive": drive,
+        "effects": EffectParameters(gas_outermost=outermost, **signs),
+    }
+    fields = {name: group._asdict() for name, group in groups.items()}
+    fields["formulas"] = {"slider_formula": NOTHING, "crank_formula": NOTHING}
+    fields["tables"] = {}
+    fields["drive"]["kind"] = options.drive.kind
+    for effect in made.effects:
+        effect.compile_into(fields)
+    fields["drive"]["kind"] = DRIVE_KINDS.index(fields["drive"]["kind"])
+    programs = {name: program_record(program) for name, program in fields["formulas"].items()}
+    bristles = any(fields[name]["friction_law"] == FRICTION_LAWS["lugre"].code for name in JOINTS)
+    free_crank = isinstance(options.drive, MotorDrive) or fields["crank_pivot"]["loose"]
+    switches = Switches(
+        auxiliary=free_crank or bristles or fields["bodies"]["rod_angular_frequency"] > 0,
+        constrained=not (fields["crank_pin"]["loose"] and fields["piston_pin"]["loose"]),
+        free_crank=free_crank,
+        bristles=bristles,
+    )
+    return Parameters(
+        **{name: record(group._replace(**fields[name])) for name, group in groups.items()},
+        switches=record(switches),
+        **programs,
+        slider_table=table_record(fields["tables"]["slider_table"]) if fields["tables"] else NO_TABLE,
+        knots=NO_KNOTS if pieces is None else knots_record(pieces, end),
+    )

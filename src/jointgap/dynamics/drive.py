@@ -1,0 +1,397 @@
+"""What drives the crank: prescribed or measured motion."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import BSpline, CubicSpline, PPoly, make_smoothing_spline, splrep
+from scipy.linalg import eigh
+from scipy.optimize import brentq
+from scipy.sparse import sparray
+
+from jointgap.config import Simulate
+from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.parquet import is_as_written
+from jointgap.dynamics.numba_cache import compiled
+from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MEASURED, MOST_KNOTS, MOTOR
+from jointgap.quantities import unit_factor
+
+
+@compiled
+def fluctuation(ratio, anomaly):
+    """Angle u of u' = n (1 + ratio cos u), of mean rate sqrt(1 - ratio^2) n, when a steady one would be at `anomaly`.
+
+    From tan(u/2) = sqrt((1 + ratio) / (1 - ratio)) tan(anomaly/2), written so that it runs on over the turns; `ratio`
+    with its sign turned solves for the anomaly.
+    """
+    b = ratio / (1.0 + math.sqrt(1.0 - ratio * ratio))
+    return anomaly + 2.0 * math.atan2(b * math.sin(anomaly), 1.0 - b * math.cos(anomaly))
+
+
+@compiled
+def crank_motion(p, time):
+    """Angle [rad], speed [rad/s] and acceleration [rad/s^2] of a prescribed crank at `time` [s].
+
+    Beyond the ends of a measured angle its first and last pieces go on.
+    """
+    d = p.drive
+    if d.kind == CONSTANT:
+        return d.start_angle + d.speed * time, d.speed, 0.0
+    if d.kind == FLUCTUATING:
+        begin = fluctuation(-d.ratio, d.order * d.start_angle - d.phase)
+        rate = d.order * d.speed * math.sqrt(1.0 - d.ratio * d.ratio)
+        u = fluctuation(d.ratio, begin + rate * time)
+        speed = d.speed * (1.0 + d.ratio * math.cos(u))
+        return (u + d.phase) / d.order, speed, -d.speed * d.ratio * d.order * speed * math.sin(u)
+    low, high = 0, p.knots.count
+    while high - low > 1:
+        middle = (low + high) // 2
+        if p.knots.pieces[middle, 0] <= time:
+            low = middle
+        else:
+            high = middle
+    t = time - p.knots.pieces[low, 0]
+    angle = speed = bend = 0.0
+    for i in range(1, 7):
+        bend = bend * t + 2.0 * speed
+        speed = speed * t + angle
+        angle = angle * t + p.knots.pieces[low, i]
+    return angle, speed, bend
+
+
+@compiled
+def crank_times(p, angles):
+    """Times [s] at which a prescribed crank passes `angles` (n,) [rad], growing, the first at the start.
+
+    The end of a measured angle, `p.knots.end`, for those that it does not reach. When a motor's crank passes them only
+    the integration can tell: zeros.
+    """
+    times = np.zeros(angles.size)
+    if p.drive.kind == MOTOR:
+        return times
+    if p.drive.kind == CONSTANT:
+        for i in range(angles.size):
+            times[i] = (angles[i] - p.drive.start_angle) / p.drive.speed
+        return times
+    time, longest = 0.0, p.knots.end if p.drive.kind == MEASURED else math.inf
+    for i in range(angles.size):
+        low, high = time, longest
+        for _ in range(200):
+            angle, speed, _ = crank_motion(p, time)
+            if angle < angles[i]:
+                low = time
+            else:
+                high = time
+            following = time - (angle - angles[i]) / speed
+            if not low <= following <= high:
+                following = 0.5 * (low + high)
+            if abs(following - time) <= 4e-16 * abs(time) or following == time:
+                break
+            time = following
+        times[i] = time
+    return times
+
+
+_LEAST = 12  # samples that a smooth angle needs
+_TURN = 2 * math.pi
+_ORDERS = np.arange(1, 5)  # of what repeats in every turn: a gear's or a joint's are left to the spline
+_DRIFT_TERMS = 12  # of the polynomial beside them, at most
+_LEAST_TURNS = 3  # below, a drift and what repeats look alike
+
+
+def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and angles [rad, running on over turns] of a measured drive."""
+    drive = options.drive
+    path = Path(drive.file)
+    if drive.time == drive.angle:
+        raise InputError(f"simulate.drive: time and angle both name column '{drive.time}' of {path}; give two columns")
+    if drive.resolution is not None and drive.resolution > _TURN / 4:
+        raise InputError(
+            f"simulate.drive.resolution: {math.degrees(drive.resolution):g} deg is more than a quarter turn; "
+            "give the step of the encoder, with its unit"
+        )
+    try:
+        if path.suffix != ".parquet":
+            table = pd.read_csv(path, comment="#")
+        elif is_as_written(path) is not False:
+            table = pd.read_parquet(path, page_checksum_verification=True)
+        else:
+            raise ValueError("its bytes are not those that were written; write it again")
+    except (OSError, ValueError) as error:
+        raise InputError(f"simulate.drive.file {path}: cannot be read as a table ({error})") from error
+    values = []
+    for key, column in (("time", drive.time), ("angle", drive.angle)):
+        if column not in table:
+            raise InputError(
+                f"{path}: has no column '{column}', which simulate.drive.{key} names; "
+                f"{did_you_mean(column, list(table))}"
+            )
+        numbers = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
+        if not np.isfinite(numbers).all():
+            row = int(np.flatnonzero(~np.isfinite(numbers))[0])
+            raise InputError(f"{path}, column {column}, row {row + 1}: '{table[column][row]}' is not a finite number")
+        values.append(numbers)
+    time, angle = values[0], values[1] * unit_factor(drive.angle_unit, "rad")
+    if time.size < _LEAST:
+        raise InputError(f"{path}: {time.size} samples are too few for a smooth crank angle; give {_LEAST} at least")
+    if (falls := np.flatnonzero(np.diff(time) <= 0)).size:
+        row = int(falls[0]) + 2
+        raise InputError(
+            f"{path}, column {drive.time}, row {row}: time {time[row - 1]:g} s does not rise; sort the rows"
+        )
+    angle = running_on(angle)
+    if angle[-1] < angle[0]:
+        raise InputError(
+            f"{path}, column {drive.angle}: the angle falls from {math.degrees(angle[0]):.6g} to "
+            f"{math.degrees(angle[-1]):.6g} deg, so the crank turns clockwise; change the sign of the angles"
+        )
+    if (jumps := np.flatnonzero(np.abs(np.diff(angle)) > _TURN / 2)).size:
+        row = int(jumps[0]) + 2
+        raise InputError(
+            f"{path}, column {drive.angle}, row {row}: the angle steps by "
+            f"{math.degrees(angle[row - 1] - angle[row - 2]):.6g} deg, more than half a turn; "
+            "give more samples a turn, or check simulate.drive.angle_unit"
+        )
+    return time - time[0], angle
+
+
+def running_on(angle: np.ndarray) -> np.ndarray:
+    """Angles (n,) [rad] that run on over turns, of angles that may fall back after one turn or several.
+
+    Angles that stay within one turn may cross its bound to and fro by noise. Others rise as they are told.
+    """
+    if np.ptp(angle) <= _TURN:
+        return np.unwrap(angle)
+    steps = np.diff(angle)
+    back = np.where(steps < -_TURN / 2, np.round(-steps / _TURN), 0.0)
+    return angle + _TURN * np.append(0.0, np.cumsum(back))
+
+
+def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A slowly drifting rotation and its first orders, as columns (n, d) and (n, m) whose sum an angle is fitted by.
+
+    They are orders of that rotation, a polynomial of time, not of the crank angle: so nothing has to be solved for,
+    however unsteadily the crank turns. No orders where turns or samples are too few to tell them from a drift.
+    """
+    turns = (angle[-1] - angle[0]) / _TURN
+    terms = int(min(turns, _DRIFT_TERMS)) + 1
+    drift = np.polynomial.legendre.legvander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, terms)
+    if turns < _LEAST_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
+        return drift, np.empty((angle.size, 0))
+    rotation = drift @ np.linalg.lstsq(drift, angle, rcond=None)[0]
+    for _ in range(2):  # beside the orders of a first rotation one that they have not bent
+        phases = _ORDERS * rotation[:, None]
+        orders = np.column_stack([np.cos(phases), np.sin(phases)])
+        weights = np.linalg.lstsq(np.column_stack([drift, orders]), angle, rcond=None)[0]
+        rotation = drift @ weights[: terms + 1]
+    return drift, orders
+
+
+def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """By how much [rad] a crank is ahead, in its first orders, of a rotation that drifts slowly: (n,) array."""
+    drift, orders = repeated_basis(time, angle)
+    return orders @ np.linalg.lstsq(np.hstack([drift, orders]), angle, rcond=None)[0][drift.shape[1] :]
+
+
+def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) -> PPoly:
+    """Smooth spline through a measured angle.
+
+    With the encoder's step q known: the quintic with few knots that deviates by q / sqrt(12) RMS, the rounding of an
+    encoder, and by three standard errors of that, lest ties be followed: the mean square of n roundings scatters by
+    sqrt(0.8 / n) of itself. Else a cubic whose smoothness cross-validation chooses (G. Wahba, Spline models for
+    observational data, 1990), which takes some 0.5 ms a sample. Both are made for what is left beside a steady
+    rotation, the cubic also beside what repeats in every turn, which smoothing would flatten.
+
+    At the very ends, where samples lie on one side alone, the accelerations are weak: some ten times as far off as
+    inside, and those of the cubic are zero there. Let a record begin and end some samples beyond what is simulated.
+    """
+    steady = np.polyfit(time, angle, 1)
+    rest, scale = angle - np.polyval(steady, time), time[-1] / (time.size - 1)
+    if resolution is None:
+        repeated = repeated_part(time, angle)
+        spline = make_smoothing_spline(time / scale, rest - repeated)
+    else:
+        squares = time.size * resolution**2 / 12 * (1 + 3 * math.sqrt(0.8 / time.size))
+        # compiled, unlike make_splrep, which takes 30 times as long for 8000 samples
+        spline, _, status, _ = splrep(time / scale, rest, k=5, s=squares, full_output=True, quiet=True)
+        if status > 0:
+            raise InputError(
+                f"simulate.drive.resolution: no smooth angle keeps to {math.degrees(resolution):g} deg; "
+                "give the step of the encoder, or null where it is not known"
+            )
+    found = PPoly.from_spline(spline)
+    inside = np.flatnonzero(np.diff(found.x) > 0)  # the ends' repeated knots bound nothing
+    degree = found.c.shape[0] - 1
+    powers = scale ** np.arange(degree, -1, -1)[:, None]
+    pieces = PPoly(found.c[:, inside] / powers, scale * found.x[np.append(inside, inside[-1] + 1)])
+    pieces.c[-1] += np.polyval(steady, pieces.x[:-1])
+    pieces.c[-2] += steady[0]
+    if resolution is None:
+        pieces.c += CubicSpline(pieces.x, repeated).c  # the knots of this spline are the samples
+    return pieces
+
+
+def stands_still(smooth: PPoly, begin: float, end: float) -> float | None:
+    """When [s] between `begin` and `end` [s] a smooth angle falls fastest, or stands still; None where it rises."""
+    fine = np.linspace(begin, end, 20 * len(smooth.x))
+    speed = smooth(fine, 1)
+    return float(fine[np.argmin(speed)]) if speed.min() <= 0 else None
+
+
+def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
+    """Pieces (k, 7) of a measured drive from where it passes the start angle, and its end [s]: see `knots_record`.
+
+    The time is zero there, the angle is shifted by whole turns to the start angle. Noise must not cost a record that
+    begins or ends on the start angle a revolution: both ends reach further by the encoder's step, or else by three
+    times the smoothing's residual but no more than a sample.
+    """
+    path, resolution = options.drive.file, options.drive.resolution
+    time, angle = read_angle(options)
+    if angle[-1] - angle[0] < _TURN * (options.revolutions - 0.25):
+        raise _too_short(options, angle[0], angle[-1])
+    # a turn at most to the start angle, the revolutions, and half a turn to keep the weak end out
+    needed = 1 + int(np.argmax(np.append(angle[:-1] > angle[0] + _TURN * (options.revolutions + 1.5), True)))
+    time, angle = time[:needed], angle[:needed]
+    if resolution is None and needed - 1 > MOST_KNOTS:
+        raise _too_many_pieces(path, needed - 1)
+    smooth = smooth_angle(time, angle, resolution)
+    mean_speed = (angle[-1] - angle[0]) / time[-1]
+    residual = math.sqrt(np.mean((smooth(time) - angle) ** 2))
+    slack = resolution or min(3 * residual, mean_speed * time[-1] / (time.size - 1))
+    ends = smooth.x[[0, -1]] + np.array([-1, 1]) * (slack + 1e-9) / mean_speed
+    if (still := stands_still(smooth, *ends)) is not None:
+        raise InputError(
+            f"{path}: the crank stands still or turns back at {still:.6g} s; give an angle that "
+            "rises, or its resolution, for noise to be smoothed"
+        )
+    first, last = (float(value) for value in smooth(ends))
+    begin = _first_pass(options, first)
+    if begin + _TURN * options.revolutions > last:
+        raise _too_short(options, first, last)
+    start = brentq(lambda t: smooth(t) - max(begin, first), *ends, xtol=1e-15 * ends[1])
+    from_start = np.unique(np.append(smooth.x[smooth.x > start], start))[:-1]
+    if len(from_start) > MOST_KNOTS:
+        raise _too_many_pieces(path, len(from_start))
+    table = np.zeros((len(from_start), 7))
+    table[:, 0] = from_start - start
+    for power in range(6):
+        table[:, 6 - power] = smooth(from_start, power) / math.factorial(power)
+    table[:, 6] -= begin - options.start_angle
+    return table, float(ends[1] - start)
+
+
+def _first_pass(options: Simulate, first: float) -> float:
+    """The first angle [rad] from `first` on that is the start angle but for whole turns."""
+    return options.start_angle + _TURN * math.ceil((first - options.start_angle) / _TURN)
+
+
+def _too_short(options: Simulate, first: float, last: float) -> InputError:
+    held = max(math.floor((last - _first_pass(options, first)) / _TURN), 0)
+    return InputError(
+        f"{options.drive.file}: it goes from {math.degrees(first):.6g} to {math.degrees(last):.6g} deg; from the start "
+        f"angle {math.degrees(options.start_angle):.6g} deg on it holds {held} whole revolutions, simulate.revolutions "
+        f"asks for {options.revolutions}; ask for fewer or give a longer record"
+    )
+
+
+def _too_many_pieces(path: str, count: int) -> InputError:
+    return InputError(
+        f"{path}: its smooth angle needs {count} pieces, more than {MOST_KNOTS}; give fewer samples or the "
+        "resolution of the encoder, or ask for fewer revolutions"
+    )
+
+
+_MOST_KNOTS = 400  # of the splines that stand for those of the smoothing, which has one at every sample
+_LEFT_OUT = 1e-3  # share of their variance, by angle, speed and acceleration, that errors too small to count have
+_MOST_ERRORS = 100
+
+
+class AngleErrors:
+    """The independent errors of a smooth angle, each of one standard deviation."""
+
+    def __init__(
+        self,
+        time: np.ndarray,
+        angle: np.ndarray,
+        smooth: PPoly,
+        stepped: bool,
+        copies: sparray,
+        noise: float | None,
+        common: np.ndarray | None = None,
+    ):
+        degree = 5 if stepped else 3
+        inner = smooth.x[1:-1] if stepped else time[2 : -2 : math.ceil(time.size / _MOST_KNOTS)]
+        knots = np.concatenate([[time[0]] * (degree + 1), inner, [time[-1]] * (degree + 1)])
+        self._spline = BSpline(knots, np.eye(knots.size - degree - 1), degree)
+        drift, orders = (np.empty((time.size, 0)),) * 2 if stepped else repeated_basis(time, angle)
+        self._orders = CubicSpline(time, orders) if orders.size else None
+        told = np.linalg.pinv(np.hstack([drift, orders]))[drift.shape[1] :]  # sizes of the orders, from angles
+        basis, left = self._spline(time), smooth(time) - angle
+        bending = None if stepped else self._bending()
+        kept, shapes = _shrinkage(basis, bending, angle - orders @ (told @ angle), left)
+        spline = (shapes * kept) @ (basis @ shapes).T
+        if noise is None:
+            noise = math.sqrt(left @ left / max(time.size - kept.sum() - orders.shape[1], 1.0))
+        sizes = (copies.T @ np.vstack([spline - (spline @ orders) @ told, told]).T).T  # from readings
+        covariance = noise**2 * (sizes @ sizes.T)
+        if common is not None:
+            covariance += (sizes @ common) @ (sizes @ common).T
+        self._weights = self._independent(time, covariance, (angle[-1] - angle[0]) / (time[-1] - time[0]))
+
+    @property
+    def count(self) -> int:
+        """How many errors."""
+        return self._weights.shape[1]
+
+    def __call__(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """The errors (n, count) at times (n,) [s], or a derivative of theirs by time [rad/s^derivative]."""
+        return self._basis(time, derivative) @ self._weights
+
+    def _basis(self, time: np.ndarray, derivative: int) -> np.ndarray:
+        columns = self._spline(time, derivative)
+        return columns if self._orders is None else np.hstack([columns, self._orders(time, derivative)])
+
+    def _bending(self) -> np.ndarray:
+        """Rows whose sum of squares is the integral of a spline's squared second derivative, by two Gauss points."""
+        ends = np.unique(self._spline.t)
+        half, middle = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
+        points = np.concatenate([middle - half / math.sqrt(3), middle + half / math.sqrt(3)])
+        return np.sqrt(np.tile(half, 2))[:, None] * self._spline(points, 2)
+
+    def _independent(self, time: np.ndarray, covariance: np.ndarray, speed: float) -> np.ndarray:
+        """Weights of the basis for each error; the largest come first, in angle, speed and acceleration together."""
+        rows = [self._basis(time, derivative) / speed**derivative for derivative in range(3)]
+        squares, vectors = np.linalg.eigh(sum(each.T @ each for each in rows))
+        root = (vectors * np.sqrt(np.maximum(squares, 0.0))) @ vectors.T
+        squares, vectors = np.linalg.eigh(root @ covariance @ root)
+        left = np.cumsum(np.maximum(squares, 0.0))
+        chosen = np.flatnonzero(left > _LEFT_OUT * left[-1])[::-1][:_MOST_ERRORS]
+        return covariance @ root @ (vectors[:, chosen] / np.sqrt(squares[chosen]))
+
+
+def _shrinkage(basis, bending, angle, left) -> tuple[np.ndarray, np.ndarray]:
+    """What smoothing keeps (k,) of each of the spline's independent shapes, and their weights (k, k) of the basis.
+
+    Without bending all is kept; else as much as leaves of the angle what the smoothing has left.
+    """
+    gram = basis.T @ basis
+    rough = np.zeros(gram.shape) if bending is None else bending.T @ bending
+    roughness, vectors = eigh(rough, gram)
+    if bending is None:
+        return np.ones(roughness.size), vectors
+    roughness[:2] = 0.0  # of straight lines
+    sizes = vectors.T @ (basis.T @ angle)
+    unreached = angle - basis @ (vectors @ sizes)
+    excess_alone = unreached @ unreached - left @ left
+
+    def excess(log_smoothness: float) -> float:
+        return float(excess_alone + np.sum(((1.0 - kept(log_smoothness)) * sizes) ** 2))
+
+    def kept(log_smoothness: float) -> np.ndarray:
+        return 1.0 / (1.0 + math.exp(log_smoothness) * roughness)
+
+    smoothest, roughest = -math.log(roughness[2]) + 10.0, -math.log(roughness[-1]) - 5.0
+    if excess(smoothest) <= 0.0:
+        return kept(smoothest), vectors
+    return kept(roughest if excess(roughest) >= 0.0 else brentq(excess, roughest, smoothest)), vectors

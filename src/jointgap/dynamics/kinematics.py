@@ -1,0 +1,326 @@
+"""Kinematics of the slider-crank: linkage, clearance vectors, transmission angle, cycle."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from math import tau
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from jointgap.config import Mechanism
+from jointgap.core.errors import InputError
+from jointgap.core.joints import JOINT_NUMBERS
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A quantity over time."""
+
+    position: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
+    velocity: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
+    acceleration: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
+
+    @classmethod
+    def of(cls, position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0) -> "Motion":
+        """Make arrays of what is given; what is left out stands still."""
+        return cls(np.asarray(position), np.asarray(velocity), np.asarray(acceleration))
+
+    def __add__(self, other: "Motion") -> "Motion":
+        return Motion(
+            self.position + other.position,
+            self.velocity + other.velocity,
+            self.acceleration + other.acceleration,
+        )
+
+    def __sub__(self, other: "Motion") -> "Motion":
+        return self + other * -1.0
+
+    def __mul__(self, factor: float) -> "Motion":
+        return Motion(self.position * factor, self.velocity * factor, self.acceleration * factor)
+
+    def standing_still(self) -> "Motion":
+        """The same positions with both derivatives set to zero."""
+        still = np.zeros(np.shape(self.position))
+        return Motion(self.position, still, still)
+
+
+def rotating_vector(length: Motion, direction: Motion) -> tuple[Motion, Motion]:
+    """Components of a vector that turns and changes its length.
+
+    A vector of length zero is the zero vector, whatever its direction; its derivatives are undefined (nan) where the
+    direction is.
+    """
+    cosine, sine = np.cos(direction.position), np.sin(direction.position)
+    vanishes = length.position == 0.0
+    radial_velocity = length.velocity
+    tangential_velocity = length.position * direction.velocity
+    radial_acceleration = length.acceleration - length.position * direction.velocity**2
+    tangential_acceleration = length.position * direction.acceleration + 2.0 * length.velocity * direction.velocity
+    x = Motion(
+        np.where(vanishes, 0.0, length.position * cosine),
+        radial_velocity * cosine - tangential_velocity * sine,
+        radial_acceleration * cosine - tangential_acceleration * sine,
+    )
+    y = Motion(
+        np.where(vanishes, 0.0, length.position * sine),
+        radial_velocity * sine + tangential_velocity * cosine,
+        radial_acceleration * sine + tangential_acceleration * cosine,
+    )
+    return x, y
+
+
+_SIGNS = {1: 1.0, 2: 1.0, 3: -1.0}
+
+
+def clearance_lift(vectors: Mapping[str, ArrayLike]) -> np.ndarray:
+    """What the clearances add to the height that the rod has to span."""
+    lift = np.zeros(())
+    for number, sign in _SIGNS.items():
+        if (name := f"r{number}") in vectors:
+            length = np.asarray(vectors[name])
+            lift = lift + sign * np.where(length == 0.0, 0.0, length * np.sin(vectors[f"gamma{number}"]))
+    return lift
+
+
+def transmission_angle(
+    crank_length: ArrayLike,
+    rod_length: ArrayLike,
+    crank_angle: ArrayLike,
+    lift: ArrayLike = 0.0,
+    offset: float = 0.0,
+) -> np.ndarray:
+    """Angle between the rod and the direction across the slide."""
+    cosine = (crank_length * np.sin(crank_angle) + lift - offset) / rod_length
+    check_reach(cosine, crank_angle, rod_length)
+    return np.arccos(cosine)
+
+
+def check_reach(cosine: np.ndarray, crank_angle: ArrayLike, rod_length: ArrayLike) -> None:
+    """Raise an `InputError` where the height to span, in rod lengths, is 1 or more; undefined samples pass."""
+    span = np.abs(cosine)
+    if not np.any(span >= 1.0):
+        return
+    worst = np.unravel_index(np.nanargmax(span), span.shape)
+    angle = np.real(np.broadcast_to(crank_angle, span.shape)[worst])
+    length = np.broadcast_to(rod_length, span.shape)[worst]
+    raise InputError(
+        f"the rod of {1e3 * length:g} mm cannot reach the slide at crank angle {np.degrees(angle):.4g} deg: its crank "
+        f"end is {1e3 * length * span[worst]:.6g} mm off the slide's line; shorten the crank or lengthen the rod"
+    )
+
+
+Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""A learned output: crank angles (n,) [rad] to its values (n,) in SI and their derivative by the crank angle (n,)."""
+
+
+_NOTHING = Motion.of(0.0)
+
+
+@dataclass(frozen=True)
+class ClearanceMotion:
+    """The virtual links of the loose joints; those of ideal joints have no length.
+
+    r1 at gamma1 points from the frame's centre of the crank pivot to the crank's, r2 at gamma2 from the crank's pin
+    centre A to the rod's end A', r3 at gamma3 from the slider's pin centre B to the rod's end B'.
+    """
+
+    r2: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
+    gamma2: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
+    r3: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
+    gamma3: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
+    r1: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
+    gamma1: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
+
+    @classmethod
+    def from_table(cls, table: pd.DataFrame, loose: Iterable[str]) -> "ClearanceMotion":
+        """Read the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` and so on for the joints `loose`."""
+
+        def motion(name: str) -> Motion:
+            return Motion.of(*(table[f"{name}{suffix}"].to_numpy(dtype=float) for suffix in ("", "_dot", "_ddot")))
+
+        numbers = [JOINT_NUMBERS[joint] for joint in loose]
+        return cls(
+            **{
+                f"{quantity}{number}": motion(f"{quantity}{number}")
+                for number in numbers
+                for quantity in ("r", "gamma")
+            }
+        )
+
+    def paper_form(self) -> "ClearanceMotion":
+        """The motion as equations (6)-(9) take it: all lengths constant, only the directions move."""
+        motions = vars(self)
+        return ClearanceMotion(
+            **{name: motion.standing_still() if name.startswith("r") else motion for name, motion in motions.items()}
+        )
+
+    def crank_pivot_vector(self) -> tuple[Motion, Motion]:
+        """Components of the vector from the frame's centre of the crank pivot to the crank's, shape (n,) each [m]."""
+        return rotating_vector(self.r1, self.gamma1)
+
+    def crank_pin_vector(self) -> tuple[Motion, Motion]:
+        """Components of A -> A', shape (n,) each [m]."""
+        return rotating_vector(self.r2, self.gamma2)
+
+    def piston_pin_vector(self) -> tuple[Motion, Motion]:
+        """Components of B -> B', shape (n,) each [m]."""
+        return rotating_vector(self.r3, self.gamma3)
+
+
+@dataclass(frozen=True)
+class LinkageMotion:
+    """Motion of the three moving links; every array has the shape (n,) of the crank angles."""
+
+    crank_x: Motion  # Crank's mass centre G2 [m], equation (2), moved by the clearance of the crank pivot
+    crank_y: Motion  # Crank's mass centre G2 [m], equation (2), moved by the clearance of the crank pivot
+    rod_x: Motion  # Rod's mass centre G3 [m], equations (3), (14)
+    rod_y: Motion  # Rod's mass centre G3 [m], equations (3), (14)
+    slider_x: Motion  # Slider's pin centre G4 [m], equations (4), (15); slider_y is the slide's offset up to rounding
+    slider_y: Motion  # Slider's pin centre G4 [m], equations (4), (15); slider_y is the slide's offset up to rounding
+    rod_angle: Motion  # theta3 [rad], equations (5), (8), (9)
+    transmission_angle: Motion  # mu [rad], equation (10)
+
+
+def linkage_motion(
+    mechanism: Mechanism, crank_angle: Motion, clearance: ClearanceMotion | None = None
+) -> LinkageMotion:
+    """Motion of the slider-crank from that of its crank and its clearances."""
+    crank, rod = mechanism.crank, mechanism.rod
+    pin_x, pin_y = rotating_vector(Motion.of(crank.length), crank_angle)
+    crank_x, crank_y = rotating_vector(Motion.of(crank.mass_centre), crank_angle)
+    beside_x, beside_y = rotating_vector(Motion.of(crank.mass_centre_across), crank_angle)  # turned by 90 deg
+    clearance = ClearanceMotion() if clearance is None else clearance
+    pivot_x, pivot_y = clearance.crank_pivot_vector()
+    step_x, step_y = clearance.crank_pin_vector()
+    head_x, head_y = clearance.piston_pin_vector()
+    foot_x, foot_y = pivot_x + pin_x + step_x, pivot_y + pin_y + step_y
+
+    # The slider stays on its line: the rod comes down by its foot's height above the slider less the vector B -> B'.
+    height = foot_y - head_y - Motion.of(mechanism.slider.offset)
+    rod_angle = _falling_rod(height, rod.length, crank_angle.position)
+    rod_length = Motion.of(rod.length)
+    along_x, along_y = rotating_vector(rod_length, rod_angle)
+    centre_x, centre_y = rotating_vector(Motion.of(rod.mass_centre), rod_angle)
+    return LinkageMotion(
+        crank_x=pivot_x + crank_x - beside_y,
+        crank_y=pivot_y + crank_y + beside_x,
+        rod_x=foot_x + centre_x,
+        rod_y=foot_y + centre_y,
+        slider_x=foot_x + along_x - head_x,
+        slider_y=foot_y + along_y - head_y,
+        rod_angle=rod_angle,
+        transmission_angle=Motion(np.arccos(height.position / rod.length), rod_angle.velocity, rod_angle.acceleration),
+    )
+
+
+def _falling_rod(height: Motion, rod_length: float, crank_angle: np.ndarray) -> Motion:
+    """Angle of a rod that spans a falling height: L3 sin theta3 = -height, differentiated twice."""
+    check_reach(height.position / rod_length, crank_angle, rod_length)
+    angle = np.arcsin(-height.position / rod_length)
+    lever = rod_length * np.cos(angle)
+    velocity = -height.velocity / lever
+    return Motion(angle, velocity, -height.acceleration / lever + velocity**2 * np.tan(angle))
+
+
+@dataclass(frozen=True)
+class IdealCycle:
+    """Extremes over one turn of the crank, without clearance."""
+
+    smallest_transmission_angle: float  # Of mu and its supplement [rad]
+    largest_departure: float  # Largest distance of mu from 90 deg [rad]
+    outer_dead_centre: float  # Farthest and nearest slider position [m]
+    inner_dead_centre: float  # Farthest and nearest slider position [m]
+    outer_dead_centre_angle: float  # Crank angles there [rad]
+    inner_dead_centre_angle: float  # Crank angles there [rad]
+
+    @property
+    def stroke(self) -> float:
+        """Way of the slider between its dead centres [m]."""
+        return self.outer_dead_centre - self.inner_dead_centre
+
+
+def ideal_cycle(crank_length: float, rod_length: float, offset: float = 0.0) -> IdealCycle:
+    """Extremes of transmission angle and slider position in closed form, from equations (15) and (17)."""
+    span = crank_length + abs(offset)
+    if span >= rod_length:
+        raise InputError(
+            f"a crank of {1e3 * crank_length:g} mm with offset {1e3 * offset:g} mm cannot turn on a rod of "
+            f"{1e3 * rod_length:g} mm; shorten the crank or lengthen the rod"
+        )
+    departure = float(np.arcsin(span / rod_length))
+    return IdealCycle(
+        smallest_transmission_angle=np.pi / 2 - departure,
+        largest_departure=departure,
+        outer_dead_centre=float(np.sqrt((rod_length + crank_length) ** 2 - offset**2)),
+        inner_dead_centre=float(np.sqrt((rod_length - crank_length) ** 2 - offset**2)),
+        outer_dead_centre_angle=float(np.arcsin(offset / (rod_length + crank_length))),
+        inner_dead_centre_angle=float(np.pi + np.arcsin(offset / (rod_length - crank_length))),
+    )
+
+
+SPEED_POWERS = {
+    "slider_position": 0,
+    "rod_angle": 0,
+    "slider_velocity": 1,
+    "rod_angular_velocity": 1,
+    "slider_acceleration": 2,
+    "rod_acceleration_x": 2,
+    "rod_acceleration_y": 2,
+    "crank_torque": 2,
+    "guide_force": 2,
+    "frame_force_x": 2,
+    "frame_force_y": 2,
+}
+"""With which power of the crank's speed each channel of the ideal motion grows."""
+
+FORCES = ("crank_torque", "guide_force", "frame_force_x", "frame_force_y")
+"""Channels that loads and friction change; the others follow from the geometry."""
+
+
+def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dict[str, np.ndarray]:
+    """Channels of the ideal motion by inverse dynamics of the rigid links, without gravity and other loads."""
+    crank, rod, slider = mechanism.crank, mechanism.rod, mechanism.slider
+    still = np.zeros(np.shape(angle))
+    motion = linkage_motion(mechanism, Motion.of(angle, still + speed, still))
+    turning = motion.rod_angle
+    along = np.cos(turning.position), np.sin(turning.position)
+    back, ahead = rod.mass_centre, rod.length - rod.mass_centre  # from the rod's mass centre to its pins
+    inertia_x, inertia_y = rod.mass * motion.rod_x.acceleration, rod.mass * motion.rod_y.acceleration
+    # forces on the rod: (head_x, head_y) at the piston pin, (foot_x, foot_y) at the crank pin
+    head_x = -slider.mass * motion.slider_x.acceleration
+    foot_x = inertia_x - head_x
+    # moment about the mass centre, with foot_y = inertia_y - head_y
+    moment = rod.inertia * turning.acceleration
+    head_y = (moment + along[1] * (ahead * head_x - back * foot_x) + back * along[0] * inertia_y) / (
+        rod.length * along[0]
+    )
+    foot_y = inertia_y - head_y
+    power = (
+        inertia_x * motion.rod_x.velocity
+        + inertia_y * motion.rod_y.velocity
+        + moment * turning.velocity
+        - head_x * motion.slider_x.velocity
+    )
+    return {
+        "slider_position": motion.slider_x.position,
+        "rod_angle": turning.position,
+        "slider_velocity": motion.slider_x.velocity,
+        "rod_angular_velocity": turning.velocity,
+        "slider_acceleration": motion.slider_x.acceleration,
+        "rod_acceleration_x": motion.rod_x.acceleration,
+        "rod_acceleration_y": motion.rod_y.acceleration,
+        "crank_torque": power / speed,
+        "guide_force": head_y,
+        "frame_force_x": -(crank.mass * motion.crank_x.acceleration + foot_x),
+        "frame_force_y": -(crank.mass * motion.crank_y.acceleration + foot_y),
+    }
+
+
+def ideal_orders(mechanism: Mechanism, speed: float, orders: int, points: int = 360) -> dict[str, np.ndarray]:
+    """The low orders of `ideal_channels` over a turn: (orders,) complex C, the channel being Re sum C_k exp(i k
+    angle).
+    """
+    angle = np.arange(points) * (tau / points)
+    channels = ideal_channels(mechanism, angle, speed)
+    return {name: 2.0 * np.fft.rfft(values)[1 : orders + 1] / points for name, values in channels.items()}

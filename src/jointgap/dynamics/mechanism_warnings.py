@@ -1,0 +1,104 @@
+"""Data of a mechanism that may be right, but look mistaken."""
+
+from collections.abc import Iterator
+
+from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
+from jointgap.core.joints import JOINT
+from jointgap.core.words import in_words, joined
+from jointgap.dynamics.contact import LAWS, delivered_restitution, penalty_restitution
+
+WIDE_CLEARANCE = 0.05
+"""Share of the journal's radius from which on a clearance is worth a remark."""
+
+UNLIKE_MASSES = 50.0
+"""Ratio of the heaviest body's mass to the lightest one's from which on it is worth a remark."""
+
+
+def odd_data(mechanism: Mechanism) -> list[str]:
+    """Remarks on masses and clearances that look mistaken, such as ``slider.mass: ...``; empty where none does."""
+    applied = mechanism.applied()
+    masses = {f"{body}.mass": getattr(applied, body).mass for body in ("crank", "rod", "slider")}
+    light, heavy = min(masses, key=masses.get), max(masses, key=masses.get)
+    found = []
+    if masses[heavy] > UNLIKE_MASSES * masses[light]:
+        found.append(
+            f"{heavy}: {masses[heavy]:.4g} kg are {masses[heavy] / masses[light]:.4g} times {light}, "
+            f"{masses[light]:.4g} kg; check the units of both"
+        )
+    for name in applied.loose:
+        radius, clearance = applied.joint(name).journal_radius, applied.clearance(name)
+        if clearance > WIDE_CLEARANCE * radius:
+            found.append(
+                f"{name}: the radial clearance, {1e3 * clearance:.3g} mm, is {100 * clearance / radius:.3g} % of "
+                f"journal_radius, {1e3 * radius:.3g} mm; worn joints have less than {100 * WIDE_CLEARANCE:g} %: check "
+                "both radii"
+            )
+    return found
+
+
+UNTOLD = 0.005
+"""Deviation of the delivered from the asked restitution that is too small to tell: no measured one is known better."""
+
+PENALTY_SPEEDS = (0.1, 1.0)
+"""Approach speeds [m/s] at which the penalty form's restitution is given: hits in settled and in starting motion."""
+
+
+def remarks(mechanism: Mechanism) -> list[str]:
+    """Data that look mistaken, and where contacts do otherwise than one may think: ``crank_pin: ...``, one for each."""
+    applied = mechanism.applied()
+    return odd_data(mechanism) + [
+        f"{name}: {sentence}"
+        for name in applied.loose
+        for sentence in _of_contact(applied.joint(name), applied.rod.mass)
+    ]
+
+
+def sentences(mechanism: Mechanism) -> tuple[str, ...]:
+    """The `remarks` on a `mechanism` as sentences, one that joints share once: ``Contact of the crank pin: ...``."""
+    subjects: dict[str, list[str]] = {}
+    for remark in remarks(mechanism):
+        subject, _, words = remark.partition(": ")
+        subjects.setdefault(words, []).append(subject)
+    return tuple(
+        f"Contact of the {joined(map(in_words, names))}: {words}." if names[0] in JOINT else f"`{names[0]}`: {words}."
+        for words, names in subjects.items()
+    )
+
+
+def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
+    contact = joint.contact
+    yield from _of_friction(contact)
+    if contact.law == "penalty":
+        yield _of_penalty(joint, contact, rod_mass)
+        return
+    delivered = delivered_restitution(LAWS[contact.law](contact.restitution))
+    if abs(delivered - contact.restitution) > UNTOLD:
+        yield (
+            f"{contact.law} delivers a restitution of {delivered:.4g} where {contact.restitution:.4g} is asked for; "
+            "exact_restitution delivers what is asked"
+        )
+
+
+def _of_friction(contact: Contact) -> Iterator[str]:
+    """The condition for passive bristles stands in `jointgap.dynamics.friction.lugre`."""
+    given = contact.friction_parameters()
+    excess = given["static_friction"] - contact.friction
+    if contact.friction_law != "lugre" or contact.friction == 0 or excess == 0:
+        return
+    most = given["viscous_friction"] * contact.friction / excess
+    if given["bristle_damping"] > most:
+        yield (
+            "lugre with static_friction above friction can drive a motion for moments instead of braking it; a "
+            f"bristle_damping of {most:.3g} s/m or less rules that out, or more viscous_friction"
+        )
+
+
+def _of_penalty(joint: Joint, contact: Contact, rod_mass: float) -> str:
+    stiffness = hertz_stiffness(joint) if contact.stiffness is None else contact.stiffness
+    mass = rod_mass / 2  # what a hit at one of its ends feels of the rod, near enough; the partner is taken as driven
+    found = (
+        penalty_restitution(stiffness, contact.exponent, contact.penalty_damping, contact.penalty_depth, mass, speed)
+        for speed in PENALTY_SPEEDS
+    )
+    told = " and ".join(f"{value:.3g} at {speed:g} m/s" for value, speed in zip(found, PENALTY_SPEEDS, strict=True))
+    return f"the penalty form's restitution depends on mass and speed: about {told}"

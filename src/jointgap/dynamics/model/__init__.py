@@ -1,1 +1,0 @@
-"""The equations of motion: bodies, joints, contact, friction, film, drive, effects."""

@@ -1,0 +1,256 @@
+"""Compiling for this machine once."""
+
+import contextlib
+import hashlib
+import os
+import re
+import shutil
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numba
+from numba.core import event
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.dispatcher import Dispatcher
+from numba.core.registry import CPUDispatcher
+
+try:
+    import fcntl
+except ImportError:  # Windows: each process compiles for itself
+    fcntl = None
+
+PATIENCE = 300.0  # s after which a lock is taken for stuck
+ANNOUNCED_AFTER = 1.0  # s
+
+SECONDS = 15  # of one core, all that a first simulation needs
+_LOADING = "loading the compiled simulation ..."
+_COMPILING = f"compiling the simulation for this machine, once (about {SECONDS} s) ..."
+_WAITING = f"waiting for another process to load the simulation, or to compile it (about {SECONDS} s) ..."
+
+_said: set[str] = set()
+
+
+def say(message: str) -> None:
+    """Print a line on stderr, once in a process."""
+    if message not in _said:
+        _said.add(message)
+        print(f"jointgap: {message}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def announced(message: str, after: float = ANNOUNCED_AFTER) -> Iterator[None]:
+    """Say `message` if what is done meanwhile takes longer than `after` [s]."""
+    timer = threading.Timer(after, say, (message,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+class _Announcer(event.Listener):
+    """Says what takes long: loading, until numba begins to compile."""
+
+    def __init__(self):
+        self.stack, self.compiles = contextlib.ExitStack(), False
+        self.stack.enter_context(announced(_LOADING))
+
+    def on_start(self, event) -> None:
+        if not self.compiles:  # functions that are called meanwhile are compiled within
+            self.compiles = True
+            self.stack.close()
+            self.stack.enter_context(announced(_COMPILING))
+
+    def on_end(self, event) -> None:
+        pass
+
+
+@contextlib.contextmanager
+def _announced_loading_or_compiling() -> Iterator[None]:
+    announcer = _Announcer()
+    with announcer.stack, event.install_listener("numba:compile", announcer):
+        yield
+
+
+@contextlib.contextmanager
+def locked(path: Path, patience: float = PATIENCE) -> Iterator[bool]:
+    """Hold the lock file `path`, which stays behind, empty; or go on without."""
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600) if fcntl else None
+    except OSError:
+        file = None
+    if file is None:
+        yield False
+        return
+    try:
+        yield _taken(file, patience)
+    finally:
+        os.close(file)  # frees the lock
+
+
+def _taken(file: int, patience: float) -> bool:
+    end = time.monotonic() + patience
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.05)
+        except OSError:
+            return False
+
+
+def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
+    """`compile_function`, called by one process at a time, and announced where it or the wait takes long."""
+
+    def compile_once(signature):
+        with contextlib.ExitStack() as stack:
+            with announced(_WAITING):
+                stack.enter_context(locked(lock))
+            stack.enter_context(_announced_loading_or_compiling())
+            return compile_function(signature)
+
+    return compile_once
+
+
+_NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+AVAILABLE = numba.version_info.short == (0, 68)
+"""Whether this numba's insides are those that this file was written for; with others all is compiled as numba does."""
+
+
+class _LinkedCode(JITCodeLibrary):
+    """Code for linking: cleaned function by function, but neither optimised as a whole nor made native."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _ToLink(Compiler):
+    def define_pipelines(self):
+        self.state.flags.no_compile = True
+        self.state.library = _LinkedCode(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+class _Part(CPUDispatcher):
+    """A function as compiled code calls it; its libraries stand in for the entry points that it lacks."""
+
+    def add_overload(self, cres) -> None:
+        self.overloads[tuple(cres.signature.args)] = cres
+        self.targetctx.insert_user_function(cres.library, cres.fndesc, [cres.library])
+
+    def get_overload(self, sig):
+        return self.overloads[tuple(sig)].library
+
+
+def linked_where_called(dispatcher: Dispatcher) -> Callable:
+    """`dispatcher`, which compiled code from now on calls in its linked form, and Python as ever."""
+    if AVAILABLE:
+        options = dispatcher.targetoptions | _NO_WRAPPERS
+        part = _Part(dispatcher.py_func, targetoptions=options, pipeline_class=_ToLink)
+        dispatcher.get_call_template, dispatcher.get_overload = part.get_call_template, part.get_overload
+    return dispatcher
+
+
+_PACKAGE = Path(__file__).parent
+_ELSEWHERE = ("formula.py", "joints.py", "config/friction_laws.py")
+SOURCES = (*sorted(_PACKAGE.rglob("*.py")), *(_PACKAGE.parent / name for name in _ELSEWHERE))
+"""All that compiled code of this package is made from."""
+
+
+def _is_usable(folder: Path) -> bool:
+    """Whether `folder` can be made, is one's own and takes files; permission bits alone do not say so (root, mounts).
+
+    Compiled code in a folder of somebody else is not to be trusted.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with tempfile.TemporaryFile(dir=folder):
+            return not hasattr(os, "getuid") or folder.stat().st_uid == os.getuid()
+    except OSError:
+        return False
+
+
+def cache_folder(beside: Path) -> str:
+    """First usable place of: the user's choice, `beside` the sources, the user's cache, the temporary folder.
+
+    It does not depend on what calls: command, notebook and job of the same installation share it. Returns an empty
+    string (numba's own choice) when none is usable.
+    """
+    sources = b"".join(path.read_bytes() for path in SOURCES)
+    digest = hashlib.sha256(sources).hexdigest()[:16]
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    user = f"jointgap-{os.getuid()}" if hasattr(os, "getuid") else "jointgap"
+    bases = [
+        *([Path(chosen) / "jointgap"] if chosen else []),
+        beside,
+        Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "jointgap",
+        Path(tempfile.gettempdir()) / user,
+    ]
+    for base in bases:
+        if _is_usable(base / digest):
+            os.utime(base / digest)  # says when it was used last
+            remove_old_folders(base, digest)
+            return str(base / digest)
+    return ""
+
+
+_KEPT, _RECENT = 4, 24 * 3600.0  # the newest folders and those of the last day [s]: somebody may be using them
+
+
+def remove_old_folders(base: Path, digest: str) -> None:
+    """Remove the folders of other digests in `base` but the newest few and those used within the last day."""
+    used = {}
+    with contextlib.suppress(OSError):  # another process may be removing the same
+        for folder in os.scandir(base):
+            if (
+                re.fullmatch("[0-9a-f]{16}", folder.name)
+                and folder.name != digest
+                and folder.is_dir(follow_symlinks=False)
+            ):
+                used[folder.path] = folder.stat().st_mtime
+    for path in sorted(used, key=used.get, reverse=True)[_KEPT:]:
+        if used[path] < time.time() - _RECENT:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+_FOLDER = cache_folder(_PACKAGE / "__pycache__")
+
+
+def compiled(function, **flags) -> Callable:
+    """`function` as machine code: cached on disk, free of the interpreter's lock, dividing by IEEE rules.
+
+    Products and sums may fuse (faster and rounding less); nothing else is reordered.
+    """
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = _FOLDER or before
+    try:
+        code = numba.njit(
+            cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, no_cfunc_wrapper=True, **flags
+        )(function)
+    finally:
+        numba.config.CACHE_DIR = before
+    if not isinstance(code, Dispatcher):
+        return code  # the function itself: NUMBA_DISABLE_JIT
+    if _FOLDER:
+        lock = Path(_FOLDER) / f"{function.__module__}.{function.__qualname__}.lock"
+        code.compile = compiled_by_one(code.compile, lock)
+    return linked_where_called(code)
+
+
+def inlined(function) -> Callable:
+    """`compiled`, and put in wherever it is called: for what runs millions of times."""
+    return compiled(function, forceinline=True)

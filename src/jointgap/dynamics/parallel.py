@@ -1,0 +1,195 @@
+"""Many simulations at once."""
+
+import math
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointgap.config import Mechanism, Simulate
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.joints import JOINTS
+from jointgap.core.progress import followed
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.drive import crank_motion
+from jointgap.dynamics.numba_cache import compiled
+from jointgap.dynamics.parameters import MOTOR, Parameters
+from jointgap.dynamics.simulate import IntegrationResult, crank_angles, integrate_to_angles, start_state
+
+Item, Found = TypeVar("Item"), TypeVar("Found")
+
+_AHEAD = 8  # items per worker that may be finished or under way before the first of them is taken
+
+
+@dataclass(frozen=True)
+class Run:
+    """One motion to simulate."""
+
+    mechanism: Mechanism  # What `jointgap.dynamics.simulate` takes
+    options: Simulate  # What `jointgap.dynamics.simulate` takes
+    perturbation: ArrayLike | None = None  # What `jointgap.dynamics.simulate` takes
+    crank_angle: np.ndarray | None = None  # Samples [rad], growing, the first at the start
+    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)  # What distinguishes the run, by name
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a `Run`."""
+
+    run: Run
+    parameters: Parameters | None  # Its numbers; None where the mechanism is impossible
+    crank_angle: np.ndarray  # Of the samples [rad]
+    result: IntegrationResult | None  # Samples and events; None where the run failed
+    error: Exception | None = None  # Why it failed
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Motions that share their samples.
+
+    Attributes
+    ----------
+    crank_angle : (samples,) array
+        [rad].
+    times : (runs, samples) array
+        [s].
+    states : (runs, samples, 8) array
+        Clearance vectors r2 x, r2 y, r3 x, r3 y [m] and their rates [m/s].
+    rod_angle, slider_position : (runs, samples) array
+        [rad], [m].
+    pin_force, normal_force : dict of str to (runs, samples) array
+        By joint: size of the force between its bodies, and its part along the clearance [N].
+    """
+
+    crank_angle: np.ndarray
+    times: np.ndarray
+    states: np.ndarray
+    rod_angle: np.ndarray
+    slider_position: np.ndarray
+    pin_force: dict[str, np.ndarray]
+    normal_force: dict[str, np.ndarray]
+
+    @property
+    def transmission_angle(self) -> np.ndarray:
+        """mu [rad], equation (10), shape (runs, samples)."""
+        return math.pi / 2 + self.rod_angle
+
+
+def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[Outcome]:
+    """Simulate runs side by side; their outcomes in order, whatever the number of workers.
+
+    Only a few runs are held at a time: `runs` may be a generator of any length. A run that cannot be simulated comes
+    out with its error, and the others go on.
+    """
+    return side_by_side(lambda given: simulate_run(*given), _with_numbers(runs), workers)
+
+
+def side_by_side(
+    function: Callable[[Item], Found], items: Iterable[Item], workers: int | None = None
+) -> Iterator[Found]:
+    """What a `function` makes of each of the `items`, in their order, only a few of which are held at a time."""
+    workers = workers or cores()
+    if workers == 1:
+        yield from map(function, items)
+        return
+    pending: deque = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            for item in items:
+                pending.append(pool.submit(function, item))
+                if len(pending) >= _AHEAD * workers:
+                    yield pending.popleft().result()
+            while pending:
+                yield pending.popleft().result()
+        finally:
+            for one in pending:
+                one.cancel()
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _with_numbers(runs: Iterable[Run]) -> Iterator[tuple[Run, Parameters | InputError]]:
+    known: tuple = (None, None, None)
+    for run in runs:
+        if known[0] is not run.mechanism or known[1] is not run.options:
+            known = (run.mechanism, run.options, numbers_of(run))
+        yield run, known[2]
+
+
+def numbers_of(run: Run) -> Parameters | InputError:
+    """The numbers of a run; or why there are none, for its mechanism is impossible."""
+    try:
+        return parameters(run.mechanism, run.options)
+    except InputError as error:
+        return error
+
+
+def simulate_run(run: Run, numbers: Parameters | InputError) -> Outcome:
+    """Simulate one run, whose `numbers` are as `numbers_of` has them; one that cannot be comes out with its error."""
+    angles = crank_angles(run.options) if run.crank_angle is None else run.crank_angle
+    if isinstance(numbers, InputError):
+        return Outcome(run, None, angles, None, numbers)
+    try:
+        result = integrate_to_angles(numbers, start_state(numbers, run.perturbation), angles, run.options.tolerance)
+    except (InputError, SimulationError) as error:
+        return Outcome(run, numbers, angles, None, error)
+    return Outcome(run, numbers, angles, result)
+
+
+def rod_and_slider(p: Parameters, crank_angle, states, auxiliary_states) -> tuple[np.ndarray, np.ndarray]:
+    """Rod angle [rad] and slider position [m] of samples."""
+    b = p.bodies
+    end_x = b.crank_length * np.cos(crank_angle) + states[:, 0] + auxiliary_states[:, 0]
+    end_y = b.crank_length * np.sin(crank_angle) + states[:, 1] + auxiliary_states[:, 1]
+    sine = (b.slider_offset + states[:, 3] - end_y) / b.rod_length
+    return np.arcsin(sine), end_x + b.rod_length * np.sqrt(1.0 - sine**2) - states[:, 2]
+
+
+@compiled
+def prescribed_speeds(p, times):
+    """Speeds [rad/s] of a prescribed crank at `times` (n,) [s]."""
+    speeds = np.empty(times.size)
+    for i in range(times.size):
+        speeds[i] = crank_motion(p, times[i])[1]
+    return speeds
+
+
+def crank_speeds(p: Parameters, times, auxiliary_states) -> np.ndarray:
+    """Crank speeds [rad/s] at samples, (n,)."""
+    return auxiliary_states[:, 6] if p.drive.kind == MOTOR else prescribed_speeds(p, times)
+
+
+def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None) -> Ensemble:
+    """Simulate one mechanism from many starts."""
+    times, states, rod_angles, positions = [], [], [], []
+    forces: dict[str, list] = {joint: [] for joint in JOINTS}
+    normal_forces: dict[str, list] = {joint: [] for joint in JOINTS}
+    outcomes = simulate_runs((Run(mechanism, options, one) for one in perturbations), workers)
+    for outcome in followed(outcomes, "simulated starts", len(perturbations)):
+        if outcome.error is not None:
+            raise outcome.error
+        result = outcome.result
+        rod_angle, position = rod_and_slider(
+            outcome.parameters, outcome.crank_angle, result.states, result.auxiliary_states
+        )
+        times.append(result.times)
+        states.append(result.states)
+        rod_angles.append(rod_angle)
+        positions.append(position)
+        observed = result.observed(outcome.parameters)
+        for joint in JOINTS:
+            forces[joint].append(np.hypot(observed[f"{joint}_force_x"], observed[f"{joint}_force_y"]))
+            normal_forces[joint].append(observed[f"{joint}_normal_force"])
+    return Ensemble(
+        crank_angles(options),
+        *map(np.array, (times, states, rod_angles, positions)),
+        *({joint: np.array(each) for joint, each in by_joint.items()} for by_joint in (forces, normal_forces)),
+    )

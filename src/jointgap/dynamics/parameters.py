@@ -1,0 +1,252 @@
+"""The plain numbers that compiled code reads: of the bodies, the joints, the drive and the effects; SI.
+
+Each group is a structured record, which compiled code receives as one pointer. What is off is zero."""
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from jointgap.effects.slider_force_table import MOST_ROWS
+from jointgap.formula import Program
+
+DRIVE_KINDS = ("constant", "fluctuating", "measured", "motor")
+CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(len(DRIVE_KINDS))
+"""Kinds of drive."""
+
+LONGEST_PROGRAM, MOST_KNOTS = 1024, 16384
+"""Room for a formula and for the pieces of a measured angle."""
+
+
+class JointParameters(NamedTuple):
+    """One joint of a body (rod, rod, crank) with its partner (crank, slider, frame)."""
+
+    loose: bool = False
+    clearance: float = 1.0  # Distance of the centres [m] at which dry contact begins
+    body_radius: float = 0.0  # Radii of the surfaces [m]
+    partner_radius: float = 0.0  # Radii of the surfaces [m]
+    side: float = -1.0
+    stiffness: float = 0.0  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
+    exponent: float = 1.5  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
+    damping: float = 0.0  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
+    least_approach: float = 1e-3  # Approach speed [m/s] as which a slower one is damped
+    memory_time: float = math.inf
+    fading_time: float = 1.0
+    lasting_damping: float = 0.0  # chi / v_ref [s/m] of a lasting contact
+    penalty_damping: float = 0.0  # c_max [N s/m], 0 unless the penalty form, and d_max [m]
+    penalty_depth: float = 0.0  # c_max [N s/m], 0 unless the penalty form, and d_max [m]
+    friction_law: int = 0  # See `jointgap.dynamics.friction`, which explains the other numbers of the laws too
+    friction: float = 0.0
+    friction_speed: float = 1.0
+    dead_band_speed: float = 0.0
+    static_friction: float = 0.0
+    stribeck_speed: float = 1.0
+    viscous_friction: float = 0.0
+    bristle_stiffness: float = 0.0
+    bristle_damping: float = 0.0
+    film_viscosity: float = 0.0  # Of the lubricant [Pa s], 0 without one
+    film_length: float = 0.0  # Of the lubricant [Pa s], 0 without one
+    film_clearance: float = 1.0  # Of the lubricant [Pa s], 0 without one
+    film_least: float = 0.0  # Of the lubricant [Pa s], 0 without one
+    pin_friction: float = 0.0  # Coefficient of friction and radius [m] of a joint that is ideal
+    pin_radius: float = 0.0  # Coefficient of friction and radius [m] of a joint that is ideal
+
+
+class BodyParameters(NamedTuple):
+    """Lengths and masses of crank, rod and slider."""
+
+    crank_length: float
+    crank_mass: float
+    crank_moment_x: float  # First moment of the crank's mass about its pivot [kg m], along the crank and across it
+    crank_moment_y: float  # First moment of the crank's mass about its pivot [kg m], along the crank and across it
+    crank_inertia: float  # About the pivot [kg m^2]
+    rod_length: float
+    rod_inverse_length: float
+    rod_mass: float
+    rod_inertia: float
+    rod_inverse_mass: float
+    rod_inverse_inertia: float
+    rod_centre: float  # Distance of the rod's mass centre from its crank end [m]
+    slider_mass: float
+    slider_inverse_mass: float
+    slider_offset: float
+    gravity_x: float
+    gravity_y: float
+    rod_angular_frequency: float  # Of the rod's bending mode [rad/s]; 0 for a rigid rod
+    rod_damping_ratio: float  # Of the rod's bending mode [rad/s]; 0 for a rigid rod
+
+
+class DriveParameters(NamedTuple):
+    """What turns the crank."""
+
+    kind: int = CONSTANT  # `CONSTANT`, `FLUCTUATING`, `MEASURED` or `MOTOR`
+    speed: float = 0.0  # Speed, or the motor's at the start [rad/s]
+    start_angle: float = 0.0  # [rad]
+    ratio: float = 0.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
+    order: float = 1.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
+    phase: float = 0.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
+    stall_torque: float = 0.0
+    no_load_speed: float = 1.0
+    rotor_inertia: float = 0.0
+
+
+class EffectParameters(NamedTuple):
+    """Forces on the slider and torques on the crank beyond joints and weight; see `jointgap.effects`.
+
+    `table_over` is 1 of a load over the crank angle, 2 of one over time, 0 without one.
+    """
+
+    on_slider: bool = False
+    coulomb: float = 0.0
+    viscous: float = 0.0
+    drag: float = 0.0
+    stribeck: float = 0.0
+    stribeck_speed: float = 1.0
+    stribeck_share: float = 0.0
+    position_friction: float = 0.0
+    position_friction_tightest: float = 0.0
+    position_friction_length: float = 1.0
+    position_friction_share: float = 0.0
+    power_drag: float = 0.0
+    power_drag_speed: float = 1.0
+    power_drag_exponent: float = 0.0
+    load_friction: float = 0.0
+    constant: float = 0.0
+    spring_stiffness: float = 0.0
+    spring_rest: float = 0.0
+    nonlinear_spring: float = 0.0
+    nonlinear_spring_rest: float = 0.0
+    nonlinear_spring_length: float = 1.0
+    nonlinear_spring_share: float = 0.0
+    gas_force: float = 0.0
+    gas_length: float = 1.0
+    gas_exponent: float = 1.0
+    gas_outermost: float = 0.0
+    harmonic: float = 0.0
+    harmonic_angular_frequency: float = 0.0
+    harmonic_phase: float = 0.0
+    table_over: int = 0
+    table_sign: float = 1.0
+    table_begin: float = 0.0
+    table_period: float = 1.0
+    slider_sign_speed: float = 1.0
+    crank_coulomb: float = 0.0
+    crank_viscous: float = 0.0
+    crank_periodic: float = 0.0
+    crank_periodic_order: float = 0.0
+    crank_periodic_phase: float = 0.0
+    angle_friction: float = 0.0
+    angle_friction_tightest: float = 0.0
+    angle_friction_share: float = 0.0
+    crank_sign_speed: float = 1.0
+
+
+class Switches(NamedTuple):
+    """What of the general equations a mechanism needs."""
+
+    auxiliary: bool  # It has states beyond the clearance vectors of both pins
+    constrained: bool  # A pin is ideal: its reaction has to be solved for
+    free_crank: bool  # The crank's motion is not prescribed: a motor turns it, or its pivot is loose
+    bristles: bool  # A joint has LuGre friction
+
+
+class Record(np.void):
+    """Numbers by name, as compiled code receives them."""
+
+    __slots__ = ("data",)
+
+    def __getattr__(self, name: str):
+        if name == "data":  # of a copy, which has only numpy's own
+            return np.void.data.__get__(self)
+        try:
+            return self[name]
+        except ValueError as error:
+            raise AttributeError(f"there is no {name}; there are {', '.join(self.dtype.names)}") from error
+
+    def __setattr__(self, name: str, value) -> None:
+        if name == "data":
+            super().__setattr__(name, value)
+        else:
+            self[name] = value
+
+
+class Parameters(NamedTuple):
+    """Everything that the equations of motion know.
+
+    Records alone: with arrays among them compiled code would count references at every call, which costs more than the
+    equations of motion.
+    """
+
+    bodies: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    crank_pin: Record  # `JointParameters`
+    piston_pin: Record  # `JointParameters`
+    crank_pivot: Record  # `JointParameters`
+    drive: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    effects: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    switches: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    slider_formula: Record  # Programs for a force on the slider and for a torque on the crank: see `program_record`
+    crank_formula: Record  # Programs for a force on the slider and for a torque on the crank: see `program_record`
+    knots: Record  # A measured crank angle: see `knots_record`
+    slider_table: Record  # A measured load on the slider: see `table_record`
+
+
+def record(numbers: NamedTuple) -> Record:
+    """A group of numbers as a record of floats and integers."""
+    return _with_data(np.array([tuple(numbers)], _kind(type(numbers))))
+
+
+def _with_data(one: np.ndarray) -> Record:
+    found = one[0]
+    found.data = memoryview(one.view(np.uint8))
+    return found
+
+
+@cache
+def _kind(group: type) -> np.dtype:
+    kinds = {float: "f8", int: "i8", bool: "i8"}
+    return np.dtype((Record, [(name, kinds[kind]) for name, kind in group.__annotations__.items()]))
+
+
+_PROGRAM = np.dtype(
+    (Record, [("length", "i8"), ("codes", "i8", (LONGEST_PROGRAM, 2)), ("numbers", "f8", (LONGEST_PROGRAM,))])
+)
+_KNOTS = np.dtype((Record, [("count", "i8"), ("end", "f8"), ("pieces", "f8", (MOST_KNOTS, 7))]))
+
+
+_TABLE = np.dtype((Record, [("count", "i8"), ("pieces", "f8", (MOST_ROWS, 5))]))
+
+
+def program_record(program: Program) -> Record:
+    """The program of a formula: its length, its codes and its numbers."""
+    if not len(program.codes):
+        return NO_PROGRAM
+    found = _with_data(np.zeros(1, _PROGRAM))
+    found.length = len(program.codes)
+    found.codes[: len(program.codes)] = program.codes
+    found.numbers[: len(program.numbers)] = program.numbers
+    return found
+
+
+def knots_record(pieces: np.ndarray, end: float = math.inf) -> Record:
+    """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial of the time since, highest power first.
+
+    `end` [s] is where the last piece ends.
+    """
+    found = _with_data(np.zeros(1, _KNOTS))
+    found.count, found.end = len(pieces), end
+    found.pieces[: len(pieces)] = pieces
+    return found
+
+
+def table_record(pieces: np.ndarray) -> Record:
+    """A measured load as pieces (k, 5) of one period: begin [rad or s] and cubic polynomial of what is since, highest
+    power first.
+    """
+    found = _with_data(np.zeros(1, _TABLE))
+    found.count = len(pieces)
+    found.pieces[: len(pieces)] = pieces
+    return found
+
+
+NO_PROGRAM, NO_KNOTS, NO_TABLE = (_with_data(np.zeros(1, kind)) for kind in (_PROGRAM, _KNOTS, _TABLE))

@@ -1,0 +1,282 @@
+"""Samples of the motion and sums over them."""
+
+import math
+
+import numpy as np
+
+from jointgap.core.joints import JOINT, JOINTS, RevoluteJoint
+from jointgap.dynamics.bodies import crank_moment, rod_accelerations
+from jointgap.dynamics.equations import accelerations, crank_losses, pose
+from jointgap.dynamics.integrate import EVENT
+from jointgap.dynamics.joints import NOTHING, clearances, reaction
+from jointgap.dynamics.numba_cache import compiled, inlined
+from jointgap.dynamics.runge_kutta import crank_at, damping_factors
+from jointgap.tables.columns import Column
+
+_ENDS = {
+    "crank_pin": "from the crank's pin to the rod's end",
+    "piston_pin": "from the slider's pin to the rod's end",
+    "crank_pivot": "from the frame's centre to the crank's",
+}
+
+
+def _clearance(joint: RevoluteJoint) -> tuple[Column, ...]:
+    r, gamma = f"r{joint.number}", f"gamma{joint.number}"
+    undefined = "; null where the centres coincide, as in an ideal joint"
+    ends = f"the {joint.words} ({_ENDS[joint.name]})"
+    return (
+        Column(r, "m", f"distance of the centres of {ends}; 0 where it is ideal"),
+        Column(f"{r}_dot", "m/s", f"first time derivative of {r}", nullable=True),
+        Column(f"{r}_ddot", "m/s^2", f"second time derivative of {r}", nullable=True),
+        Column(gamma, "rad", f"direction of the vector of length {r}, unwrapped{undefined}", nullable=True),
+        Column(f"{gamma}_dot", "rad/s", f"first time derivative of {gamma}{undefined}", nullable=True),
+        Column(f"{gamma}_ddot", "rad/s^2", f"second time derivative of {gamma}{undefined}", nullable=True),
+    )
+
+
+def _contact(joint: RevoluteJoint) -> tuple[Column, ...]:
+    name, words, bodies = joint.name, joint.words, f"the {joint.partner} on the {joint.body}"
+    return (
+        Column(
+            f"{name}_normal_force", "N", f"force in the {words} along the clearance; size of an ideal one's reaction"
+        ),
+        Column(f"{name}_friction_force", "N", f"force in the {words} along the tangent, with sign; 0 in an ideal one"),
+        Column(f"{name}_force_x", "N", f"force of {bodies} in the {words}, x"),
+        Column(f"{name}_force_y", "N", f"force of {bodies} in the {words}, y"),
+    )
+
+
+COLUMNS = (
+    Column("time", "s", "time since the start"),
+    Column("crank_angle", "rad", "crank angle theta2, running on over revolutions"),
+    Column("crank_speed", "rad/s", "first time derivative of the crank angle"),
+    Column("crank_acceleration", "rad/s^2", "second time derivative of the crank angle"),
+    *(column for joint in JOINT.values() for column in _clearance(joint)),
+    Column("rod_position_x", "m", "mass centre of the rod as if it did not bend, x"),
+    Column("rod_position_y", "m", "mass centre of the rod as if it did not bend, y"),
+    Column("rod_velocity_x", "m/s", "velocity of the rod's mass centre as if it did not bend, x"),
+    Column("rod_velocity_y", "m/s", "velocity of the rod's mass centre as if it did not bend, y"),
+    Column("rod_acceleration_x", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, x"),
+    Column("rod_acceleration_y", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, y"),
+    Column("rod_angle", "rad", "angle theta3 of the rod from +x, crank end to piston end"),
+    Column("rod_angular_velocity", "rad/s", "first time derivative of the rod angle"),
+    Column("rod_angular_acceleration", "rad/s^2", "second time derivative of the rod angle"),
+    Column("rod_deflection", "m", "deflection of the rod at midspan, along its normal; 0 where it is rigid"),
+    Column("slider_position", "m", "position of the slider's pin along x"),
+    Column("slider_velocity", "m/s", "velocity of the slider"),
+    Column("slider_acceleration", "m/s^2", "acceleration of the slider"),
+    *(column for joint in JOINT.values() for column in _contact(joint)),
+    *(
+        Column(f"{joint}_mode", "", "ideal, flight, impact (the journal hits and rebounds) or contact", "text")
+        for joint in JOINTS
+    ),
+    Column("crank_torque", "N*m", "torque of the drive on the crank, losses of the crank included"),
+    Column("guide_force", "N", "normal force of the guide on the slider, +y"),
+    Column("guide_moment", "N*m", "moment of the guide on the slider, about its pin"),
+    Column("frame_force_x", "N", "force of the crank on the crank pivot's bearing, x"),
+    Column("frame_force_y", "N", "force of the crank on the crank pivot's bearing, y"),
+    Column("transmission_angle", "rad", "transmission angle mu, equation (10)"),
+)
+"""Columns of the table `jointgap.tables.TRAJECTORY`."""
+
+SAMPLE = np.dtype((np.record, [(column.name, "f8") for column in COLUMNS if column.kind == "float"]))
+"""Record of one sample as compiled code fills it."""
+
+
+@compiled
+def polar_rates(vector, direction):
+    """Length and direction of a clearance vector with two time derivatives each.
+
+    Where the length is zero its derivatives are those just after, the direction and its derivatives NaN.
+    """
+    ex, ey, vx, vy, ax, ay = vector
+    r = math.sqrt(ex * ex + ey * ey)
+    if r == 0.0:
+        speed = math.sqrt(vx * vx + vy * vy)
+        onward = math.sqrt(ax * ax + ay * ay) if speed == 0.0 else (vx * ax + vy * ay) / speed
+        return 0.0, speed, onward, math.nan, math.nan, math.nan
+    nx, ny = ex / r, ey / r
+    r_dot, swing = vx * nx + vy * ny, vy * nx - vx * ny
+    turning = swing / r
+    r_ddot = ax * nx + ay * ny + swing * turning
+    return r, r_dot, r_ddot, direction, turning, (ay * nx - ax * ny - 2.0 * r_dot * turning) / r
+
+
+@compiled
+def _never_pulling(joint, force):
+    """A joint's force, or none where rounding has left a pull at the very end of a contact."""
+    return NOTHING if joint.loose and joint.film_viscosity == 0.0 and force[0] <= 0.0 else force
+
+
+@inlined
+def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
+    """Forces in crank pin, piston pin and crank pivot as samples show them: none pulls, and an ideal pivot has one
+    too.
+    """
+    pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
+    if p.crank_pivot.loose:
+        return pin, piston, _never_pulling(p.crank_pivot, pivot)
+    # The crank as a free body: m a + alpha z x h - w^2 h = force,  I alpha + h x a = moment about its pivot end.
+    b = p.bodies
+    hx, hy = crank_moment(b, crank)
+    fx = pin[2] - b.crank_mass * b.gravity_x - alpha * hy - crank.speed**2 * hx
+    fy = pin[3] - b.crank_mass * b.gravity_y + alpha * hx - crank.speed**2 * hy
+    return pin, piston, reaction(fx, fy, 0.0)
+
+
+@compiled
+def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at, directions_at, samples):
+    """Compute every number that follows from the sampled states of an integration."""
+    b = p.bodies
+    for n in range(times.size):
+        y, x, row = states[n], auxiliary_states[n], samples[n]
+        modes = (modes_at[n, 0], modes_at[n, 1], modes_at[n, 2])
+        approaches = (approaches_at[n, 0], approaches_at[n, 1], approaches_at[n, 2])
+        begins = (begins_at[n, 0], begins_at[n, 1], begins_at[n, 2])
+        y = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+        x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+        angle, crank = crank_at(p, times[n], x)
+        damping = damping_factors(p, approaches, begins, times[n])
+        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], angle, crank, y, x, modes, damping)
+        motion, at = clearances(y, x), directions_at[n]
+        row.r2, row.r2_dot, row.r2_ddot, row.gamma2, row.gamma2_dot, row.gamma2_ddot = polar_rates(
+            (*motion[0], a[0], a[1]), at[0]
+        )
+        row.r3, row.r3_dot, row.r3_ddot, row.gamma3, row.gamma3_dot, row.gamma3_ddot = polar_rates(
+            (*motion[1], a[2], a[3]), at[1]
+        )
+        row.r1, row.r1_dot, row.r1_ddot, row.gamma1, row.gamma1_dot, row.gamma1_ddot = polar_rates(
+            (*motion[2], a[4], a[5]), at[2]
+        )
+
+        place = pose(b, crank, y, x)
+        alpha = a[6]
+        pin, piston, pivot = joint_forces_at(p, crank, alpha, pin, piston, pivot)
+        hx, hy = crank_moment(b, crank)
+        torque = b.crank_inertia * alpha + hx * (a[5] - b.gravity_y) - hy * (a[4] - b.gravity_x) - pivot[4] - pin[5]
+        torque += b.crank_length * (crank.cosine * pin[3] - crank.sine * pin[2])
+        torque -= crank_losses(p, place.slider, place.slider_speed, crank.speed, angle, times[n])
+        row.crank_pin_normal_force, row.crank_pin_friction_force = pin[0], pin[1]
+        row.crank_pin_force_x, row.crank_pin_force_y = pin[2], pin[3]
+        row.piston_pin_normal_force, row.piston_pin_friction_force = piston[0], piston[1]
+        row.piston_pin_force_x, row.piston_pin_force_y = piston[2], piston[3]
+        row.crank_pivot_normal_force, row.crank_pivot_friction_force = pivot[0], pivot[1]
+        row.crank_pivot_force_x, row.crank_pivot_force_y = pivot[2], pivot[3]
+
+        c, s, speed, arm = place.rod_cos, place.rod_sin, place.rod_speed, b.rod_centre
+        moment = pin[4] + piston[4] - arm * (c * pin[3] - s * pin[2])
+        moment += (b.rod_length - arm) * (c * piston[3] - s * piston[2])
+        rod = rod_accelerations(b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment)
+        row.time, row.crank_angle, row.crank_speed, row.crank_acceleration = (
+            times[n],
+            angle,
+            crank.speed,
+            alpha,
+        )
+        row.rod_position_x = b.crank_length * crank.cosine + y[0] + x[0] + arm * c
+        row.rod_position_y = b.crank_length * crank.sine + y[1] + x[1] + arm * s
+        row.rod_velocity_x = y[4] + x[4] - b.crank_length * crank.speed * crank.sine - arm * speed * s
+        row.rod_velocity_y = y[5] + x[5] + b.crank_length * crank.speed * crank.cosine + arm * speed * c
+        row.rod_acceleration_x, row.rod_acceleration_y, row.rod_angular_acceleration = rod[0], rod[1], rod[2]
+        row.rod_angle, row.rod_angular_velocity, row.rod_deflection = math.atan2(s, c), speed, x[3]
+        row.transmission_angle = math.pi / 2 + row.rod_angle
+        row.slider_position, row.slider_velocity = place.slider, place.slider_speed
+        row.slider_acceleration = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
+        row.crank_torque, row.guide_force, row.guide_moment = (
+            torque,
+            piston[3] - b.slider_mass * b.gravity_y,
+            -piston[5],
+        )
+        row.frame_force_x, row.frame_force_y = -pivot[2], -pivot[3]
+
+
+ROUNDING = 1e-9
+"""Crank angles closer than this are the same [rad]."""
+
+_TIME, _JOINT, _BEGINS, _PEAK_FORCE = (EVENT.index(name) for name in ("time", "joint", "begins", "peak_force"))
+
+
+@compiled
+def angle_errors(p, angles, states, auxiliary_states, low, high):
+    """How far the transmission angle lies from that of the same lengths without clearance, equations (10) and (17)."""
+    b, everywhere = p.bodies, low <= 0.0 and high >= 2.0 * math.pi - ROUNDING
+    count, squares, total, peak, steepest = 0, 0.0, 0.0, 0.0, 0.0
+    for n in range(angles.size):
+        rise = b.crank_length * math.sin(angles[n])
+        end = rise + states[n, 1] + auxiliary_states[n, 1]
+        rod, ideal = (b.slider_offset + states[n, 3] - end) / b.rod_length, (b.slider_offset - rise) / b.rod_length
+        steepest = max(steepest, abs(rod))
+        # A sample at the beginning of a later revolution may lie short of it by rounding.
+        turned = angles[n] + ROUNDING
+        if not 0.0 <= turned < 2.0 * math.pi:  # a remainder takes longer than all else here
+            turned %= 2.0 * math.pi
+        if everywhere or low <= turned <= high + 2.0 * ROUNDING:
+            # The difference of two angles by their sines: one inverse sine instead of two.
+            size = abs(math.asin(ideal * math.sqrt(1.0 - rod * rod) - rod * math.sqrt(1.0 - ideal * ideal)))
+            count += 1
+            squares += size * size
+            total += size
+            peak = max(peak, size)
+    least = math.pi / 2 - math.asin(steepest)
+    if not count:
+        return math.nan, math.nan, math.nan, least
+    return math.sqrt(squares / count), total / count, peak, least
+
+
+@compiled
+def slider_and_forces(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at):
+    """The slider's motion, and the sizes of the normal forces as `jointgap.dynamics.sampling` has them."""
+    b, count = p.bodies, times.size
+    position, acceleration = np.empty(count), np.empty(count)
+    peaks, squares = np.zeros(3), np.zeros(3)
+    for n in range(count):
+        y, x = states[n], auxiliary_states[n]
+        modes = (modes_at[n, 0], modes_at[n, 1], modes_at[n, 2])
+        approaches = (approaches_at[n, 0], approaches_at[n, 1], approaches_at[n, 2])
+        begins = (begins_at[n, 0], begins_at[n, 1], begins_at[n, 2])
+        y = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+        x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+        angle, crank = crank_at(p, times[n], x)
+        damping = damping_factors(p, approaches, begins, times[n])
+        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], angle, crank, y, x, modes, damping)
+        pin, piston, pivot = joint_forces_at(p, crank, a[6], pin, piston, pivot)
+        position[n] = pose(b, crank, y, x).slider
+        acceleration[n] = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
+        for joint, normal in enumerate((pin[0], piston[0], pivot[0])):
+            peaks[joint] = max(peaks[joint], normal)
+            squares[joint] += normal * normal if n < count - 1 else 0.0
+    return position, acceleration, peaks, np.sqrt(squares / (count - 1))
+
+
+@compiled
+def largest_change(states, auxiliary_states, apart):
+    """Largest distance of the clearance vectors of samples from those `apart` samples earlier [m]."""
+    largest = 0.0
+    for n in range(apart, len(states)):
+        square = 0.0
+        for column in range(4):
+            square += (states[n, column] - states[n - apart, column]) ** 2
+        for column in range(2):
+            square += (auxiliary_states[n, column] - auxiliary_states[n - apart, column]) ** 2
+        largest = max(largest, square)
+    return math.sqrt(largest)
+
+
+@compiled
+def contact_sums(events, begin, end):
+    """How long the joints are in contact between two times, how often they come into it, and how hard."""
+    touching, impacts, peaks = np.zeros(3), np.zeros(3), np.zeros(3)
+    begun = np.full(3, math.inf)  # of contacts that have not ended
+    for n in range(len(events)):
+        time, joint = events[n, _TIME], int(events[n, _JOINT])
+        if events[n, _BEGINS] == 1.0:
+            begun[joint] = time
+            impacts[joint] += 1.0 if begin <= time <= end else 0.0
+        else:
+            touching[joint] += max(min(time, end) - max(begun[joint], begin), 0.0)
+            if begin <= begun[joint] and time <= end:
+                peaks[joint] = max(peaks[joint], events[n, _PEAK_FORCE])
+            begun[joint] = math.inf
+    for joint in range(3):
+        touching[joint] += max(end - max(begun[joint], begin), 0.0)
+    return touching, impacts, peaks

@@ -1,0 +1,313 @@
+"""Simulation of one mechanism."""
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Mechanism, Simulate
+from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.joints import JOINT, JOINTS
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.drive import crank_motion, crank_times
+from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
+from jointgap.dynamics.integrate import (
+    DONE,
+    EVENT,
+    EVENT_NAMES,
+    NOT_FINITE,
+    STALLED,
+    STEP_TOO_SMALL,
+    TOO_MANY_STEPS,
+    Progress,
+    beginning,
+    integrate,
+    sample_modes,
+)
+from jointgap.dynamics.joints import FLIGHT
+from jointgap.dynamics.parameters import MEASURED, MOTOR, Parameters
+from jointgap.dynamics.runge_kutta import room_for_stages
+from jointgap.dynamics.sampling import SAMPLE, fill_samples
+from jointgap.tables import EVENTS, TRAJECTORY
+
+
+def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
+    """Clearance vectors at the start, one start or several: those of `vectors` in loose joints, zero in ideal ones."""
+    return np.where(np.repeat([joint in loose for joint in JOINTS], 2), vectors, 0.0)
+
+
+def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
+    """State with given clearance vectors, their rates zero; by default the ideal mechanism's positions and
+    velocities.
+    """
+    vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
+    if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():
+        raise InputError(
+            f"perturbation {vectors.tolist()} must be four or six finite lengths in m: r2 x, r2 y, r3 x, r3 y, r1 x, "
+            "r1 y"
+        )
+    vectors = np.append(vectors, np.zeros(6 - vectors.size))
+    for joint in JOINT.values():
+        length, numbers = math.hypot(*vectors[joint.components]), getattr(p, joint.name)
+        if length > 0 and not numbers.loose:
+            raise InputError(
+                f"perturbation of the {joint.words}: r{joint.number} is {length:g} m, but the joint is ideal; set it "
+                "to 0"
+            )
+        if length >= numbers.clearance:
+            raise InputError(
+                f"perturbation of the {joint.words}: {length:g} m is not within its clearance of {numbers.clearance:g} "
+                "m; a simulation starts out of contact"
+            )
+    b, d = p.bodies, p.drive
+    rise = b.slider_offset + vectors[3] - b.crank_length * math.sin(d.start_angle) - vectors[1] - vectors[5]
+    if abs(rise) >= b.rod_length:
+        raise InputError(
+            f"the rod of {b.rod_length:g} m does not reach the slide {abs(rise):g} m away at crank angle "
+            f"{math.degrees(d.start_angle):g} deg; lengthen the rod or shorten the crank"
+        )
+    y, x = np.zeros(STATES), np.zeros(AUXILIARY_STATES)
+    y[:4], x[:2] = vectors[:4], vectors[4:]
+    x[2], x[6] = d.start_angle, d.speed
+    return y, x
+
+
+STEPS_PER_REVOLUTION = 1_000_000
+"""Most integration steps that a revolution may take on average, seconds of one core. A usual one takes some thousands,
+one with a journal that friction makes whirl 10 000 to 50 000, one at 3 rpm or with stiff bristles some 100 000, a film
+beside all other effects 600 000."""
+
+COARSEST_PUBLISHED = 1e-8
+"""Largest tolerance [m] to which a contact of the published form is integrated. Damped by the approach speed for good,
+it is stiff where that was small, and an explicit method that may err by more makes up to twenty times as many steps."""
+
+VELOCITY_TIME = 3e-5
+"""Time [s] that turns an error in a velocity into one in a position: a contact's ringing over 2 pi, near enough."""
+
+_FAILURES = {
+    TOO_MANY_STEPS: "needs more than {limit} steps",
+    STEP_TOO_SMALL: "would need a step below the resolution of time",
+    NOT_FINITE: "meets a number that is not finite",
+    STALLED: "ends where the motor stalls",
+}
+_ADVICE = {
+    STALLED: "give the motor more torque or inertia, or less load",
+    NOT_FINITE: "check the effects and formulas (a root of a negative number, friction that holds itself) and "
+    "whether a contact is so soft that the rod leaves the slide",
+}
+
+_CREEPING = 1e-3
+"""Share of a motor's no_load_speed below which its crank creeps: smooth laws of friction let it never stand still."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One simulated motion."""
+
+    samples: pd.DataFrame  # One row a sample, columns of the table ``trajectory``; NaN where undefined
+    events: pd.DataFrame  # One row a beginning or end of contact, columns of the table ``events``
+    steps: int  # Integration steps taken, rejected ones included
+
+
+@dataclass(frozen=True)
+class IntegrationResult:
+    """Samples and events of one integration, as `jointgap.dynamics.integrate.integrate` leaves them."""
+
+    times: np.ndarray
+    states: np.ndarray
+    auxiliary_states: np.ndarray
+    modes: np.ndarray
+    approaches: np.ndarray
+    begins: np.ndarray
+    directions: np.ndarray
+    events: np.ndarray
+    steps: int
+
+    def observed(self, p: Parameters) -> dict[str, np.ndarray]:
+        """Every number at the samples, by column of `jointgap.dynamics.sampling.SAMPLE`, (n,) each."""
+        samples = np.empty(self.times.size, SAMPLE)
+        fill_samples(
+            p, self.times, self.states, self.auxiliary_states, self.modes, self.approaches, self.begins,
+            self.directions, samples,
+        )  # fmt: skip
+        return {name: samples[name] for name in SAMPLE.names}
+
+
+def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Trajectory:
+    """Simulate a slider-crank, any of its joints loose.
+
+    It starts with coincident joint centres and the velocities of the ideal mechanism.
+    """
+    if options.speed < 0:
+        return _clockwise(mechanism, options, perturbation)
+    p = parameters(mechanism, options)
+    angles = crank_angles(options)
+    run = integrate_to_angles(p, start_state(p, perturbation), angles, options.tolerance)
+    columns = run.observed(p)
+    _check_finite(columns, run.times)
+    columns |= sample_modes(p, run.times, run.modes, run.events)
+    columns["crank_angle"] = angles  # as asked for: of a motor's crank compiled code knows it to a few roundings
+    frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
+    return Trajectory(samples=frame, events=event_frame(run.events), steps=run.steps)
+
+
+def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Trajectory:
+    """`simulate` of a crank that turns clockwise: its mirror image turns counter-clockwise."""
+    behind = options.model_copy(update={"speed": -options.speed, "start_angle": -options.start_angle})
+    if perturbation is not None:
+        perturbation = np.asarray(perturbation, dtype=float) * np.resize([1.0, -1.0], np.shape(perturbation))
+    seen = simulate(mechanism.applied().mirrored(), behind, perturbation)
+    samples = seen.samples.copy()
+    for name in samples:
+        if _turns_sign(name):
+            samples[name] = -samples[name]
+    samples["transmission_angle"] = math.pi - samples["transmission_angle"]
+    return Trajectory(samples, seen.events.assign(crank_angle=-seen.events["crank_angle"]), seen.steps)
+
+
+def _turns_sign(name: str) -> bool:
+    """Whether a column of the trajectory has the other sign in the mirror image in the line y = 0."""
+    across = name.endswith(("_y", "_friction_force", "_torque")) or name.startswith(("crank_a", "crank_s", "gamma"))
+    return across or (name.startswith(("guide_", "rod_a")) and "acceleration_x" not in name) or name == "rod_deflection"
+
+
+def crank_angles(options: Simulate) -> np.ndarray:
+    """Crank angles [rad] of the samples, both ends included."""
+    turned = np.arange(options.revolutions * options.samples_per_revolution + 1) * (
+        2 * math.pi / options.samples_per_revolution
+    )
+    return options.start_angle + turned
+
+
+def integrate_to_angles(
+    p: Parameters,
+    start: tuple[np.ndarray, np.ndarray],
+    angles: np.ndarray,
+    tolerance: float,
+    steps_per_revolution: int | None = None,
+) -> IntegrationResult:
+    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start
+    angle.
+    """
+    progress = beginning(p, *start, crank_times(p, angles[:1])[0])
+    return integrate_on(p, progress, angles, tolerance, steps_per_revolution)[0]
+
+
+def integrate_on(
+    p: Parameters,
+    progress: Progress,
+    angles: np.ndarray,
+    tolerance: float,
+    steps_per_revolution: int | None = None,
+) -> tuple[IntegrationResult, Progress]:
+    """Integrate on from where another integration ended, as if it had never ended."""
+    n = angles.size
+    times = crank_times(p, angles)
+    if p.drive.kind == MEASURED:
+        _check_reached(p, times, angles)
+    samples = IntegrationResult(
+        times=times,
+        states=np.empty((n, STATES)),
+        auxiliary_states=np.empty((n, AUXILIARY_STATES)),
+        modes=np.empty((n, 3), np.int64),
+        approaches=np.empty((n, 3)),
+        begins=np.empty((n, 3)),
+        directions=np.empty((n, 3)),
+        events=np.empty((0, len(EVENT))),
+        steps=0,
+    )
+    revolutions = max((angles[-1] - progress.here.crank_angle) / (2 * math.pi), 1.0)
+    limit = math.ceil((steps_per_revolution or STEPS_PER_REVOLUTION) * revolutions)
+    status, end, events, steps = integrate(
+        p, progress, times, angles, _fine_enough(p, tolerance), VELOCITY_TIME, limit, room_for_stages(), samples.states,
+        samples.auxiliary_states, samples.modes, samples.approaches, samples.begins, samples.directions,
+    )  # fmt: skip
+    if status != DONE:
+        advice = (
+            f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, "
+            "restitution, friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
+        )
+        if status == TOO_MANY_STEPS:
+            advice = f"{_contacts_in_words(p, end.here, events)}; {advice}, or friction that makes a journal whirl"
+            if p.drive.kind == MOTOR and abs(end.here.crank.speed) < _CREEPING * abs(p.drive.no_load_speed):
+                advice = f"the crank all but stands still; {_ADVICE[STALLED]}"
+        raise SimulationError(
+            f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s, crank "
+            f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_state_in_words(p, end.here)}); "
+            f"{_ADVICE.get(status, advice)}"
+        )
+    return IntegrationResult(**{**vars(samples), "events": events, "steps": steps}), end
+
+
+def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None:
+    """A measured angle passes the samples one after the other, the last one too."""
+    reached = crank_motion(p, times[-1])[0]
+    if (np.diff(times) <= 0).any() or abs(reached - angles[-1]) > 1e-9 * max(abs(angles[-1]), 1.0):
+        raise InputError(
+            f"the measured crank angle goes as far as {math.degrees(reached):.9g} deg at {times[-1]:.9g} s, the "
+            f"samples to {math.degrees(angles[-1]):.9g} deg; ask for fewer revolutions or give a longer record"
+        )
+
+
+def _fine_enough(p: Parameters, tolerance: float) -> float:
+    joints = [getattr(p, name) for name in JOINTS]
+    published = any(joint.loose and joint.damping > 0 and math.isinf(joint.memory_time) for joint in joints)
+    return min(tolerance, COARSEST_PUBLISHED) if published else tolerance
+
+
+def _clearance_vectors(p: Parameters, end) -> dict:
+    """Clearance vector and its rate by loose joint."""
+    motion = (
+        (end.clearance_state[0:2], end.clearance_state[4:6]),
+        (end.clearance_state[2:4], end.clearance_state[6:8]),
+        (end.auxiliary_state[0:2], end.auxiliary_state[4:6]),
+    )
+    return {
+        joint: vectors for joint, vectors in zip(JOINT.values(), motion, strict=True) if getattr(p, joint.name).loose
+    }
+
+
+def _state_in_words(p: Parameters, end) -> str:
+    vectors = [
+        f"; r{joint.number} {place[0]:.9g}, {place[1]:.9g}, rate {rate[0]:.9g}, {rate[1]:.9g}"
+        for joint, (place, rate) in _clearance_vectors(p, end).items()
+    ]
+    return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(vectors)
+
+
+def _contacts_in_words(p: Parameters, end, events: np.ndarray) -> str:
+    """What each loose joint does, for whoever looks for the one that takes the steps."""
+    begun, told = events[events[:, EVENT.index("begins")] == 1], []
+    for joint, ((ex, ey), (vx, vy)) in _clearance_vectors(p, end).items():
+        count = int((begun[:, EVENT.index("joint")] == joint.index).sum())
+        doing = f"{joint.words}: {count} contacts began"
+        if end.modes[joint.index] != FLIGHT:
+            turns = (ex * vy - ey * vx) / (ex * ex + ey * ey) / end.crank.speed
+            doing += f", in contact, circling its clearance {turns:.3g} times per turn of the crank"
+        told.append(doing)
+    return ", ".join(told) or "no joint is loose"
+
+
+def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
+    """What is no part of the motion may fail too: the torque on a crank whose motion is prescribed."""
+    for name, values in columns.items():
+        if name.startswith("gamma") or np.isfinite(values).all():
+            continue
+        sample = int(np.flatnonzero(~np.isfinite(values))[0])
+        state = ", ".join(
+            f"{key} {columns[key][sample]:.9g}" for key in ("crank_speed", "slider_position", "rod_angle")
+        )
+        raise SimulationError(
+            f"{name} is not finite at time {times[sample]:.9g} s, crank angle "
+            f"{math.degrees(columns['crank_angle'][sample]):.6g} deg (state in SI: {state}); {_ADVICE[NOT_FINITE]}"
+        )
+
+
+def event_frame(events: np.ndarray) -> pd.DataFrame:
+    """The table ``events`` of rows as `jointgap.dynamics.integrate.EVENT` names them."""
+    rows = dict(zip(EVENT, events.T, strict=True))
+    rows["joint"] = np.array(JOINTS, dtype=object)[rows["joint"].astype(int)]
+    rows["event"] = EVENT_NAMES[rows.pop("begins").astype(int)]
+    return pd.DataFrame({column.name: rows[column.name] for column in EVENTS.columns})

@@ -1,1 +1,0 @@
-"""Integration through events: steps, error control, modes, samples."""

@@ -1,0 +1,187 @@
+"""The error of the transmission angle over lengths."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq, minimize_scalar
+
+from jointgap.config import Mechanism
+from jointgap.dynamics.kinematics import transmission_angle
+from jointgap.lengths.region import Region
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Four sizes of one error; floats, or arrays of one shape for several errors."""
+
+    rms: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
+    mean_absolute: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
+    peak: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
+    sum_of_squares: np.ndarray  # What equation (12) minimises [rad^2]; grows with the number of samples
+
+
+MEASURES = tuple(field.name for field in fields(Measures))
+
+
+def measure(error: ArrayLike) -> Measures:
+    """The four measures of `error` [rad], shape (..., n), over its last axis."""
+    size = np.abs(error)
+    squares = np.sum(size**2, axis=-1)
+    return Measures(np.sqrt(squares / size.shape[-1]), np.mean(size, axis=-1), np.max(size, axis=-1), squares)
+
+
+def reductions(measures: Measures, original: Measures) -> Measures:
+    """By which fraction each measure lies below that of the original lengths; negative where it grew."""
+    return Measures(*(1.0 - getattr(measures, name) / getattr(original, name) for name in MEASURES))
+
+
+@dataclass(frozen=True)
+class Objective:
+    """Equation (12) with the clearance motion frozen; make it with `frozen_objective`."""
+
+    sine: np.ndarray  # shape (n,); sin theta2 at the evaluation points
+    lift: np.ndarray  # shape (n,); r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3 there, less the slide's offset [m]
+    desired: np.ndarray  # shape (n,); transmission angle at the original lengths without clearance [rad]
+    original: tuple[float, float]  # Original crank and rod length [m]
+
+    def error(self, lengths: ArrayLike) -> np.ndarray:
+        """mu_d - mu_a [rad], shape (..., n), for lengths (L2, L3) of shape (..., 2) [m]."""
+        return self.desired - np.arccos(self._cosine(lengths))
+
+    def measures(self, lengths: ArrayLike) -> Measures:
+        """The four measures, shape (...), for lengths (L2, L3) of shape (..., 2) [m]."""
+        return measure(self.error(lengths))
+
+    def reductions(self, lengths: ArrayLike) -> Measures:
+        """The four reductions against the original lengths, shape (...), for lengths of shape (..., 2) [m]."""
+        return reductions(self.measures(lengths), self.measures(self.original))
+
+    def value(self, lengths: ArrayLike) -> np.ndarray:
+        """f(x), the sum of squares [rad^2], shape (...), for lengths (L2, L3) of shape (..., 2) [m]."""
+        error = self.error(lengths)
+        return np.einsum("...n,...n->...", error, error)
+
+    def gradient(self, lengths: ArrayLike) -> np.ndarray:
+        """Derivative of `value` by (L2, L3) [rad^2/m], shape (2,), for lengths of shape (2,) [m]."""
+        cosine = self._cosine(lengths)
+        rod_length = np.asarray(lengths)[1]
+        weight = 2.0 * (self.desired - np.arccos(cosine)) / (rod_length * np.sqrt(1.0 - cosine**2))
+        return np.array([weight @ self.sine, -weight @ cosine])
+
+    def _cosine(self, lengths: ArrayLike) -> np.ndarray:
+        lengths = np.asarray(lengths)[..., None]
+        return (lengths[..., 0, :] * self.sine + self.lift) / lengths[..., 1, :]
+
+
+def frozen_objective(mechanism: Mechanism, crank_angle: ArrayLike, lift: ArrayLike) -> Objective:
+    """The objective for a clearance motion that does not answer to the lengths."""
+    crank_length, rod_length, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
+    transmission_angle(crank_length, rod_length, crank_angle, lift, offset)  # refuses what cannot be assembled
+    return Objective(
+        sine=np.sin(crank_angle),
+        lift=np.asarray(lift) - offset,
+        desired=transmission_angle(crank_length, rod_length, crank_angle, 0.0, offset),
+        original=(crank_length, rod_length),
+    )
+
+
+def objective_of_motion(mechanism: Mechanism, crank_angle: ArrayLike, rod_angle: ArrayLike) -> Objective:
+    """The objective on a simulated motion: what clearances add to the rod's height is read from the rod's angle."""
+    # equation (10) solved for the clearances' share
+    height = mechanism.crank.length * np.sin(crank_angle) + mechanism.rod.length * np.sin(rod_angle)
+    return frozen_objective(mechanism, crank_angle, mechanism.slider.offset - height)
+
+
+def evaluation_samples(
+    crank_angle: ArrayLike, window: tuple[float, float], samples_per_revolution: int, training_points: int
+) -> np.ndarray:
+    """Which samples of a trajectory the objective counts: held-out ones of the first revolution inside the window."""
+    stride = samples_per_revolution // (training_points - 1)
+    index = np.arange(min(samples_per_revolution + 1, len(crank_angle)))
+    turned = np.asarray(crank_angle)[index] - crank_angle[0]
+    slack = np.pi / samples_per_revolution  # half a sample: a window's ends do not hang on rounding
+    inside = (turned >= window[0] - slack) & (turned <= window[1] + slack)
+    return index[inside & (index % stride != 0)]
+
+
+CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # points of the grid: every 0.1 mm by 0.25 mm in the paper's box
+
+
+def grid(objective: Objective, region: Region) -> pd.DataFrame:
+    """The four measures over the box."""
+    rods, cranks = np.meshgrid(
+        np.linspace(region.lower[1], region.upper[1], ROD_LENGTHS),
+        np.linspace(region.lower[0], region.upper[0], CRANK_LENGTHS),
+        indexing="ij",
+    )
+    lengths = np.stack([cranks, rods], axis=-1)
+    rows = [objective.measures(line) for line in lengths]
+    return pd.DataFrame(
+        {
+            "crank_length": cranks.ravel(),
+            "rod_length": rods.ravel(),
+            "allowed": region.contains(lengths, slack=1e-12).ravel(),
+            **{name: np.concatenate([getattr(row, name) for row in rows]) for name in MEASURES},
+        }
+    )
+
+
+def invariant(reduction: float, rod_length: float, name: str) -> float:
+    """(1 - R) L3 [m], or (1 - R) L3^2 [m^2] for the sum of squares: constant along the valley's floor."""
+    return (1.0 - reduction) * rod_length ** (2 if name == "sum_of_squares" else 1)
+
+
+def best_cranks(objective: Objective, region: Region) -> pd.DataFrame:
+    """The best crank length for each rod length and measure; the crank's bounds and the inequality are not looked
+    at.
+    """
+    rows = []
+    for rod in np.linspace(region.lower[1], region.upper[1], ROD_LENGTHS):
+        best = {name: _best_crank(objective, region, rod, name) for name in MEASURES[:3]}
+        best["sum_of_squares"] = best["rms"]  # each grows with the other
+        for name, crank in best.items():
+            value = float(getattr(objective.measures((crank, rod)), name))
+            reduction = float(getattr(objective.reductions((crank, rod)), name))
+            rows.append((name, crank, rod, crank / rod, value, reduction, invariant(reduction, rod, name)))
+    columns = ["measure", "crank_length", "rod_length", "ratio", "value", "reduction", "invariant"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _best_crank(objective: Objective, region: Region, rod_length: float, name: str) -> float:
+    """Crank length with the smallest measure; each is a norm of an error nearly affine in L2, so it has one minimum."""
+    result = minimize_scalar(
+        lambda crank: float(getattr(objective.measures((crank, rod_length)), name)),
+        bounds=(region.lower[0] - region.size[0], region.upper[0] + region.size[0]),
+        method="bounded",
+        options={"xatol": 1e-10},
+    )
+    return float(result.x)
+
+
+_MOST = 0.01
+"""Share of the rod's length up to which a deviation is looked at."""
+
+
+def it7(length: float) -> float:
+    """Width of the tolerance IT7 for a length [m]: 16 tolerance units of ISO 286-1, not rounded to its steps."""
+    mm = 1e3 * length
+    unit = 0.45 * mm ** (1 / 3) + 0.001 * mm if mm <= 500.0 else 0.004 * mm + 2.1
+    return 16e-6 * unit
+
+
+def effect(objective: Objective, lengths: tuple[float, float], tolerance: float | None) -> dict[str, float]:
+    """Columns of the table optimise_optima on the rod's tolerance."""
+    crank, rod = map(float, lengths)
+    width = it7(rod) if tolerance is None else tolerance
+    original = float(objective.measures(objective.original).rms)
+
+    def rms(deviation: float) -> float:
+        return max(float(objective.measures((crank, rod + side * deviation)).rms) for side in (-1, 1))
+
+    allowed = 0.0
+    if rms(0.0) < original:
+        most = _MOST * rod
+        allowed = most if rms(most) <= original else brentq(lambda deviation: rms(deviation) - original, 0.0, most)
+    return {"rod_tolerance": width, "rms_rod_off": rms(width / 2), "rod_deviation_allowed": float(allowed)}

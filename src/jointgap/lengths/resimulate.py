@@ -1,0 +1,163 @@
+"""What new lengths do in truth: the contact simulation again with them, as an ensemble of slightly perturbed starts.
+
+The frozen objective keeps the clearance motion of the original lengths. Here it answers to the lengths. Motion in loose
+joints can be chaotic, so that a percentage from one run says nothing: every pair of lengths, the original one included,
+is simulated from the same perturbed starts, and reductions compare the two ensembles, each member of one with each of
+the other."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
+from jointgap.core.joints import FROM_FRAME, PINS
+from jointgap.dynamics.kinematics import transmission_angle
+from jointgap.dynamics.parallel import Ensemble as Motions
+from jointgap.dynamics.parallel import Run, simulate_ensemble, simulate_runs
+from jointgap.dynamics.simulate import perturbed_start
+from jointgap.lengths.objective import MEASURES, Measures, evaluation_samples, measure
+from jointgap.lengths.region import PinForce, Region
+
+FORCE_GRID = 21, 41  # points along crank and rod length at which the force in the pins is simulated
+LOW, HIGH = 0.05, 0.95  # quantiles that bound a spread
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median and the 5 % and 95 % quantiles of an ensemble's numbers."""
+
+    median: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, numbers: ArrayLike) -> "Spread":
+        low, median, high = np.quantile(numbers, [LOW, 0.5, HIGH])
+        return cls(float(median), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class JointLoad:
+    """What a joint carries over the settled revolution, each of shape (members,)."""
+
+    peak_force: np.ndarray  # Of the size of the force between its bodies at the samples [N]
+    rms_force: np.ndarray  # Of the size of the force between its bodies at the samples [N]
+    contact_share: np.ndarray | None  # Share of the time in which journal and bearing touch; None of an ideal joint
+
+
+@dataclass(frozen=True)
+class Resimulation:
+    """An ensemble at one pair of lengths."""
+
+    lengths: tuple[float, float]  # (L2, L3) [m]
+    errors: dict[str, Measures]  # By name in `sample_ranges`
+    largest_departure: np.ndarray
+    outer_dead_centre: np.ndarray
+    inner_dead_centre: np.ndarray
+    loads: dict[str, JointLoad]  # By joint, from the frame to the slider
+
+
+def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
+    """Starting clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y, shape (members, 6) [m].
+
+    Normally distributed, and the same for a joint whichever others are loose; zero in joints that are ideal.
+    """
+    random, loose = np.random.default_rng(options.seed), tuple(loose)
+    drawn = [random.normal(0.0, options.perturbation, (options.members, columns)) for columns in (4, 2)]
+    return perturbed_start(np.concatenate(drawn, axis=1), loose)
+
+
+def sample_ranges(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:
+    """Samples of a trajectory over which an error counts."""
+    per_turn = simulate.samples_per_revolution
+    angle = simulate.start_angle + np.arange(per_turn * simulate.revolutions + 1) * (2.0 * np.pi / per_turn)
+    first = (optimise.ensemble.settled_revolution - 1) * per_turn
+    return {
+        "window": evaluation_samples(angle, optimise.window, per_turn, training_points),
+        "settled": np.arange(first, first + per_turn),
+    }
+
+
+def resimulate(
+    mechanism: Mechanism, simulate: Simulate, optimise: Optimise, training_points: int, lengths: tuple[float, float]
+) -> Resimulation:
+    """Simulate the mechanism with other lengths from each perturbed start."""
+    starts = perturbations(optimise.ensemble, mechanism.loose)
+    ensemble = simulate_ensemble(mechanism.with_lengths(*lengths), simulate, starts)
+    desired = transmission_angle(
+        mechanism.crank.length, mechanism.rod.length, ensemble.crank_angle, 0.0, mechanism.slider.offset
+    )
+    error = desired - ensemble.transmission_angle
+    samples = sample_ranges(simulate, optimise, training_points)
+    angles = ensemble.transmission_angle[:, samples["settled"]]
+    slider = ensemble.slider_position[:, samples["settled"]]
+    return Resimulation(
+        lengths=lengths,
+        errors={name: measure(error[:, chosen]) for name, chosen in samples.items()},
+        largest_departure=np.max(np.abs(angles - np.pi / 2), axis=1),
+        outer_dead_centre=np.max(slider, axis=1),
+        inner_dead_centre=np.min(slider, axis=1),
+        loads={joint: _load(ensemble, joint, samples["settled"], joint in mechanism.loose) for joint in FROM_FRAME},
+    )
+
+
+def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> JointLoad:
+    force = ensemble.pin_force[joint][:, settled]
+    times = np.diff(ensemble.times[:, np.append(settled, settled[-1] + 1)], axis=1)  # to the next sample
+    weight = times / times.sum(axis=1, keepdims=True)
+    touching = ensemble.normal_force[joint][:, settled] > 0.0
+    return JointLoad(
+        peak_force=force.max(axis=1),
+        rms_force=np.sqrt(np.sum(weight * force**2, axis=1)),
+        contact_share=np.sum(weight * touching, axis=1) if loose else None,
+    )
+
+
+def reduction_pairs(new: Measures, original: Measures, name: str) -> np.ndarray:
+    """The reduction of one measure that each pair of single runs would have shown, shape (members * members,)."""
+    return (1.0 - np.divide.outer(getattr(new, name), getattr(original, name))).ravel()
+
+
+def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]]:
+    """Per range of samples and measure: both errors and the reduction with their spreads."""
+    rows = []
+    for range_name in new.errors:
+        for name in MEASURES:
+            pairs = reduction_pairs(new.errors[range_name], original.errors[range_name], name)
+            numbers = {
+                "original_error": getattr(original.errors[range_name], name),
+                "error": getattr(new.errors[range_name], name),
+                "reduction": pairs,
+            }
+            row: dict[str, object] = {"stretch": range_name, "measure": name}
+            for key, values in numbers.items():
+                spread = Spread.of(values)
+                row |= {key: spread.median, f"{key}_low": spread.low, f"{key}_high": spread.high}
+            rows.append(row | {"share_better": float(np.mean(pairs > 0.0))})
+    return rows
+
+
+def peak_pin_force(resimulation: Resimulation) -> float:
+    """The largest force in either pin over the settled revolution, median of the ensemble [N]."""
+    return max(float(np.median(resimulation.loads[joint].peak_force)) for joint in PINS)
+
+
+def pin_force(mechanism: Mechanism, simulate: Simulate, optimise: Optimise, region: Region) -> PinForce:
+    """That force over a whole region: a surface through simulations on a grid, one at each of its points."""
+    first = (optimise.ensemble.settled_revolution - 1) * simulate.samples_per_revolution
+    settled = slice(first, first + simulate.samples_per_revolution)
+    cranks, rods = (
+        np.linspace(low, high, points) for low, high, points in zip(region.lower, region.upper, FORCE_GRID, strict=True)
+    )
+    runs = (Run(mechanism.with_lengths(crank, rod), simulate) for crank in cranks for rod in rods)
+    forces = []
+    for outcome in simulate_runs(runs):
+        if outcome.error is not None:
+            raise outcome.error
+        observed = outcome.result.observed(outcome.parameters)
+        forces.append(
+            max(np.hypot(observed[f"{pin}_force_x"], observed[f"{pin}_force_y"])[settled].max() for pin in PINS)
+        )
+    return PinForce(cranks, rods, np.reshape(forces, FORCE_GRID))

@@ -1,0 +1,445 @@
+"""One network a joint for the clearance vector."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import comb
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.interpolate import CubicHermiteSpline
+from scipy.linalg import cho_solve_banded, cholesky_banded
+
+from jointgap.config import Surrogate
+from jointgap.core.errors import did_you_mean
+from jointgap.core.joints import JOINT_NUMBERS
+from jointgap.networks.errors import Grid, Points, Trained, error_frame, error_rows
+from jointgap.networks.train import ORDERS, Samples, column
+
+
+@dataclass(frozen=True)
+class CrankSpeed:
+    """Speed of the crank as a smooth function of its angle."""
+
+    angle: np.ndarray  # shape (n,); crank angles [rad], rising
+    speed: np.ndarray  # shape (n,); speed there [rad/s] and its derivative by the angle [1/s]
+    slope: np.ndarray  # shape (n,); speed there [rad/s] and its derivative by the angle [1/s]
+
+    @classmethod
+    def constant(cls, speed: float) -> "CrankSpeed":
+        """One speed [rad/s] at every angle."""
+        return cls(np.array([0.0, 1.0]), np.full(2, speed), np.zeros(2))
+
+    @classmethod
+    def of(cls, trajectory: pd.DataFrame) -> "CrankSpeed":
+        """The speed that the columns crank_speed and crank_acceleration of a trajectory give."""
+        angle, speed, acceleration = (
+            trajectory[f"crank_{name}"].to_numpy(dtype=float) for name in ("angle", "speed", "acceleration")
+        )
+        if np.all(speed == speed[0]) and not acceleration.any():
+            return cls.constant(float(speed[0]))
+        return cls(angle, speed, acceleration / speed)
+
+    @property
+    def if_constant(self) -> float | None:
+        """The one speed [rad/s]; None where it changes."""
+        same = np.all(self.speed == self.speed[0]) and not self.slope.any()
+        return float(self.speed[0]) if same else None
+
+    @property
+    def mean(self) -> float:
+        """Mean over the angle [rad/s]."""
+        return float(np.trapezoid(self.speed, self.angle) / (self.angle[-1] - self.angle[0]))
+
+    def __call__(self, crank_angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Speed and its first two derivatives by the angle, shape (n,) each, at crank angles (n,) [rad]."""
+        spline = CubicHermiteSpline(self.angle, self.speed, self.slope)
+        return spline(crank_angle), spline(crank_angle, 1), spline(crank_angle, 2)
+
+
+REACH = 19.0  # widths from its centre at which tanh is 1 in double precision
+BLOCK = 16  # neurons' distances per block: short enough to skip zeros, long enough for fast products
+DERIVATIVES = 3
+
+
+@dataclass(frozen=True)
+class Block:
+    """Points that see the same basis functions."""
+
+    points: slice
+    functions: slice
+    values: list[np.ndarray]
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Places of the neurons."""
+
+    centres: np.ndarray  # shape (H,); where each neuron's sum is 0, rising
+    widths: np.ndarray  # shape (H,); inverse of each neuron's input weight
+
+    @property
+    def functions(self) -> int:
+        """Number of basis functions, H + 1."""
+        return len(self.centres) + 1
+
+    def from_tansig(self, weights: np.ndarray, bias: complex) -> np.ndarray:
+        """Weights of the basis functions from the neurons' output weights, shape (H,), and the output's bias."""
+        steps = np.concatenate([[0.0], np.cumsum(2.0 * weights)])
+        return bias - steps[-1] / 2.0 + steps
+
+    @staticmethod
+    def to_tansig(basis_weights: np.ndarray) -> tuple[np.ndarray, complex]:
+        """The neurons' output weights, shape (H,), and the output's bias."""
+        return np.diff(basis_weights) / 2.0, (basis_weights[0] + basis_weights[-1]) / 2.0
+
+    def blocks(self, points: np.ndarray, orders: int) -> Iterator[Block]:
+        """Rising points cut into blocks, each with the basis functions that are not zero there."""
+        begins = np.concatenate([[-np.inf], self.centres - REACH * self.widths])
+        ends = np.concatenate([self.centres + REACH * self.widths, [np.inf]])
+        begins = np.minimum.accumulate(begins[::-1])[::-1]
+        ends = np.maximum.accumulate(ends)
+        inner = self.centres[(self.centres > points[0]) & (self.centres < points[-1])][BLOCK::BLOCK]
+        cuts = np.concatenate([[0], np.searchsorted(points, inner), [len(points)]])
+        for first, last in pairwise(cuts):
+            if last > first:
+                low = int(np.searchsorted(ends, points[first]))
+                high = int(np.searchsorted(begins, points[last - 1], side="right"))
+                values = self._values(points[first:last], low, high, orders)
+                yield Block(slice(first, last), slice(low, high), values)
+
+    def _values(self, points: np.ndarray, low: int, high: int, orders: int) -> list[np.ndarray]:
+        neurons = slice(max(low - 1, 0), min(high, len(self.centres)))
+        inverse = 1.0 / self.widths[neurons]
+        t = np.tanh((points[:, None] - self.centres[neurons]) * inverse)
+        f = 1.0 - t * t
+        tansig = [t, f * inverse, -2.0 * t * f * inverse**2, f * (6.0 * t * t - 2.0) * inverse**3][:orders]
+        differences = []
+        for order, values in enumerate(tansig):
+            end = np.full((len(points), 1), 0.0 if order else 1.0)
+            sides = ([end] if low == 0 else []) + [values] + ([-end] if high == self.functions else [])
+            values = np.concatenate(sides, axis=1) if len(sides) > 1 else values
+            differences.append((values[:, :-1] - values[:, 1:]) / 2.0)
+        return differences
+
+
+BIAS = -1
+SETTLING = np.radians(6.0)  # about where the first impact comes; any width of this order does
+
+
+@dataclass(frozen=True)
+class ClearanceNetwork:
+    """Clearance vector of one joint as a function of the crank angle."""
+
+    joint: int  # 1 crank pivot, 2 crank pin, 3 piston pin
+    layer: Layer  # Neurons over the crank angle [rad]
+    weights: np.ndarray  # shape (H,); output weights of the neurons, x + i y [m]
+    bias: complex
+    start_angle: float  # Crank angle at the start [rad]
+    settling: float  # Width of the factor s [rad]; infinite where s is 1
+    speed: CrankSpeed  # Speed of the crank over its angle
+    turns: int = 0  # Whole turns to add to gamma, so that it continues the simulation's
+
+    def __post_init__(self):
+        object.__setattr__(self, "_basis_weights", self.layer.from_tansig(self.weights, self.bias))
+        centres = self.layer.centres
+        grid = np.linspace(centres[:-1], centres[1:], 4, endpoint=False, axis=-1).ravel()
+        grid = np.concatenate([[self.start_angle], grid[grid > self.start_angle]])
+        gamma = np.unwrap(np.angle(self.vector(grid, 1)[0])) + 2.0 * np.pi * self.turns
+        object.__setattr__(self, "_gamma", (grid, gamma))
+
+    def vector(self, crank_angle: np.ndarray, orders: int = DERIVATIVES + 1) -> list[np.ndarray]:
+        """w and its derivatives by the crank angle, complex arrays of shape (n,) for angles of shape (n,)."""
+        order = np.argsort(crank_angle, kind="stable")
+        derivatives = [np.empty(len(crank_angle), complex) for _ in range(orders)]
+        for block in self.layer.blocks(crank_angle[order], orders):
+            for result, values in zip(derivatives, block.values, strict=True):
+                result[order[block.points]] = values @ self._basis_weights[block.functions]
+        return derivatives
+
+    def polar(self, crank_angle: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """r and gamma, each as [value, first, second, third derivative by the crank angle], shape (n,) each.
+
+        Both are finite everywhere; where r is 0 gamma is its limit.
+        """
+        w, *derivatives = self.vector(crank_angle)
+        ratios = [derivative / w for derivative in derivatives]
+        q1 = ratios[0]  # derivatives of log w
+        q2 = ratios[1] - q1**2
+        q3 = ratios[2] - q1 * (q1**2 + 3.0 * q2)
+        gamma = np.angle(w)
+        expected = np.interp(crank_angle, *self._gamma)
+        gamma += 2.0 * np.pi * np.round((expected - gamma) / (2.0 * np.pi))
+        p1, p2, p3 = q1.real, q2.real, q3.real
+        size = [factor * np.abs(w) for factor in (1.0, p1, p1**2 + p2, p1**3 + 3.0 * p1 * p2 + p3)]
+        s = self._start(crank_angle)
+        r = [sum(comb(n, k) * s[k] * size[n - k] for k in range(n + 1)) for n in range(4)]
+        return r, [gamma, q1.imag, q2.imag, q3.imag]
+
+    def output(self, name: str, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """One of the joint's four outputs and its derivative by the crank angle, in SI, of the shape of
+        `crank_angle`.
+        """
+        names = {f"r{self.joint}": 0, **{f"gamma{self.joint}{dots}": n for n, dots in enumerate(("", "_dot", "_ddot"))}}
+        if name not in names:
+            raise ValueError(f"the network of joint {self.joint} has no output '{name}'; {did_you_mean(name, names)}")
+        angle = np.asarray(crank_angle, dtype=float)
+        r, gamma = self.polar(angle.ravel())
+        n = names[name]
+        value_and_slope = (r if name.startswith("r") else gamma)[:2]
+        if n > 0:
+            w, w1, w2 = self.speed(angle.ravel())
+            value_and_slope = [gamma[1] * w, gamma[2] * w + gamma[1] * w1]
+        if n > 1:
+            second = gamma[3] * w**2 + 3.0 * gamma[2] * w * w1 + gamma[1] * (w1**2 + w * w2)
+            value_and_slope = [gamma[2] * w**2 + gamma[1] * w * w1, second]
+        return tuple(values.reshape(angle.shape) for values in value_and_slope)
+
+    def _start(self, crank_angle: np.ndarray) -> list[np.ndarray]:
+        return start_factor(crank_angle, self.start_angle, self.settling)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Long form, one row per neuron and one for the bias: rows of the table clearance_fit."""
+        neurons = len(self.weights)
+        weights = np.append(self.weights, self.bias)
+        return pd.DataFrame(
+            {
+                "joint": self.joint,
+                "neuron": [*range(neurons), BIAS],
+                "centre": np.append(self.layer.centres, np.nan),
+                "width": np.append(self.layer.widths, np.nan),
+                "weight_x": weights.real,
+                "weight_y": weights.imag,
+                "start_angle": self.start_angle,
+                "settling": self.settling if np.isfinite(self.settling) else np.nan,
+                "speed": np.nan if self.speed.if_constant is None else self.speed.if_constant,
+                "turns": self.turns,
+            }
+        )
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame, joint: int, speed: CrankSpeed | None = None) -> "ClearanceNetwork":
+        """The network of a joint from the long form; `speed` is needed where it is not constant."""
+        rows = frame[frame["joint"] == joint]
+        neurons, bias = rows[rows["neuron"] != BIAS].sort_values("neuron"), rows[rows["neuron"] == BIAS]
+        if neurons.empty or len(bias) != 1:
+            raise ValueError(f"no network of joint {joint} in the table")
+        (last,) = bias.itertuples()
+        return cls(
+            joint,
+            Layer(neurons["centre"].to_numpy(), neurons["width"].to_numpy()),
+            neurons["weight_x"].to_numpy() + 1j * neurons["weight_y"].to_numpy(),
+            complex(last.weight_x, last.weight_y),
+            float(last.start_angle),
+            np.inf if np.isnan(last.settling) else float(last.settling),
+            speed if np.isnan(last.speed) else CrankSpeed.constant(float(last.speed)),
+            int(last.turns),
+        )
+
+
+def start_factor(crank_angle: np.ndarray, start_angle: float, settling: float) -> list[np.ndarray]:
+    """s = tanh^2((angle - start) / settling), its three derivatives by the angle; 1, 0, 0, 0 if settling is
+    infinite.
+    """
+    if np.isinf(settling):
+        return [np.full(len(crank_angle), value) for value in (1.0, 0.0, 0.0, 0.0)]
+    t = np.tanh((crank_angle - start_angle) / settling)
+    f = 1.0 - t * t
+    by_u = (t * t, 2.0 * t * f, 2.0 * f * f - 4.0 * t * t * f, 8.0 * t**3 * f - 16.0 * t * f * f)
+    return [values / settling**n for n, values in enumerate(by_u)]
+
+
+FIRST_DISTANCE = np.radians(0.5)  # of neurons, before any is added; half a period of the contact's ringing
+WIDTH = 2.5  # of a neuron, in distances to its neighbours
+MARGIN = 8  # neurons past either end, so that the ends are as well covered as the middle
+SHARE = 0.1  # of the paper's mean square errors, at which training stops
+ROUNDS = 16
+RIDGE = 1e-13  # relative; undone by the refinement of the solution
+PASSES = 2
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """The network of one joint and how it came about."""
+
+    network: ClearanceNetwork
+    samples: Samples
+    rounds: int  # Linear problems solved
+    stop: str  # Why no more neurons were added
+
+
+@dataclass(frozen=True)
+class ClearanceFit:
+    """The second surrogate: networks of the loose joints, and their errors over the trajectory's samples."""
+
+    joints: dict[int, JointFit]
+    trajectory: pd.DataFrame
+    training_points: int
+
+    def weights(self) -> pd.DataFrame:
+        """Frame of the table clearance_fit."""
+        return pd.concat([fit.network.to_frame() for fit in self.joints.values()], ignore_index=True)
+
+    def errors(self) -> pd.DataFrame:
+        """Frame of the table fit_errors: all outputs, held out at every sample of the trajectory between the paper's
+        training points."""
+        rows = []
+        for joint, fit in self.joints.items():
+            network, samples = fit.network, fit.samples
+            trained = Trained("clearance", None, 2 * network.layer.functions, fit.rounds, fit.stop)
+            for kind in ("r", "gamma", "gamma_dot", "gamma_ddot"):
+                name = column(kind, joint)
+                rows += error_rows(
+                    Grid.of(self.trajectory, name, self.training_points),
+                    lambda angle, name=name, network=network: network.output(name, angle)[0],
+                    trained,
+                    Points(samples.crank_angle, samples.simulated[kind], 0),
+                )
+        return error_frame(rows)
+
+
+def train_clearance(
+    trajectory: pd.DataFrame, fine: pd.DataFrame, options: Surrogate, loose: Iterable[str]
+) -> ClearanceFit:
+    """Train the second surrogate."""
+    start, speed, joints = float(fine["crank_angle"].iloc[0]), CrankSpeed.of(trajectory), {}
+    for joint in (JOINT_NUMBERS[name] for name in loose):
+        samples = Samples.of(trajectory, fine, joint, options.training_points)
+        r = fine[f"r{joint}"].to_numpy()
+        settling = SETTLING if r[0] < 1e-9 * r.max() else np.inf
+        joints[joint] = grow(samples, joint, start, speed, settling)
+    return ClearanceFit(joints, trajectory, options.training_points)
+
+
+def grow(samples: Samples, joint: int, start_angle: float, speed: CrankSpeed, settling: float) -> JointFit:
+    """Train the network of one joint, adding neurons."""
+    angle = samples.crank_angle
+    centres = np.arange(angle[0] - MARGIN * FIRST_DISTANCE, angle[-1] + MARGIN * FIRST_DISTANCE, FIRST_DISTANCE)
+    for round_ in range(1, ROUNDS + 1):
+        layer = Layer(centres, WIDTH * np.gradient(centres))
+        weights = _solve(layer, samples, start_factor(angle, start_angle, settling))
+        network = ClearanceNetwork(joint, layer, *Layer.to_tansig(weights), start_angle, settling, speed)
+        network = _on_the_same_turn(network, samples)
+        squares = _squared_errors(network, samples)
+        if all(np.sum(samples.shares * square) <= SHARE for square in squares):
+            return JointFit(network, samples, round_, f"training errors at {SHARE:g} of the paper's or below")
+        finer = _finer(centres, samples, squares)
+        if len(finer) == len(centres):
+            return JointFit(network, samples, round_, "neurons as close as the samples; sample more finely")
+        centres = finer
+    return JointFit(network, samples, ROUNDS, f"{ROUNDS} rounds done while training errors still fell")
+
+
+def _solve(layer: Layer, samples: Samples, start: list[np.ndarray]) -> np.ndarray:
+    """Weights of the basis functions, complex (H + 1,): banded normal equations, refined with the true residual."""
+    blocks = list(layer.blocks(samples.crank_angle, 3))
+    rows = _Rows(layer, samples, start)
+    band = 2 * max(block.functions.stop - block.functions.start for block in blocks)
+    normal = np.zeros((band, 2 * layer.functions))
+    for block in blocks:
+        matrix, _ = rows.of(block)
+        product = matrix.T @ matrix
+        first, size = 2 * block.functions.start, len(product)
+        for offset in range(size):
+            normal[: size - offset, first + offset] += product[offset:, offset]
+    normal[0] *= 1.0 + RIDGE
+    factor = cholesky_banded(normal, overwrite_ab=True, lower=True, check_finite=False), True
+    solution = np.zeros(2 * layer.functions)
+    for _ in range(PASSES):
+        right = np.zeros_like(solution)
+        for block in blocks:
+            matrix, targets = rows.of(block)
+            part = slice(2 * block.functions.start, 2 * block.functions.stop)
+            right[part] += matrix.T @ (targets - matrix @ solution[part])
+        solution += cho_solve_banded(factor, right, check_finite=False)
+    return solution[0::2] + 1j * solution[1::2]
+
+
+class _Rows:
+    """Rows of the least-squares problem; unknowns: real and imaginary part of each basis function's weight in turn."""
+
+    def __init__(self, layer: Layer, samples: Samples, start: list[np.ndarray]):
+        values = samples.values
+        s, s1, s2, _ = start
+        ratio = values["r_dot"] / values["r"]
+        curvature = values["r_ddot"] / values["r"]
+        self._w = values["r"] / s * np.exp(1j * values["gamma"])
+        self._q1 = ratio + 1j * values["gamma_dot"] - s1 / s
+        q2 = curvature - ratio**2 + 1j * values["gamma_ddot"] - s2 / s + (s1 / s) ** 2
+        self._w2 = q2 + self._q1**2
+        self._r, self._ratio, self._curvature = values["r"], ratio, curvature
+        self._values = values
+        # Position and rate are asked for at least as precisely as the second derivative between two neurons implies:
+        # without that the fine neurons' common shift would hardly be seen, and the problem ill-conditioned.
+        distance = np.interp(samples.crank_angle, layer.centres, np.gradient(layer.centres))
+        self._precision = {}
+        for kind, scale in samples.scales.items():
+            second = samples.scales["r_ddot" if kind.startswith("r") else "gamma_ddot"]
+            implied = distance ** (ORDERS[kind] - 2) / second
+            self._precision[kind] = np.maximum(1.0 / scale, implied) * np.sqrt(samples.shares)
+
+    def of(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
+        """Matrix (6 points, 2 functions) and targets (6 points,)."""
+        at = block.points
+        value, first, second = block.values
+        r, ratio, curvature = (array[at, None] for array in (self._r, self._ratio, self._curvature))
+        q1 = self._q1[at, None]
+        log0 = value / self._w[at, None]  # changes of log w and of its derivatives by each weight
+        log1 = first / self._w[at, None] - q1 * log0
+        log2 = second / self._w[at, None] - self._w2[at, None] * log0 - 2.0 * q1 * log1
+        parts = {
+            "r": (r * log0, True),
+            "r_dot": (r * (ratio * log0 + log1), True),
+            "r_ddot": (r * (curvature * log0 + 2.0 * ratio * log1 + log2), True),
+            "gamma": (log0, False),
+            "gamma_dot": (log1, False),
+            "gamma_ddot": (log2, False),
+        }
+        points, functions = value.shape
+        matrix = np.empty((len(parts), points, functions, 2))
+        targets = np.zeros((len(parts), points))
+        for index, (kind, (change, is_real)) in enumerate(parts.items()):
+            precision = self._precision[kind][at, None]
+            matrix[index, :, :, 0] = precision * (change.real if is_real else change.imag)
+            matrix[index, :, :, 1] = precision * (-change.imag if is_real else change.real)
+            if is_real:  # the imaginary changes of the true w are 0
+                targets[index] = precision[:, 0] * self._values[kind][at]
+        return matrix.reshape(-1, 2 * functions), targets.ravel()
+
+
+def _on_the_same_turn(network: ClearanceNetwork, samples: Samples) -> ClearanceNetwork:
+    gamma = network.polar(samples.crank_angle[-1:])[1][0]
+    turns = network.turns + int(np.round((samples.values["gamma"][-1] - gamma[0]) / (2.0 * np.pi)))
+    return replace(network, turns=turns)
+
+
+def _squared_errors(network: ClearanceNetwork, samples: Samples) -> list[np.ndarray]:
+    """Squared errors of r, gamma and gamma's derivatives at the samples, in units of the squared error allowed."""
+    r, gamma = network.polar(samples.crank_angle)
+    outputs = {"r": r[0], "gamma": gamma[0], "gamma_dot": gamma[1], "gamma_ddot": gamma[2]}
+    errors = {kind: values - samples.values[kind] for kind, values in outputs.items()}
+    errors["gamma"] = np.remainder(errors["gamma"] + np.pi, 2.0 * np.pi) - np.pi  # a coarse network may miss a turn
+    return [(error / samples.scales[kind]) ** 2 for kind, error in errors.items()]
+
+
+def _finer(centres: np.ndarray, samples: Samples, squares: list[np.ndarray]) -> np.ndarray:
+    """Centres with the distances halved where more than a fair part of the error is: if nowhere, the whole is small.
+
+    None is halved that holds no two samples; neighbouring distances differ twofold at most.
+    """
+    intervals = len(centres) - 1
+    place = np.clip(np.searchsorted(centres, samples.crank_angle) - 1, 0, intervals - 1)
+    split = np.zeros(intervals, bool)
+    for square in squares:
+        split |= np.bincount(place, samples.shares * square, minlength=intervals) > SHARE / intervals
+    split = (np.convolve(split, np.ones(5), "same") > 0.5) & (np.bincount(place, minlength=intervals) >= 2)
+    distances = np.diff(centres)
+    while True:
+        after = np.where(split, distances / 2.0, distances)
+        low = np.minimum(np.r_[np.inf, after[:-1]], np.r_[after[1:], np.inf])
+        coarse = ~split & (after > 2.1 * low)
+        if not coarse.any():
+            break
+        split |= coarse
+    return np.sort(np.concatenate([centres, (centres[:-1] + centres[1:])[split] / 2.0]))

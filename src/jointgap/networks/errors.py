@@ -1,0 +1,187 @@
+"""Errors of a fit: where they are measured and how they are scaled."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.interpolate import CubicSpline, make_smoothing_spline
+
+from jointgap.core.errors import InputError
+from jointgap.networks.network import Scaling
+from jointgap.paper.printed import TRAINING_MSE
+from jointgap.tables import TRAJECTORY
+
+UNITS = {column.name: column.unit for column in TRAJECTORY.columns}
+REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}
+"""First crank angle after the start that a region counts; the paper's transient is over past 60 deg."""
+
+NETWORK, REGULARISED = "network", "regularised"
+"""Models of the tables: the paper's network, and the one whose errors hold between its points."""
+
+_SMOOTHING = 10.0 ** np.arange(-8.0, 3.0, 2.0)  # strengths of a smoothing spline, in cubes of the mean distance
+_LEFT_OUT = 3  # of so many neighbouring points one judges them
+
+
+@dataclass(frozen=True)
+class Points:
+    """Crank angles [rad] and values of one output there; undefined points are left out and counted.
+
+    ``shares`` are the parts of the revolution that the points stand for, in any unit; None: all the same.
+    """
+
+    crank_angle: np.ndarray
+    values: np.ndarray
+    undefined: int
+    shares: np.ndarray | None = None
+
+    def mean(self, quantity: np.ndarray) -> float:
+        """Mean over the revolution of a quantity (n,) at the points."""
+        return float(np.average(quantity, weights=self.shares))
+
+    @classmethod
+    def of(cls, crank_angle: np.ndarray, values: np.ndarray) -> "Points":
+        """Points of the samples that are defined."""
+        defined = np.isfinite(values)
+        return cls(crank_angle[defined], values[defined], int(np.sum(~defined)))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One output over the first revolution, split into training points and the samples held out between them."""
+
+    output: str
+    start_angle: float
+    training: Points
+    held_out: Points
+
+    @classmethod
+    def of(cls, trajectory: pd.DataFrame, output: str, training_points: int) -> "Grid":
+        """Every k-th sample of the first revolution trains, both ends included; all the others are held out."""
+        angle = trajectory["crank_angle"].to_numpy()
+        first = angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)
+        angle, values = angle[first], trajectory[output].to_numpy()[first]
+        stride, remainder = divmod(len(angle) - 1, training_points - 1)
+        if remainder or stride < 2:
+            raise InputError(
+                f"training_points {training_points} does not fit {len(angle) - 1} samples per revolution; "
+                f"make samples_per_revolution a multiple, at least twice, of {training_points - 1}"
+            )
+        trains = np.arange(len(angle)) % stride == 0
+        return cls(
+            output,
+            float(angle[0]),
+            Points.of(angle[trains], values[trains]),
+            Points.of(angle[~trains], values[~trains]),
+        )
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What the table of errors says of a model besides them.
+
+    `at_paper` predicts as the model did after `iterations_to_paper`, when its training error first was the paper's.
+    """
+
+    model: str
+    seed: int | None
+    weights: int
+    iterations: int
+    stop: str
+    iterations_to_paper: int | None = None
+    at_paper: Callable[[np.ndarray], np.ndarray] | None = None
+
+
+def error_rows(
+    grid: Grid, predict: Callable[[np.ndarray], np.ndarray], trained: Trained, training: Points | None = None
+) -> list[dict[str, object]]:
+    """Rows of the table fit_errors: one per region."""
+    scale = Scaling.of(grid.training.values)
+    training = training or grid.training
+    spline = CubicSpline(training.crank_angle, training.values)
+    smoothing = None if trained.seed is None else smoothing_spline(training)
+    rows = []
+    for region, first in REGIONS.items():
+        within, outside = _region(training, grid, first), _region(grid.held_out, grid, first)
+        learned = _Differences.of(predict(within.crank_angle), within)
+        unseen = _Differences.of(predict(outside.crank_angle), outside)
+        splined = _Differences.of(spline(outside.crank_angle), outside)
+        smoothed = _Differences.of(smoothing(outside.crank_angle), outside) if smoothing else None
+        before = _Differences.of(trained.at_paper(outside.crank_angle), outside) if trained.at_paper else None
+        rows.append(
+            {
+                "output": grid.output,
+                "unit": UNITS[grid.output],
+                "model": trained.model,
+                "seed": trained.seed,
+                "region": region,
+                "weights": trained.weights,
+                "training_points": len(within.values),
+                "held_out_points": len(outside.values),
+                "undefined_points": within.undefined + outside.undefined,
+                "range": scale.range,
+                "training_mse": learned.mean_square / scale.range**2,
+                "held_out_mse": unseen.mean_square / scale.range**2,
+                "paper_mse": TRAINING_MSE.get(grid.output),
+                "spline_held_out_mse": splined.mean_square / scale.range**2,
+                "smoothing_spline_held_out_mse": smoothed.mean_square / scale.range**2 if smoothed else None,
+                "held_out_peak": unseen.peak / scale.range,
+                "training_rms": learned.mean_square**0.5,
+                "held_out_rms": unseen.mean_square**0.5,
+                "spline_held_out_rms": splined.mean_square**0.5,
+                "training_mse_over_variance": learned.mean_square / learned.variance,
+                "held_out_mse_over_variance": unseen.mean_square / unseen.variance,
+                "spline_held_out_mse_over_variance": splined.mean_square / unseen.variance,
+                "iterations": trained.iterations,
+                "stop": trained.stop,
+                "iterations_to_paper": trained.iterations_to_paper,
+                "held_out_mse_at_paper": before.mean_square / scale.range**2 if before else None,
+            }
+        )
+    return rows
+
+
+def error_frame(rows: list[dict[str, object]]) -> pd.DataFrame:
+    """Rows of the table fit_errors as a frame in which numbers that are absent stay absent."""
+    of_numbers = ("held_out_mse_at_paper", "paper_mse", "smoothing_spline_held_out_mse")
+    types = {"seed": "Int64", "iterations_to_paper": "Int64"} | dict.fromkeys(of_numbers, "float64")
+    return pd.DataFrame(rows).astype(types)
+
+
+def smoothing_spline(training: Points) -> Callable[[np.ndarray], np.ndarray] | None:
+    """The smoothing spline of points, as smooth as is best at every third of them; None for fewer than fifteen.
+
+    Generalised cross-validation, which `make_smoothing_spline` takes by itself, smooths exact samples a thousand times
+    too much.
+    """
+    x, y = training.crank_angle, training.values
+    if len(x) < 5 * _LEFT_OUT:
+        return None
+    left_out = np.arange(len(x)) % _LEFT_OUT == 1
+    judged = Points(x[left_out], y[left_out], 0, np.gradient(x)[left_out])
+
+    def missed(strength: float) -> float:
+        spline = make_smoothing_spline(x[~left_out], y[~left_out], lam=strength)
+        return judged.mean((spline(judged.crank_angle) - judged.values) ** 2)
+
+    return make_smoothing_spline(x, y, lam=min(_SMOOTHING * np.diff(x).mean() ** 3, key=missed))
+
+
+def _region(points: Points, grid: Grid, first: float) -> Points:
+    """The points past `first` after the start; undefined ones (at the start) belong to the whole alone."""
+    inside = points.crank_angle - grid.start_angle >= first
+    shares = None if points.shares is None else points.shares[inside]
+    return Points(points.crank_angle[inside], points.values[inside], points.undefined if first == 0.0 else 0, shares)
+
+
+@dataclass(frozen=True)
+class _Differences:
+    mean_square: float
+    peak: float
+    variance: float
+
+    @classmethod
+    def of(cls, predicted: np.ndarray, points: Points) -> "_Differences":
+        difference = predicted - points.values
+        variance = points.mean((points.values - points.mean(points.values)) ** 2)
+        return cls(points.mean(difference**2), float(np.max(np.abs(difference))), variance)

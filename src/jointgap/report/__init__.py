@@ -1,3 +1,0 @@
-"""What every page and figure shares: one page model for Markdown and HTML (`page`), and numbers and names in plain
-words.
-"""

@@ -1,0 +1,160 @@
+"""Channels of a slider-crank at given crank angles, in as few operations as a fit's thousands of simulations need."""
+
+import math
+from collections.abc import Callable, Mapping
+from math import tau
+
+import numpy as np
+
+from jointgap.config import Mechanism, Simulate
+from jointgap.config.scenario import TOLERANCE_SHARE
+from jointgap.core.joints import JOINTS
+from jointgap.dynamics.drive import crank_motion, crank_times
+from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
+from jointgap.dynamics.integrate import beginning
+from jointgap.dynamics.numba_cache import compiled
+from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
+from jointgap.dynamics.simulate import IntegrationResult, integrate_on, start_state
+from jointgap.rig.settings import DEFAULT_SETTINGS, SimulationSettings
+
+Columns = Mapping[str, np.ndarray]
+"""Channels of a motion (n,), by column."""
+
+
+def tolerance_for(
+    mechanism: Mechanism, settings: SimulationSettings = DEFAULT_SETTINGS.simulation, fast: bool = False
+) -> float:
+    """Local error of a step [m] for a fit: smaller where steps would jump over the contacts of a small clearance."""
+    film = any(mechanism.effect("lubricated_joint", joint) for joint in mechanism.loose)
+    usual = settings.film_tolerance_m if film else settings.fast_tolerance_m if fast else settings.tolerance_m
+    return min([usual, *(TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose)])
+
+
+def options_of(speed: float, start_angle: float, tolerance: float, **drive) -> Simulate:
+    """Options of a simulation, not validated: that takes longer than some motions, and the values are known to be
+    good.
+    """
+    return Simulate.model_construct(speed=speed, start_angle=start_angle, tolerance=tolerance, **drive)
+
+
+@compiled
+def prescribed_angles(p, times):
+    """Angles (n,) [rad] of the prescribed crank of parameters `p` at `times` (n,) [s]."""
+    angles = np.empty(times.size)
+    for i in range(times.size):
+        angles[i] = crank_motion(p, times[i])[0]
+    return angles
+
+
+def has_settled(
+    earlier: Columns, before: Columns, last: Columns, change: Callable[[Columns, Columns], float], length: float
+) -> bool:
+    """Whether the last of three revolutions is near the one before it, and near to where they go.
+
+    Where each change is z times the one before it, and z turns its phase too, as a mode that rings does, the last
+    revolution is |z / (1 - z)| of the last change away from its limit: the last change squared over the change of the
+    changes. Many small changes in one direction then count as what they add up to, and the scatter of the integration,
+    which has no direction, as itself.
+    """
+    changed = change(before, last)
+    if changed >= length:
+        return False
+    continued = {name: 2.0 * before[name] - earlier[name] for name in last}
+    return changed**2 <= length * change(continued, last)
+
+
+def channels_at(
+    p: Parameters,
+    angles: np.ndarray,
+    tolerance: float,
+    perturbation: np.ndarray | None = None,
+    settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
+    change: Callable[[Columns, Columns], float] | None = None,
+    read: int | None = None,
+    fast: bool = False,
+) -> dict[str, np.ndarray]:
+    """All channels at crank angles, by column of `jointgap.dynamics.sampling`, with the ``time`` [s]."""
+    if _is_kinematic(p):
+        return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
+    most_steps = settings.fast_steps_per_revolution if fast else None
+    progress = beginning(p, *start_state(p, perturbation), 0.0)
+
+    def integrate(sorted_angles: np.ndarray) -> IntegrationResult:
+        nonlocal progress
+        motion, progress = integrate_on(p, progress, sorted_angles, tolerance, most_steps)
+        return motion
+
+    back = (angles.min() - p.drive.start_angle) / tau
+    if change is None or perturbation is not None or not _may_repeat(p) or back <= settings.transient_revolutions:
+        return _sampled(p, angles, integrate)
+    # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
+    within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
+    whole_record = {"crank_angle": angles, "time": _times(p, angles)}
+    dropped_revolutions = settings.fast_settled_after if fast else settings.settled_after
+    first, last = (max(dropped, round(back)) for dropped in dropped_revolutions)
+    compared = _spread(within[:read], settings.compared_samples)
+    earlier = _sampled(p, within[compared] + (first - 2) * tau, integrate)
+    before = _sampled(p, within[compared] + (first - 1) * tau, integrate)
+    for dropped in range(first, last + 1):
+        motion = _sampled(p, within + dropped * tau, integrate)
+        now = {name: values[compared] for name, values in motion.items()}
+        if has_settled(earlier, before, now, change, settings.settled_length):
+            return motion | whole_record
+        earlier, before = before, now
+    later = (last + 1 - math.floor(back)) * tau  # so much later it has settled at least this far
+    return _sampled(p, angles + later, integrate) | whole_record
+
+
+def _spread(angles: np.ndarray, count: int) -> np.ndarray:
+    """Places of `count` of the `angles`, or of all if they are fewer, evenly in their order."""
+    order = np.argsort(angles, kind="stable")
+    return order[np.linspace(0, order.size - 1, min(count, order.size)).round().astype(int)]
+
+
+def _sampled(
+    p: Parameters, angles: np.ndarray, integrate: Callable[[np.ndarray], IntegrationResult]
+) -> dict[str, np.ndarray]:
+    """Channels at `angles`, in any order."""
+    sorted_angles, places = np.unique(angles, return_inverse=True)
+    motion = integrate(sorted_angles)
+    columns = motion.observed(p) | {"time": motion.times}
+    return {name: values[places] for name, values in columns.items()}
+
+
+def _times(p: Parameters, angles: np.ndarray) -> np.ndarray:
+    """Times (n,) [s] at which a prescribed crank passes `angles` (n,) [rad], in any order."""
+    sorted_angles, places = np.unique(np.append(p.drive.start_angle, angles), return_inverse=True)
+    return crank_times(p, sorted_angles)[places[1:]]
+
+
+def _may_repeat(p: Parameters) -> bool:
+    """Whether nothing but the state tells one revolution from the next."""
+    fluctuating = p.drive.kind == FLUCTUATING and p.drive.order == round(p.drive.order)
+    steady = p.drive.kind == CONSTANT or fluctuating
+    e = p.effects
+    over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
+    over_turns = over_turns or bool(e.crank_periodic and e.crank_periodic_order % 1)  # a half order
+    return bool(
+        steady and not e.harmonic and not over_turns and not p.slider_formula.length and not p.crank_formula.length
+    )
+
+
+def _is_kinematic(p: Parameters) -> bool:
+    """Whether the motion is that of the ideal mechanism under a prescribed crank: nothing is left to integrate."""
+    return not (p.switches.auxiliary or any(getattr(p, joint).loose for joint in JOINTS)) and p.drive.kind != MOTOR
+
+
+def _kinematic_motion(p: Parameters, angles: np.ndarray) -> IntegrationResult:
+    start_state(p)  # refuses a rod that does not reach the slide
+    count = angles.size
+    return IntegrationResult(
+        times=crank_times(p, angles),
+        states=np.zeros((count, STATES)),
+        auxiliary_states=np.zeros((count, AUXILIARY_STATES)),
+        modes=np.zeros((count, 3), np.int64),
+        approaches=np.full((count, 3), math.inf),
+        begins=np.full((count, 3), math.inf),
+        directions=np.full((count, 3), math.nan),
+        events=np.empty((0, 0)),
+        steps=0,
+    )

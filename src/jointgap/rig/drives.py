@@ -1,0 +1,310 @@
+"""From a run's record and its nuisances to a simulation that passes the samples when the test rig did."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import tau
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.sparse import coo_array, csr_array, eye_array, sparray, vstack
+
+from jointgap.config import Mechanism
+from jointgap.config.campaign_file import Campaign, CampaignRun, Start
+from jointgap.config.nuisance_bounds import MOTOR_LINE
+from jointgap.core.errors import InputError
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.drive import AngleErrors, crank_times, smooth_angle, stands_still
+from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
+from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.identification.noise import scatter_between_samples
+from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
+from jointgap.rig.channels import options_of, prescribed_angles
+from jointgap.rig.sampling import SampleGrid
+from jointgap.rig.settings import DEFAULT_SETTINGS, SampleGridSettings, SimulationSettings
+
+
+@dataclass(frozen=True)
+class DrivenRun:
+    """A simulation, and where in it the samples of a run lie."""
+
+    numbers: Parameters
+    angles: np.ndarray  # Crank angles of the samples [rad]
+    begin: float  # Time [s] of the simulation at the run's first sample
+    at: Callable[[np.ndarray], np.ndarray]  # Crank angles (m,) [rad] at times (m,) [s] since the first sample
+
+
+def starts_with_record(run: CampaignRun) -> bool:
+    """Whether the first sample is the start of the motion, so that nothing is simulated before it."""
+    return run.start in ("at_rest", "dead_centre")
+
+
+def began_anywhere(run: CampaignRun) -> bool:
+    """Whether nobody knows where the motion began, as long before the first sample as it takes to settle."""
+    return run.start in ("settled", "unknown")
+
+
+def _turned_before(run: CampaignRun, start: Start, first: float, speed: float) -> float:
+    """How far the crank turned [rad] from a stated start to the `first` angle [rad], at `speed` [rad/s]."""
+    turned = start.turned or (start.ran or 0.0) * speed
+    if start.angle is None:
+        return turned
+    angle = -start.angle if run.direction == "clockwise" else start.angle  # of its mirror image, as the others
+    part = float(np.mod(first - angle, tau))
+    return part + tau * max(round((turned - part) / tau), 0)
+
+
+def _settling_revolutions(mechanism: Mechanism, speed: float, settings: SimulationSettings) -> int:
+    """Revolutions to simulate before the first sample: more than usual where a bending rod rings for long."""
+    bending = mechanism.effect("rod_flexibility")
+    if bending is None:
+        return settings.settling_revolutions
+    decay_rate = max(bending.damping_ratio * tau * bending.frequency_Hz, 1e-6)
+    needed = math.ceil(settings.settling_time_constants / decay_rate * speed / tau)
+    return min(max(settings.settling_revolutions, needed), settings.max_settling_revolutions)
+
+
+def constant_speed_run(
+    mechanism: Mechanism,
+    run: CampaignRun,
+    samples: SampleGrid,
+    values: Mapping[str, float],
+    offset: float,
+    tolerance: float,
+    settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
+    earlier: float = 0.0,
+) -> DrivenRun:
+    """A crank of prescribed speed, steady or fluctuating."""
+    first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed)
+    back = earlier
+    if isinstance(run.start, Start):
+        back += _turned_before(run, run.start, first, speed)
+    elif not starts_with_record(run):
+        back += tau * _settling_revolutions(mechanism, speed, settings)
+    if not samples.timed:
+        angles = samples.angle + (first - samples.first_angle)
+        p = parameters(mechanism, options_of(speed, angles.min() - back, tolerance))
+        begin = float(crank_times(p, np.array([p.drive.start_angle, angles[0]]))[1])
+        return DrivenRun(p, angles, begin, lambda elapsed: prescribed_angles(p, begin + elapsed))
+    fluctuation = mechanism.effect("speed_fluctuation")
+    slowed = math.sqrt(1.0 - fluctuation.ratio**2) if fluctuation else 1.0  # mean speed over w0
+    w0 = speed / slowed if samples.encoded else speed
+    p = parameters(mechanism, options_of(w0, first - back, tolerance))
+    begin = back / (w0 * slowed)
+    if fluctuation and samples.encoded:
+        for _ in range(4):  # until the straight line through the angles is the one that was read
+            line_first, slope = samples.line(prescribed_angles(p, begin + samples.elapsed))
+            p.drive.speed *= speed / slope
+            begin = back / (p.drive.speed * slowed)
+            p.drive.start_angle += first - line_first
+
+    def at(elapsed: np.ndarray) -> np.ndarray:
+        return prescribed_angles(p, begin + elapsed)
+
+    return DrivenRun(p, at(samples.elapsed), begin, at)
+
+
+def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.ndarray, np.ndarray, sparray, float]:
+    """A record of times [s] from 0 on and angles [rad] with what leads in and out, how their errors come of those of
+    the record, and the time of its first revolution [s].
+
+    `back` and a half revolutions like the first one go before, half a revolution like the last one, for an encoder that
+    lags tells the last angles after it.
+    """
+    turn = float(np.interp(angle[0] + tau, angle, time))
+    last = float(np.interp(angle[-1] - tau, angle, time))
+    apart = 0.5 * time[-1] / (time.size - 1)  # nearer samples are the one at which two revolutions join
+    first = time < turn - apart
+    lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
+    out = (time > last + apart) & (time < 0.5 * (last + time[-1]))
+    after = time[out] + time[-1] - last, angle[out] + tau
+    own = eye_array(time.size, format="csr")
+    # a copied revolution is also shifted by what the readings between which it lies are off
+    led_in, led_out = own[[0]] - _between(time, turn), own[[time.size - 1]] - _between(time, last)
+    copied = [own[first] + csr_array(np.full((first.sum(), 1), k)) @ led_in for k in range(back + 1, 0, -1)]
+    copied += [own, own[out] + csr_array(np.ones((out.sum(), 1))) @ led_out]
+    time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
+    kept = time > -(back + 0.5) * turn  # the smooth angle is weak at its ends: half a revolution more than is simulated
+    return time[kept], angle[kept], vstack(copied, format="csr")[kept], turn
+
+
+def _between(time: np.ndarray, moment: float) -> sparray:
+    """The samples next to a moment [s], weighted as for a straight line between them: a sparse (1, n) array."""
+    after = min(max(int(np.searchsorted(time, moment)), 1), time.size - 1)
+    weight = (moment - time[after - 1]) / (time[after] - time[after - 1])
+    return coo_array(([1.0 - weight, weight], ([0, 0], [after - 1, after])), shape=(1, time.size)).tocsr()
+
+
+@dataclass(frozen=True)
+class MeasuredDrive:
+    """A measured angle made smooth."""
+
+    table: np.ndarray  # Its pieces: see `jointgap.dynamics.parameters.knots_record`
+    begin: float  # Time [s] of the record's first sample in it
+    made_errors: Callable[[], tuple[AngleErrors, float]]
+
+    @cached_property
+    def moved(self) -> list["MeasuredDrive"]:
+        """The drive with each of the errors that its angle may have, independently, by one standard deviation."""
+        errors, start = self.made_errors()
+        at, moved = self.table[:, 0] + start, []
+        changes = np.stack([errors(at, power) / math.factorial(power) for power in range(6)])
+        for number in range(errors.count):
+            table = self.table.copy()
+            table[:, 6:0:-1] += changes[:, :, number].T
+            moved.append(replace(self, table=table))
+        return moved
+
+
+def measured_drive(
+    samples: SampleGrid,
+    resolution: float,
+    noise: float | None,
+    back: int,
+    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
+) -> MeasuredDrive:
+    """A measured angle made smooth, and how far that may be off.
+
+    The record is led in by revolutions like its first one, and led out by half a revolution like its last one; time 0
+    is where they begin.
+    """
+    finite = np.isfinite(samples.read)
+    begins, readings = float(samples.elapsed[finite][0]), samples.read[finite]
+    time, angle, copies, turn = _led_in_and_out(samples.elapsed[finite] - begins, readings, back)
+    time += begins
+    rounding = resolution / math.sqrt(12.0)
+    scatter = _scatter(readings, rounding, noise)
+    # else a spline that keeps to the step would follow noise
+    stepped = 0.0 < scatter < settings.hardly_noisy * rounding
+    smooth = smooth_angle(time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None)
+    begin = -time[0] - back * turn
+    if (still := stands_still(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
+        still += time[0]
+        if still < begins:  # the lead-in repeats the first revolution
+            still = begins + (still - begins) % turn
+        raise InputError(
+            f"the smooth crank angle stands still or falls at {samples.time[0] + still:.6g} s; cut the record there, "
+            "or give crank_angle its resolution, for noise to be smoothed"
+        )
+    pieces = np.unique(np.append(smooth.x[smooth.x > begin], begin))[:-1]
+    if len(pieces) > MOST_KNOTS:
+        raise InputError(
+            f"channels: the smooth crank angle needs {len(pieces)} pieces, more than {MOST_KNOTS}; "
+            "give crank_angle its resolution, or shorter runs"
+        )
+    table = np.zeros((len(pieces), 7))
+    table[:, 0] = pieces - begin
+    for power in range(6):
+        table[:, 6 - power] = smooth(pieces, power) / math.factorial(power)
+
+    def errors() -> tuple[AngleErrors, float]:
+        own, common = noise, None
+        if resolution:
+            white = math.sqrt(max(scatter**2 - rounding**2, 0.0))
+            common, share = _rounding(smooth(samples.elapsed[finite] - time[0]), resolution, white)
+            own = math.hypot(white, math.sqrt(share) * rounding)
+        return AngleErrors(time - time[0], angle, smooth, stepped, copies, own, common), begin
+
+    return MeasuredDrive(table, float(back * turn), errors)
+
+
+def _scatter(readings: np.ndarray, rounding: float, noise: float | None) -> float:
+    """Standard deviation [rad] of readings of an angle that are noisy and rounded by so much.
+
+    Where the noise is not stated, fourth differences of readings that are one, two or three samples apart tell it: the
+    least of them, for a motion that is rough adds to them, and roundings that alternate add to one alone.
+    """
+    if noise is not None:
+        return math.hypot(noise, rounding)
+    found = [scatter_between_samples(readings[::apart], IDENTIFICATION.noise) for apart in (1, 2, 3)]
+    return max(rounding, min((each.sd for each in found if each), default=0.0))
+
+
+def _rounding(angle: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, float]:
+    """What roundings of angles (n,) [rad] have in common, as errors (n, m) [rad], and the share of them that is left.
+
+    Roundings of two angles are alike as far as the angles are whole steps apart, for which zero of the steps is true
+    nobody knows. The sawtooth's Fourier series says how far, and `noise` [rad] before the rounding flattens it.
+    """
+    orders = np.arange(1, 6)
+    shares = 6.0 / (math.pi * orders) ** 2 * np.exp(-((tau * orders * noise / step) ** 2))
+    phases = tau / step * orders * angle[:, None]
+    sizes = step / math.sqrt(12.0) * np.sqrt(shares)
+    return np.hstack([sizes * np.cos(phases), sizes * np.sin(phases)]), max(1.0 - float(shares.sum()), 0.0)
+
+
+def measured_angle_run(
+    mechanism: Mechanism,
+    samples: SampleGrid,
+    measured: MeasuredDrive,
+    offset: float,
+    lag: float,
+    tolerance: float,
+) -> DrivenRun:
+    """A crank that follows the measured angle."""
+    table, begin = measured.table.copy(), max(measured.begin + lag, 0.0)  # nothing is known from before the motion
+    table[:, 6] -= offset
+    p = parameters(mechanism, options_of(samples.speed, float(table[0, 6]), tolerance))
+    drive = DriveParameters(kind=MEASURED, speed=samples.speed, start_angle=float(table[0, 6]))
+    p = p._replace(drive=record(drive), knots=knots_record(table))
+
+    def at(elapsed: np.ndarray) -> np.ndarray:
+        return prescribed_angles(p, begin + elapsed)
+
+    return DrivenRun(p, at(samples.elapsed), begin, at)
+
+
+def motor_run(
+    mechanism: Mechanism,
+    campaign: Campaign,
+    run: CampaignRun,
+    samples: SampleGrid,
+    values: Mapping[str, float],
+    offset: float,
+    tolerance: float,
+    settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
+    earlier: float = 0.0,
+) -> DrivenRun:
+    """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
+    line = {key: values[key] for key in MOTOR_LINE if key in values}
+    motor, speed = campaign.motor.model_copy(update=line), values.get("speed", run.speed)
+    first = values.get("first_angle", samples.first_angle) - offset
+    start_speed, back = speed, 0.0
+    if run.start == "at_rest":
+        start_speed = settings.rest_speed_rad_s
+    elif isinstance(run.start, Start):
+        back = _turned_before(run, run.start, first, speed)
+    elif not starts_with_record(run):
+        crank = mechanism.crank
+        reciprocating = (
+            mechanism.slider.mass + mechanism.rod.mass
+        ) * crank.length**2  # more than its mean at the crank
+        inertia = (
+            motor.inertia
+            + crank.inertia
+            + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
+            + reciprocating
+        )
+        settling_time = settings.settling_time_constants * inertia * motor.no_load_speed / motor.stall_torque
+        needed = max(settings.settling_revolutions, math.ceil(settling_time * speed / tau))
+        back = tau * min(needed, settings.max_settling_revolutions) + earlier
+    p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
+    # a little more than the crank turns at no load, the fastest that it can be
+    reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, tau)
+    per_revolution = settings.motor_samples_per_revolution
+    count = math.ceil((back + reach) / tau * per_revolution)
+    coarse = p.drive.start_angle + np.arange(count + 1) * (tau / per_revolution)
+    angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
+    begin = float(np.interp(first, coarse, angle_over_time.x))
+    if samples.encoded and back:
+        for _ in range(4):
+            finite = np.isfinite(samples.read)
+            shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
+            away = angle_over_time(begin + samples.elapsed[finite]) + shift - samples.read[finite]
+            begin = max(begin - float(np.mean(away)) / speed, 0.0)
+
+    def at(elapsed: np.ndarray) -> np.ndarray:
+        return angle_over_time(begin + elapsed)
+
+    return DrivenRun(p, at(samples.elapsed), begin, at)

@@ -1,0 +1,100 @@
+"""Measured runs in SI units."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config.campaign_file import Campaign
+
+if TYPE_CHECKING:
+    from jointgap.rig.contradictions import Contradiction
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The samples of one run."""
+
+    run: str
+    time: np.ndarray  # As measured [s], rising; all NaN where the campaign has no channel time
+    crank_angle: np.ndarray  # [rad], continuous over turns and rising on the whole
+    channels: dict[str, np.ndarray]
+    noise: dict[str, float | None]
+    held_out: np.ndarray  # Samples that take no part in fitting or choosing
+
+    @property
+    def has_time(self) -> bool:
+        """Whether times were measured."""
+        return bool(np.isfinite(self.time).any())
+
+    @property
+    def has_angle(self) -> bool:
+        """Whether the crank angle was measured."""
+        return bool(np.isfinite(self.crank_angle).any())
+
+    @property
+    def all_channels(self) -> dict[str, np.ndarray]:
+        """The channels, the crank angle first where it was measured."""
+        return ({"crank_angle": self.crank_angle} if self.has_angle else {}) | self.channels
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """All runs of a campaign."""
+
+    runs: dict[str, Recording]  # In the campaign's order; without those that cannot be used
+    remarks: tuple[str, ...] = ()  # What a reader of the results should know of the data, in sentences
+    contradictions: "tuple[Contradiction, ...]" = ()  # What channels cannot be what they are said to be
+
+    @property
+    def left_out(self) -> dict[str, str]:
+        """Why a run of the campaign cannot be used, by run."""
+        from jointgap.rig.contradictions import OF_A_RUN
+
+        return {found.run: found.remark for found in self.contradictions if found.kind in OF_A_RUN}
+
+
+def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
+    """`Recording.noise` of a `run` of the `campaign`."""
+    noise = {}
+    for name, channel in campaign.channels.items():
+        stated = channel.noise_of(run)
+        if name != "time":
+            noise[name] = None if stated is None else float(stated * campaign.factor(name))
+    return noise
+
+
+def to_frame(measurements: Measurements) -> pd.DataFrame:
+    """Measurements as a tidy table: one row per run, channel and sample."""
+    parts = [
+        {"run": recording.run, "channel": channel, "sample": np.arange(values.size), "time": recording.time}
+        | {"crank_angle": recording.crank_angle, "value": values, "held_out": recording.held_out}
+        for recording in measurements.runs.values()
+        for channel, values in recording.all_channels.items()
+    ]
+    return pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
+
+
+def from_frame(
+    frame: pd.DataFrame,
+    campaign: Campaign,
+    remarks: tuple[str, ...] = (),
+    contradictions: "tuple[Contradiction, ...]" = (),
+) -> Measurements:
+    """The measurements in a table that `to_frame` made."""
+    runs = {}
+    for run, own in frame.groupby("run", sort=False, observed=True):
+        channels = dict(list(own.groupby("channel", sort=False, observed=True)))
+        samples = next(iter(channels.values()))
+        runs[run] = Recording(
+            run=run,
+            time=samples["time"].to_numpy(dtype=float),
+            crank_angle=samples["crank_angle"].to_numpy(dtype=float),
+            channels={
+                name: part["value"].to_numpy(dtype=float) for name, part in channels.items() if name != "crank_angle"
+            },
+            noise=noise_of(campaign, run),
+            held_out=samples["held_out"].to_numpy(dtype=bool),
+        )
+    return Measurements(runs, remarks, contradictions)

@@ -1,0 +1,181 @@
+"""Where in time and crank angle the samples of a run lie, as far as the record itself tells."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import tau
+
+import numpy as np
+
+from jointgap.core.errors import InputError
+from jointgap.rig.settings import DEFAULT_SETTINGS, SampleGridSettings
+
+
+@dataclass(frozen=True)
+class SampleGrid:
+    """Samples of one run."""
+
+    time: np.ndarray  # [s], as recorded, or from angle and speed
+    read: np.ndarray  # Crank angle as read [rad]; NaN where it was not
+    angle: np.ndarray  # Crank angle of the samples [rad] at constant speed, about as true as the record allows
+    first_angle: float  # Crank angle at the first sample [rad] and mean speed [rad/s]
+    speed: float  # Crank angle at the first sample [rad] and mean speed [rad/s]
+    first_reach: float = 0.0  # How far these estimates may be off [rad], [rad/s]
+    speed_reach: float = 0.0  # How far these estimates may be off [rad], [rad/s]
+    timed: bool = True  # Whether times were recorded; else samples lie at angles
+
+    @property
+    def encoded(self) -> bool:
+        """Whether times and angles were both recorded: the mean speed follows from them."""
+        return self.timed and bool(np.isfinite(self.read).any())
+
+    @property
+    def elapsed(self) -> np.ndarray:
+        """Times since the first sample [s]."""
+        return self.time - self.time[0]
+
+    @property
+    def turned(self) -> float:
+        """How far the crank turns in the record [rad]."""
+        return float(self.angle.max() - self.angle.min())
+
+    def first(self, turned: float) -> "SampleGrid":
+        """The record's samples until the crank has `turned` [rad]."""
+        kept = self.angle < self.angle[0] + turned
+        return replace(self, time=self.time[kept], read=self.read[kept], angle=self.angle[kept])
+
+    def extended(self, turned: float) -> "SampleGrid":
+        """The record, going on evenly where it ends before the crank has `turned` [rad]."""
+        count = self.time.size
+        more = max(math.ceil((turned / self.turned - 1.0) * (count - 1)), 0)
+        time, read, angle = (
+            np.append(values, values[-1] + (values[-1] - values[0]) / (count - 1) * np.arange(1, more + 1))
+            for values in (self.time, self.read, self.angle)
+        )
+        return replace(self, time=time, read=read, angle=angle)
+
+    def refined(self, factor: int) -> "SampleGrid":
+        """The record with `factor` samples for each of its own: itself every `factor`-th."""
+        count = self.time.size
+        places = np.arange((count - 1) * factor + 1) / factor
+        time, read, angle = (np.interp(places, np.arange(count), v) for v in (self.time, self.read, self.angle))
+        return replace(self, time=time, read=read, angle=angle)
+
+    def line(self, angle: np.ndarray) -> tuple[float, float]:
+        """First value [rad] and slope [rad/s] of the straight line through `angle` (n,) [rad] where it was read."""
+        finite = np.isfinite(self.read)
+        slope, first = np.polyfit(self.elapsed[finite], angle[finite], 1)
+        return float(first), float(slope)
+
+
+def planned_grid(
+    speed: float,
+    first_angle: float,
+    encoded: bool,
+    revolutions: int | None = None,
+    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
+) -> SampleGrid:
+    """Samples of a run that is yet to be measured, at even times."""
+    per_revolution = settings.planned_samples_per_revolution
+    count = (revolutions or settings.planned_revolutions) * per_revolution
+    elapsed = np.arange(count) * (tau / speed / per_revolution)
+    angle = first_angle + speed * elapsed
+    return SampleGrid(elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed)
+
+
+def sample_grid(
+    time: np.ndarray,
+    read: np.ndarray,
+    speed: float,
+    first_angle: float | None,
+    resolution: float = 0.0,
+    constant: bool = True,
+    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
+) -> SampleGrid:
+    """The samples of a recording."""
+    finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
+    if timed and finite.sum() >= 2:
+        elapsed = time - time[0]
+        slope, first, sd = _robust_line(elapsed[finite], read[finite], settings.outlier_standard_deviations)
+        error = settings.error_inflation * settings.reach_standard_errors * sd / math.sqrt(finite.sum())
+        span = max(float(np.ptp(elapsed[finite])), 1e-300)
+        angle = first + slope * elapsed
+        if not constant:
+            angle = np.interp(elapsed, elapsed[finite], read[finite])
+        # of a line through n points the first value has twice the standard error of the mean, the slope sqrt(12) / span
+        first_reach = 2.0 * error + 0.5 * resolution
+        speed_reach = (math.sqrt(12.0) * error + 0.5 * resolution) / span
+        return SampleGrid(time, read, angle, first, slope, first_reach, speed_reach)
+    if timed:
+        first = first_angle or 0.0
+        return SampleGrid(time, read, first + speed * (time - time[0]), first, speed)
+    if finite.sum() < 2:
+        raise InputError("a run has neither times nor crank angles; give the column of one of them")
+    rows = np.arange(read.size)
+    slope, start, _ = _robust_line(rows[finite].astype(float), read[finite], settings.outlier_standard_deviations)
+    angle = start + slope * rows
+    if np.abs(read - angle)[finite].max() > max(settings.even_rows_rad, 2.0 * resolution):
+        angle = np.interp(rows, rows[finite], read[finite])
+    return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
+
+
+def own_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Rows of a channel at its own rate, (n,) bool: of files of several loggers joined on time each fills some rows.
+
+    Those with a value, and those in gaps longer than its usual step; all of a channel that is yet to be measured.
+    """
+    kept = np.isfinite(value)
+    known = np.flatnonzero(kept)
+    if known.size < 2:
+        return np.ones(value.size, bool)
+    lapse = np.diff(elapsed[known])
+    between = np.clip(np.searchsorted(known, np.arange(value.size)) - 1, 0, lapse.size - 1)
+    return kept | (lapse > 1.5 * np.median(lapse))[between]
+
+
+def _robust_line(x: np.ndarray, y: np.ndarray, outlier: float) -> tuple[float, float, float]:
+    """Slope, value at 0 and residual sd of a straight line; points `outlier` standard deviations off are left out."""
+    kept = np.ones(x.size, bool)
+    for _ in range(3):
+        slope, first = np.polyfit(x[kept], y[kept], 1)
+        away = np.abs(y - first - slope * x)
+        sd = 1.4826 * float(np.median(away[kept]))
+        kept = away <= outlier * sd + 1e-9
+    return float(slope), float(first), float(np.sqrt(np.mean(away[kept] ** 2)))
+
+
+def speed_from_periodicity(
+    elapsed: np.ndarray,
+    values: Sequence[np.ndarray],
+    low: float,
+    high: float,
+    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
+) -> float:
+    """The speed [rad/s] with which channels repeat best, of a crank whose angle nobody read.
+
+    A Fourier series of the crank angle is fitted at each speed; the one that leaves least is refined by a parabola.
+    """
+    step = tau * settings.speed_step_revolutions / max(float(elapsed[-1]), 1e-300)
+    speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)
+    misfit = np.array([_aperiodic_share(elapsed, values, speed, settings.speed_harmonics) for speed in speeds])
+    best = int(np.argmin(misfit))
+    if not 0 < best < speeds.size - 1:
+        return float(speeds[best])
+    before, here, after = misfit[best - 1 : best + 2]
+    curvature = before - 2.0 * here + after
+    shift = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
+    return float(speeds[best] + shift * (speeds[1] - speeds[0]))
+
+
+def _aperiodic_share(elapsed: np.ndarray, values: Sequence[np.ndarray], speed: float, harmonics: int) -> float:
+    """Share of the variance that a Fourier series at `speed` [rad/s] leaves, summed over channels."""
+    angle = np.arange(1, harmonics + 1) * (speed * elapsed)[:, None]
+    series = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)])
+    total = 0.0
+    for value in values:
+        finite = np.isfinite(value)
+        centred = value[finite] - value[finite].mean()
+        weight = np.linalg.lstsq(series[finite], centred, rcond=None)[0]
+        residual = centred - series[finite] @ weight
+        total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
+    return total

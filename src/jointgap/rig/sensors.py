@@ -1,0 +1,360 @@
+"""Sensors and their faults."""
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
+
+from jointgap.config.channels import FILTER_ORDER
+from jointgap.core.candidates import Candidate, LawFamily, Parameter
+from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude
+from jointgap.rig.recording import Recording
+from jointgap.rig.settings import DEFAULT_SETTINGS, SensorSettings
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s^2] What an accelerometer that reads gravity reads at rest."""
+
+_AXES = {"slider_acceleration": math.cos, "rod_acceleration_x": math.cos, "rod_acceleration_y": math.sin}
+"""Accelerations and the component of a direction along them."""
+
+MIRRORED = (
+    "crank_speed",
+    "rod_angle",
+    "rod_angular_velocity",
+    "rod_acceleration_y",
+    "crank_torque",
+    "guide_force",
+    "frame_force_y",
+)
+"""Channels whose sign turns when the mechanism is seen from behind; the crank angle is mirrored where it is read."""
+
+
+def gravity_read(channel: str, direction: float) -> float:
+    """What gravity adds to an accelerometer's reading [m/s^2]: the opposite of free fall; 0 of other channels."""
+    return -STANDARD_GRAVITY * _AXES[channel](direction) if channel in _AXES else 0.0
+
+
+def filter_times(
+    first: float,
+    last: float,
+    revolution: float,
+    corners: Iterable[float],
+    settings: SensorSettings = DEFAULT_SETTINGS.sensors,
+) -> np.ndarray:
+    """Even times [s] from `first` to `last` on which filters and lags are computed."""
+    corner_steps = [1.0 / (settings.samples_per_corner_period * corner) for corner in corners]
+    interval = min([revolution / settings.samples_per_revolution, *corner_steps])
+    return np.linspace(first, last, math.ceil((last - first) / interval) + 1)
+
+
+def low_pass(values: np.ndarray, interval: float, corner: float, causal: bool) -> np.ndarray:
+    """Butterworth's low-pass of 4th order; run forth and back, without delay, unless it is causal."""
+    sections = butter(FILTER_ORDER, corner, fs=1.0 / interval, output="sos")
+    level = values[0]  # the filter starts at rest there, without a transient of the mean
+    return level + (sosfilt(sections, values - level) if causal else sosfiltfilt(sections, values - level))
+
+
+def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
+    """First-order lag, lag y' + y = u, of samples with straight lines between them: exact for these."""
+    share = interval / lag
+    decay = math.exp(-share)
+    mean_decay = -math.expm1(-share) / share  # mean of exp(-s) over an interval
+    # y_n = decay y_(n-1) + (1 - mean_decay) u_n + (mean_decay - decay) u_(n-1)
+    first = values[0]
+    return first + lfilter([1.0 - mean_decay, mean_decay - decay], [1.0, -decay], values - first)
+
+
+def at_times(times: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Smooth interpolation at `times` (m,) [s] of `values` (n,) [SI] at the times `grid` (n,) [s]."""
+    return CubicSpline(grid, values)(times)
+
+
+class Reading(NamedTuple):
+    """What the sensor of a channel reads: standard deviation in its SI `unit`, while the crank turns at `turning`
+    [rad/s].
+    """
+
+    spread: float
+    unit: str
+    turning: float
+
+
+@dataclass(frozen=True)
+class SensorFault:
+    """One way in which a sensor can err, by one parameter, or one in each run."""
+
+    name: str  # As a verdict states it, and what it calls it; words may hold ``{site}``
+    parameter: str  # SI; empty for the unit of the channel
+    unit: str  # SI; empty for the unit of the channel
+    words: str  # As a verdict states it, and what it calls it; words may hold ``{site}``
+    bounds: Callable[[Reading], tuple[float, float, float]]
+    law: str = ""  # What the sensor reads, y, of what is true, u
+    trial: Callable[[Any, str], tuple[float, float]] | None = None
+    of_each_run: bool = False  # Whether each run has a parameter of its own
+    steady: bool = False  # Whether a reading that does not change shows it too
+    either_sign: bool = True  # Whether the parameter may be negative in a blind trial
+    before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
+    after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
+    over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
+    delays: bool = False  # Whether the sensor reads what was true earlier, by its parameter [s]
+    undone: Callable[[np.ndarray, float, np.ndarray], np.ndarray] | None = None
+
+    def candidate(
+        self, site: str, reading: Reading, replaces: Mapping[str, str] | None = None, runs: Sequence[str] = ()
+    ) -> Candidate:
+        """The fault at a `site`, a channel or the encoder, whose `reading` sets the steps of a fit; `replaces` as of a
+        `Candidate`; `runs` are those of the campaign.
+        """
+        step, low, high = self.bounds(reading)
+        coordinate = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
+        coordinates = tuple(replace(coordinate, run=run) for run in runs) if self.of_each_run else (coordinate,)
+        return Candidate(
+            self.name,
+            site,
+            coordinates,
+            tuple(each.key for each in coordinates),
+            replaces=replaces or {},
+            sensor=True,
+            has_site=self.name not in ENCODER_FAULTS,
+            families=_families_of(self, site, coordinate) if self.name in DELAY_SHARES else (),
+        )
+
+
+ENCODER_OFFSET = "encoder_offset"
+ENCODER_LAG = "encoder_lag"
+ENCODER_ZEROS = "encoder_zeros"
+ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_ZEROS, ENCODER_LAG)
+"""Faults of the one sensor that reads the crank angle, on which the motion is laid: they have no channel to choose."""
+
+SENSOR_LAG, SENSOR_DELAY, LAG_AND_DELAY = "sensor_lag", "sensor_delay", "sensor_lag_and_delay"
+DELAY_SHARES = {SENSOR_LAG: 0.0, SENSOR_DELAY: 1.0}
+"""Faults that are one shape of `LAG_AND_DELAY`, first order plus dead time, and the share [1] of the delay there."""
+
+_INF = math.inf
+
+
+def _late(reading: Reading) -> tuple[float, float, float]:
+    """Step and bounds [s] of a time by which a sensor is late."""
+    return DETECTABLE_SHARE / reading.turning, 0.0, 1.0 / reading.turning
+
+
+def _families_of(fault: SensorFault, site: str, late: Parameter) -> tuple[LawFamily]:
+    """The family of a fault that makes the sensor at a `site` late, as `late` says; the law has its bounds."""
+    own = DELAY_SHARES[fault.name]
+    coordinates = replace(late, name=FAULTS[LAG_AND_DELAY].parameter), Parameter("delay_share", own, 0.0, 1.0, 0.1)
+    law = Candidate(LAG_AND_DELAY, site, coordinates, (coordinates[0].key,), sensor=True, has_site=True)
+    shares = tuple(DELAY_SHARES.values())
+    return (LawFamily(law, "delay_share", own, shares, lambda values: {coordinates[0].key: values[late.key]}),)
+
+
+FAULTS = {
+    fault.name: fault
+    for fault in (
+        SensorFault(
+            ENCODER_OFFSET,
+            "offset_rad",
+            "rad",
+            "an offset of the encoder",
+            bounds=lambda reading: (2e-3, -math.pi, math.pi),
+            law="y = u + offset_rad",
+            trial=lambda rig, channel: (0.005, 0.5),
+        ),
+        SensorFault(
+            ENCODER_ZEROS,
+            "zero_rad",
+            "rad",
+            "a zero of the encoder that is another one in each run",
+            bounds=lambda reading: (2e-3, -math.pi, math.pi),
+            law="y = u + zero_rad, with its own value in each run",
+            of_each_run=True,
+        ),
+        SensorFault(
+            ENCODER_LAG,
+            "lag_s",
+            "s",
+            "a delay of the encoder against the other sensors",
+            bounds=lambda reading: (DETECTABLE_SHARE / reading.turning, -1.0 / reading.turning, 1.0 / reading.turning),
+            law="y(t) = u(t - lag_s), a pure delay against all other channels; negative: these are late by the same "
+            "time. A candidate with drive measured_angle; at constant speed it is an offset of the encoder",
+        ),
+        SensorFault(
+            "sensor_bias",
+            "bias",
+            "",
+            "a bias of the sensor of {site}",
+            law="y = u + bias",
+            bounds=lambda reading: (DETECTABLE_SHARE * (reading.spread or 1.0), -_INF, _INF),
+            trial=lambda rig, channel: (0.1 * rig.spread[channel], _INF),
+            steady=True,
+            after_filter=lambda values, bias: values + bias,
+            undone=lambda values, bias, times: values - bias,
+        ),
+        SensorFault(
+            "sensor_gain",
+            "gain_error",
+            "1",
+            "a wrong gain of the sensor of {site}",
+            law="y = (1 + gain_error) u",
+            bounds=lambda reading: (DETECTABLE_SHARE, -0.9, 9.0),
+            trial=lambda rig, channel: (0.05, 1.0),
+            before_filter=lambda values, error: (1.0 + error) * values,
+            undone=lambda values, error, times: values / (1.0 + error),
+        ),
+        SensorFault(
+            SENSOR_LAG,
+            "lag_s",
+            "s",
+            "a lag of the sensor of {site}",
+            bounds=_late,
+            law="lag_s dy/dt + y = u, first order, as of a filter or a slow transducer: a fast change comes late and "
+            "smaller",
+            trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
+            either_sign=False,
+            over_time=lambda values, interval, lag: lagged(values, interval, lag) if lag else values,
+            undone=lambda values, lag, times: values + lag * np.gradient(values, times),
+        ),
+        SensorFault(
+            SENSOR_DELAY,
+            "delay_s",
+            "s",
+            "a delay of the sensor of {site}",
+            bounds=_late,
+            law="y(t) = u(t - delay_s), a pure delay, as of a logger, a bus or USB: all comes late and nothing smaller",
+            trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
+            either_sign=False,
+            delays=True,
+            undone=lambda values, delay, times: np.interp(times + delay, times, values),
+        ),
+        SensorFault(
+            LAG_AND_DELAY,
+            "late_s",
+            "s",
+            "a lag or a delay of the sensor of {site}",
+            bounds=_late,
+            law="a delay of delay_share late_s and a lag of the rest, the family of the two: no candidate by itself",
+        ),
+    )
+}
+"""Every fault by its name, in the order in which a fit tries them."""
+
+
+def sensor_candidates(
+    spreads: Mapping[str, tuple[float, str]],
+    encoder: bool,
+    turning: float,
+    drives: bool = False,
+    nuisances: Collection[str] = (),
+    runs: Sequence[str] = (),
+    told_offset: float | None = None,
+) -> list[Candidate]:
+    """Faults that the sensors could have."""
+    present = {
+        ENCODER_OFFSET: encoder,
+        ENCODER_ZEROS: encoder and bool(runs) and "encoder_zero" not in nuisances,
+        ENCODER_LAG: encoder and drives,
+    }
+    at_encoder = [
+        FAULTS[name].candidate(
+            "sensor", Reading(0.0, "rad", turning), {name: FAULTS[name].parameter} if name in nuisances else {}, runs
+        )
+        for name, is_present in present.items()
+        if is_present
+    ]
+    if told_offset:
+        at_encoder = [
+            replace(each, initial_guesses=({}, {FAULTS[ENCODER_OFFSET].parameter: told_offset}))
+            if each.name == ENCODER_OFFSET
+            else each
+            for each in at_encoder
+        ]
+    return at_encoder + [
+        fault.candidate(channel, Reading(spread, unit, turning))
+        for channel, (spread, unit) in spreads.items()
+        for fault in FAULTS.values()
+        if fault.name not in (*ENCODER_FAULTS, LAG_AND_DELAY) and (fault.steady or spread > 0.0)
+    ]
+
+
+class Faults:
+    """The faults of sensors among effects, by channel."""
+
+    NUISANCES = ("encoder_zero", "encoder_lag", "slider_position_zero")
+    """Names of the nuisances that are faults of sensors."""
+
+    def __init__(
+        self,
+        effects: Iterable[tuple[Candidate, Values]],
+        mirrored: bool = False,
+        nuisances: Mapping[str, float] | None = None,
+    ):
+        known = nuisances or {}
+        side = -1.0 if mirrored else 1.0
+        self.offset, self.lag = side * known.get("encoder_zero", 0.0), known.get("encoder_lag", 0.0)
+        self._faults: list[tuple[SensorFault, str, float]] = []
+        if position_zero := known.get("slider_position_zero", 0.0):
+            self._faults.append((FAULTS["sensor_bias"], "slider_position", position_zero))
+        for candidate, values in effects:
+            if candidate.name == ENCODER_OFFSET:
+                self.offset += side * values["offset_rad"]
+            elif candidate.name == ENCODER_ZEROS:
+                self.offset += side * values["zero_rad"]
+            elif candidate.name == ENCODER_LAG:
+                self.lag += values["lag_s"]
+            elif candidate.name == LAG_AND_DELAY:
+                late = values[FAULTS[LAG_AND_DELAY].parameter]
+                parts = {SENSOR_LAG: (1.0 - values["delay_share"]) * late, SENSOR_DELAY: values["delay_share"] * late}
+                self._faults += [(FAULTS[name], candidate.site, part) for name, part in parts.items()]
+            elif candidate.sensor:
+                self._faults.append((FAULTS[candidate.name], candidate.site, values[candidate.amplitudes[0]]))
+
+    def _of(self, channel: str, when: str) -> list[tuple[Callable, float]]:
+        """Functions that act on a channel at one place of its way, with their parameters."""
+        own = [(getattr(fault, when), value) for fault, site, value in self._faults if site == channel]
+        return [(act, value) for act, value in own if act is not None]
+
+    def __bool__(self) -> bool:
+        """Whether any sensor errs."""
+        return bool(self.offset or self.lag or self._faults)
+
+    def taken_out(self, recording: Recording) -> Recording:
+        """The `recording` of a run as its sensors would have read without the faults."""
+        angle = recording.crank_angle - self.offset
+        if self.lag and recording.has_time:
+            angle = angle + self.lag * np.gradient(recording.crank_angle, recording.time)
+        channels = dict(recording.channels)
+        # the last one to act is the first to be undone
+        for when in ("after_filter", "delays", "over_time", "before_filter"):
+            for fault, site, value in self._faults:
+                if getattr(fault, when) and fault.undone is not None and site in channels:
+                    channels[site] = fault.undone(channels[site], value, recording.time)
+        return replace(recording, crank_angle=angle, channels=channels)
+
+    def delay(self, channel: str) -> float:
+        """By how much [s] a channel reads later what is true."""
+        return sum(value for fault, site, value in self._faults if fault.delays and site == channel)
+
+    def need_grid(self, channel: str) -> bool:
+        """Whether readings of a channel have to be known in between."""
+        return any(value for _, value in self._of(channel, "over_time"))
+
+    def before_filter(self, channel: str, values: np.ndarray) -> np.ndarray:
+        """Readings (n,) of a `channel` with the faults before its low-pass, from `values` [unit] without."""
+        for act, value in self._of(channel, "before_filter"):
+            values = act(values, value)
+        return values
+
+    def over_time(self, channel: str, values: np.ndarray, interval: float) -> np.ndarray:
+        """Filtered readings (n,) of a `channel` with faults that last, from `values` every `interval` [s] without."""
+        for act, value in self._of(channel, "over_time"):
+            values = act(values, interval, value)
+        return values
+
+    def after_filter(self, channel: str, values: np.ndarray) -> np.ndarray:
+        """Readings (n,) of a `channel` with the faults after its low-pass, from `values` [unit] without."""
+        for act, value in self._of(channel, "after_filter"):
+            values = act(values, value)
+        return values

@@ -1,0 +1,353 @@
+"""Simulating a measured run."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import tau
+from typing import Any
+
+import numpy as np
+
+from jointgap.config import EFFECTS, Effect, Mechanism
+from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.config.friction_laws import FRICTION_LAWS
+from jointgap.config.load import validate
+from jointgap.core.candidates import FAST, Candidate, Effects
+from jointgap.core.errors import InputError
+from jointgap.core.joints import JOINTS, PINS
+from jointgap.dynamics.parameters import Parameters
+from jointgap.effects.joint_clearance import START
+from jointgap.rig import drives, sensors
+from jointgap.rig.channels import Columns, channels_at, tolerance_for
+from jointgap.rig.recording import noise_of
+from jointgap.rig.sampling import SampleGrid
+from jointgap.rig.sensors import Faults
+from jointgap.rig.settings import DEFAULT_SETTINGS, SimulationSettings, SliderCrankSettings
+
+_DISCOVERED = "discovered_"
+
+
+def friction_speed(mechanism: Mechanism) -> float | None:
+    """Sliding speed [m/s] over which friction is regularised in the first loose pin that has any; None where none has.
+
+    Nobody measures it, and it moves what is read near reversals by many times the noise: so it is fitted as a nuisance,
+    which stands for the other pins' in proportion.
+    """
+    contacts = [mechanism.joint(pin).contact for pin in mechanism.loose]
+    return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
+
+
+def lasting_damping(mechanism: Mechanism) -> dict[str, str]:
+    """Name of the nuisance by loose joint whose contact has a memory that fades: the damping of its lasting contact.
+
+    Nobody measures it, and how each reversal of load rings down depends on it. The nuisance is the natural logarithm of
+    damping over what the contact says, on which readings depend about linearly; on the damping itself less so.
+    """
+    return {
+        pin: f"lasting_damping_{pin}"
+        for pin in mechanism.loose
+        if mechanism.joint(pin).contact.reference_speed is not None
+    }
+
+
+def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+    """`mechanism` with other masses, lengths, clearances, friction and restitution."""
+    get = values.get
+    modified = mechanism.with_lengths(
+        get("crank_length", mechanism.crank.length), get("rod_length", mechanism.rod.length)
+    )
+    rod = {key: values[f"rod_{key}"] for key in ("mass", "inertia") if f"rod_{key}" in values}
+    slider = {key: values[f"slider_{key}"] for key in ("mass", "offset") if f"slider_{key}" in values}
+    joints = {}
+    for pin in mechanism.loose:
+        joint = mechanism.joint(pin)
+        contact = {
+            key: values.get(f"{name}_{pin}", values.get(name, getattr(joint.contact, key)))
+            for name, key in (("joint_friction", "friction"), ("restitution", "restitution"))
+            if pin in PINS and getattr(joint.contact, key) is not None  # not every law of contact has a restitution
+        }
+        if "friction_speed" in values:
+            contact["friction_speed"] = (
+                joint.contact.friction_speed * values["friction_speed"] / friction_speed(mechanism)
+            )
+        if (name := f"lasting_damping_{pin}") in values:
+            contact["reference_approach_speed"] = joint.contact.reference_speed * math.exp(-values[name])
+        change: dict[str, Any] = {"contact": joint.contact.model_copy(update=contact)}
+        if f"{pin}_clearance" in values:
+            change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]
+        joints[pin] = joint.model_copy(update=change)
+    return modified.model_copy(
+        update={
+            "rod": modified.rod.model_copy(update=rod),
+            "slider": modified.slider.model_copy(update=slider),
+            "joints": modified.joints.model_copy(update=joints),
+        }
+    )
+
+
+def with_effects(mechanism: Mechanism, effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> Mechanism:
+    """`mechanism` with physical effects added to those that it has."""
+    added, formulas = [], {}
+    for candidate, values in effects:
+        if candidate.sensor:
+            continue
+        if candidate.name.startswith(_DISCOVERED):
+            formulas.setdefault(candidate.name.partition("[")[0], []).append((candidate, values))
+        elif EFFECTS[candidate.name].ACTS_AT_ZERO or any(
+            value for key, value in values.items() if key in _names(candidate)
+        ):
+            added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
+    added += [_formula(name, terms) for name, terms in formulas.items()]
+    return mechanism.model_copy(update={"effects": (*mechanism.effects, *added)})
+
+
+def _names(candidate: Candidate) -> set[str]:
+    """Keys of an effect's sizes, and their names within a run."""
+    return {name for key in candidate.amplitudes for name in (key, key.partition("@")[0])}
+
+
+def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
+    effect = EFFECTS[name]
+    data = {"name": name, "parameters": dict(parameters)} | ({"site": site} if "site" in effect.model_fields else {})
+    return validate(effect, data, name)
+
+
+def _formula(name: str, terms: Sequence[tuple[Candidate, Mapping[str, float]]]) -> Effect:
+    """One law of several found terms: a candidate ``discovered_slider_force[v^3]`` has one size, its coefficient."""
+    parts, coefficients = [], {}
+    for place, (candidate, values) in enumerate(terms, 1):
+        term = candidate.name.partition("[")[2].removesuffix("]")
+        if not term:
+            raise InputError(f"{candidate.name}: has no term; name it such as {name}[v^3]")
+        parts.append(f"c{place}*({term})")
+        coefficients[f"c{place}"] = values[candidate.amplitudes[0]]
+    return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients})
+
+
+def simulated_effects(effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> tuple[list, list, float]:
+    """Effects as they can be simulated, those that can be as they are, and what share of the others' effect acts."""
+    limited, exact, share = [], [], 1.0
+    for candidate, values in effects:
+        page = EFFECTS.get(candidate.name)
+        nearest, part = page.simulated(values) if page and not candidate.sensor else (values, 1.0)
+        limited.append((candidate, nearest))
+        exact += [(candidate, values)] if part == 1.0 else []
+        share *= part
+    return limited, exact, share
+
+
+def augmented_mechanism(
+    mechanism: Mechanism, hypothesis: Sequence[Candidate] = (), values: Mapping[str, float] | None = None
+) -> Mechanism:
+    """The mechanism with re-fitted nuisances and physical effects written in."""
+    values = values or {}
+    modified = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
+    effects = [(candidate, _own(candidate, values)) for candidate in hypothesis]
+    for _, own in effects:
+        # a nuisance that an effect replaced in part, such as the other pin's friction
+        modified = with_nuisances(modified, own)
+    return validate(Mechanism, with_effects(modified, effects).model_dump(), "the mechanism with what was found")
+
+
+def _own(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
+    """Values of an effect's coordinates by key, as far as a fit has them: those of held-out runs it has not."""
+    keys = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates}
+    return {key: values[name] for key, name in keys.items() if name in values}
+
+
+NUMERICS = (
+    "friction regularised by Threlfall's law",
+    "a tenth of the tolerance",
+    "another start",
+)
+"""Other numerics that are as good as the usual ones, in words: what they change in a prediction is no disagreement. The
+last one is for joints that are loose and a start that nobody knows."""
+
+
+def numerics_for(campaign: Campaign) -> tuple[str, ...]:
+    """Those of `NUMERICS` that can change anything in a campaign."""
+    return NUMERICS if _free_runs(campaign) and campaign.mechanism.applied().loose else NUMERICS[:-1]
+
+
+def _free_runs(campaign: Campaign) -> list[str]:
+    """Runs of which nobody knows where their motion began."""
+    return [run.id for run in campaign.runs if campaign.drive != "measured_angle" and drives.began_anywhere(run)]
+
+
+def unknown_starts(campaign: Campaign, settings: SimulationSettings = DEFAULT_SETTINGS.simulation) -> dict[str, int]:
+    """From how many starts the motion may have come with a joint that became loose, by run of which nobody knows where
+    it began; none where joints are loose already: of these another start is one of the `NUMERICS`.
+    """
+    return {} if campaign.mechanism.applied().loose else dict.fromkeys(_free_runs(campaign), settings.starts)
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """One run: its samples and what is read there."""
+
+    run: CampaignRun
+    samples: SampleGrid
+    channels: tuple[str, ...]  # That are compared
+    measured: drives.MeasuredDrive | None = None  # A measured angle that drives the crank
+    settings: SliderCrankSettings = DEFAULT_SETTINGS
+
+
+def channels_read(
+    campaign: Campaign,
+    plan: RunPlan,
+    values: Mapping[str, float],
+    effects: Effects = (),
+    numerics: int = 0,
+    perturbation: np.ndarray | None = None,
+) -> dict[str, np.ndarray]:
+    """What the sensors of a run read at its samples."""
+    effects, without, share = simulated_effects(effects)
+    read = _read_at_limit(campaign, plan, values, effects, numerics, perturbation)
+    if share < 1.0:
+        rest = _read_at_limit(campaign, plan, values, without, numerics, perturbation)
+        read = {channel: rest[channel] + share * (read[channel] - rest[channel]) for channel in read}
+    return read
+
+
+def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> dict[str, np.ndarray]:
+    """`channels_read` of a rod that is no stiffer than can be simulated."""
+    clockwise = plan.run.direction == "clockwise"
+    faults, nuisances = Faults(effects, clockwise, values), dict(values)
+    for candidate, own in effects:  # a nuisance that an effect took over in part, such as the other pin's friction
+        nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
+    mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
+    if clockwise:
+        mechanism = mechanism.mirrored()
+    finer, change = other_numerics(numerics)
+    tolerance = finer * tolerance_for(mechanism, plan.settings.simulation, numerics == FAST)
+    start = sum(round(own.get(START, 0.0)) for _, own in effects)  # of two joints it is one of the same starts
+    if numerics == len(NUMERICS) and drives.began_anywhere(plan.run):
+        start += 1
+    earlier = _turned_earlier(start % plan.settings.simulation.starts, plan.settings.simulation)
+    driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
+    change(driven.numbers)
+    harmonic = driven.numbers.effects
+    # phases of forces count from the record's time 0, that of the simulation is earlier
+    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
+    return _read(campaign, plan, driven, faults, tolerance, perturbation, numerics == FAST)
+
+
+def _turned_earlier(start: int, settings: SimulationSettings) -> float:
+    """How much earlier [rad] the motion begins for another `start`, counted from 0, the usual one."""
+    return math.fmod(start * settings.other_start_revolutions, settings.most_start_revolutions) * tau
+
+
+def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
+    """Factor of the tolerance, and what changes the numbers of a simulation, for `numerics` of `channels_read`."""
+    if numerics == 1:
+        return 1.0, _threlfall
+    return (0.1 if numerics == 2 else 1.0), lambda p: None
+
+
+def _threlfall(p: Parameters) -> None:
+    usual, other = FRICTION_LAWS["coulomb"], FRICTION_LAWS["threlfall"]
+    for name in JOINTS:
+        joint = getattr(p, name)
+        if joint.friction_law == usual.code:
+            joint.friction_law = other.code
+            joint.friction_speed *= other.slope_at_zero / usual.slope_at_zero  # the same slope at zero speed
+
+
+def _driven_run(
+    campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance, earlier: float
+) -> drives.DrivenRun:
+    driven = _driven(campaign, plan, mechanism, values, faults, tolerance, earlier)
+    effects = driven.numbers.effects
+    if effects.table_over == 2:  # a load over time: that of the record, which begins later than the simulation
+        if not plan.samples.timed:
+            raise InputError("slider_force_table: a load over time needs the channel time; add it, or give its angle")
+        effects.table_begin += driven.begin - plan.samples.time[0]
+    return driven
+
+
+def _driven(
+    campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance, earlier: float
+) -> drives.DrivenRun:
+    settings = plan.settings.simulation
+    if plan.measured is not None:
+        return drives.measured_angle_run(mechanism, plan.samples, plan.measured, faults.offset, faults.lag, tolerance)
+    offset = faults.offset - faults.lag * values.get("speed", plan.samples.speed)  # an encoder that lags reads less
+    if campaign.drive == "motor":
+        return drives.motor_run(
+            mechanism, campaign, plan.run, plan.samples, values, offset, tolerance, settings, earlier
+        )
+    return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance, settings, earlier)
+
+
+def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -> dict[str, np.ndarray]:
+    """What the sensors make of the motion at the samples."""
+    channels = {name: campaign.channels[name] for name in plan.channels}
+    late = driven.at(plan.samples.elapsed - faults.lag) if faults.lag and plan.measured is None else driven.angles
+    if channels.keys() == {"crank_angle"}:
+        return {"crank_angle": late + faults.offset}
+    corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
+    grid, count = np.empty(0), driven.angles.size
+    if corners or any(map(faults.need_grid, channels)):
+        grid = _filter_times(plan, driven, corners)
+    # the motion is simulated at the times that a late sensor reads: impacts stay as sharp as they are
+    delays = list(dict.fromkeys([0.0, *map(faults.delay, channels)]))
+    earlier = [driven.at(np.maximum(plan.samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
+    angles = np.concatenate([driven.angles, *earlier, driven.at(grid)])
+    change = _change_over_noise(campaign, plan, count, fast) if drives.began_anywhere(plan.run) else None
+    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change, count, fast)
+    elapsed = true["time"][:count] - driven.begin
+    readings = {}
+    for name, channel in channels.items():
+        values = true[name]
+        if name == "crank_angle":
+            readings[name] = late + faults.offset
+            continue
+        if plan.run.direction == "clockwise" and name in sensors.MIRRORED:
+            values = -values
+        if channel.reads_gravity:
+            values = values + sensors.gravity_read(name, campaign.mechanism.gravity_direction)
+        values = faults.before_filter(name, values)
+        delay = faults.delay(name)
+        first, times = count * delays.index(delay), elapsed - delay
+        read, fine = values[first : first + count], values[count * len(delays) :]
+        if channel.bandwidth:
+            fine = sensors.low_pass(fine, grid[1] - grid[0], channel.bandwidth, channel.filter == "causal")
+            read = sensors.at_times(times, grid, fine)
+        if faults.need_grid(name):
+            # the lag's change is interpolated, not the reading: without a filter impacts stay as sharp as they are
+            change = faults.over_time(name, fine, grid[1] - grid[0]) - fine
+            read = read + sensors.at_times(times, grid, change)
+        readings[name] = faults.after_filter(name, read)
+    return readings
+
+
+def _change_over_noise(
+    campaign: Campaign, plan: RunPlan, count: int, fast: bool
+) -> Callable[[Columns, Columns], float]:
+    """Length of the change of what is read at `count` samples, over its noise, by those that are compared; if `fast`,
+    over what a search need not see of each sample.
+
+    Where the noise is not stated, it is taken for a share of what the channel varies by. Filters and faults are left
+    out: they make it no larger.
+    """
+    stated, share = noise_of(campaign, plan.run.id), plan.settings.chaos.unstated_noise_share
+    channels = [name for name in plan.channels if name != "crank_angle"]
+
+    def change(one: Columns, other: Columns) -> float:
+        squares = 0.0
+        for name in channels:
+            sd = stated.get(name) or share * float(np.std(other[name])) or 1e-300
+            squares += float(np.mean(((one[name] - other[name]) / sd) ** 2))
+        if fast:
+            return math.sqrt(squares / len(channels)) / plan.settings.simulation.fast_settled
+        return math.sqrt(count * squares)
+
+    return change
+
+
+def _filter_times(plan: RunPlan, driven: drives.DrivenRun, corners: list[float]) -> np.ndarray:
+    settings, revolution = plan.settings.sensors, tau / plan.samples.speed
+    padding = settings.padding_revolutions * revolution
+    after = 0.0 if plan.measured is not None else padding  # a measured angle ends with the record
+    first, last = -min(padding, driven.begin), plan.samples.elapsed[-1] + after
+    return sensors.filter_times(first, last, revolution, corners, settings)

@@ -1,0 +1,304 @@
+"""Statistics of non-periodic motion."""
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from math import tau
+
+import numpy as np
+
+from jointgap.config import Mechanism
+from jointgap.config.campaign_file import Campaign
+from jointgap.core.candidates import Effects
+from jointgap.dynamics.parallel import cores
+from jointgap.dynamics.simulate import perturbed_start
+from jointgap.rig.settings import DEFAULT_SETTINGS, CycleStatisticsSettings
+from jointgap.rig.simulate_run import RunPlan, channels_read
+
+KINDS = ("mean", "spread")
+
+
+@dataclass(frozen=True)
+class CycleStatistics:
+    """Statistics of the channels of one run.
+
+    A row of statistics, shape (m,), holds the bins of the first channel's mean, of its spread, of the second channel's
+    mean, and so on.
+    """
+
+    channels: tuple[str, ...]
+    angles: np.ndarray  # Crank angles of the median course, growing over somewhat more than a revolution [rad]
+    median_curves: np.ndarray  # Median course of each channel [SI]
+    compression: np.ndarray  # k [SI]
+    weights: list[tuple[np.ndarray, np.ndarray]]  # For every statistic, which others predict it and how
+    settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics
+
+    @classmethod
+    def of(
+        cls,
+        channels: Sequence[str],
+        angle: np.ndarray,
+        values: Sequence[np.ndarray],
+        finer: int = 1,
+        settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics,
+    ) -> "CycleStatistics":
+        """Learnt from many simulated cycles."""
+        within = _within_revolution(angle, settings)
+        count = settings.median_angles
+        fine = np.minimum((within * (count / tau)).astype(int), count - 1)
+        # a bin's medians belong to its samples' angle: where these keep to a few angles, that is not its middle
+        angles, *median_curves = (
+            np.array([np.median(value[fine == place]) for place in np.unique(fine)]) for value in (within, *values)
+        )
+        angles = np.concatenate([[angles[-1] - tau], angles, [angles[0] + tau]])
+        median_curves = np.array([np.concatenate([medians[-1:], medians, medians[:1]]) for medians in median_curves])
+        learnt = cls(tuple(channels), angles, median_curves, np.ones(len(channels)), [], settings)
+        sizes = [np.abs(value - median) for value, median in zip(values, learnt._medians(angle), strict=True)]
+        compression = np.array([max(settings.compression_mean_sizes * float(np.mean(size)), 1e-300) for size in sizes])
+        learnt = replace(learnt, compression=compression)
+        rows = learnt.cycles(angle[::finer], [value[::finer] for value in values])
+        return replace(learnt, weights=_predictions(rows, len(channels), settings))
+
+    def _medians(self, angle: np.ndarray) -> list[np.ndarray]:
+        return [np.interp(_within_revolution(angle, self.settings), self.angles, curve) for curve in self.median_curves]
+
+    def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
+        """Statistics of every cycle, shape (cycles, m); NaN where a bin has no sample."""
+        bins = self.settings.bins
+        first = np.floor(np.min(angle) / tau)
+        place = np.floor((angle / tau - first) * bins + self.settings.edge_share_of_bin).astype(int)
+        count = int(place.max()) // bins + 1
+        rows = np.full((count, len(self.channels), len(KINDS), bins), np.nan)
+        for i, (value, median, k) in enumerate(zip(values, self._medians(angle), self.compression, strict=True)):
+            used = np.isfinite(value)
+            compressed = k * np.tanh((value[used] - median[used]) / k)
+            number = np.bincount(place[used], minlength=count * bins)
+            with np.errstate(invalid="ignore"):
+                for kind, deviation in enumerate((compressed, np.abs(compressed))):
+                    sums = np.bincount(place[used], deviation, minlength=count * bins)
+                    rows[:, i, kind, :] = (sums / number).reshape(count, bins)
+        rows = rows.reshape(count, -1)
+        return rows[np.isfinite(rows).any(axis=1)]
+
+    def independent(self, rows: np.ndarray) -> np.ndarray:
+        """Statistics `rows` (..., m) less what those before them let expect, of the same shape."""
+        independent = rows.copy()
+        for place, (others, weights) in enumerate(self.weights):
+            if others.size:
+                independent[..., place] = rows[..., place] - rows[..., others] @ weights
+        return independent
+
+    def noise(
+        self,
+        angle: np.ndarray,
+        measured: Sequence[np.ndarray],
+        simulated_angle: np.ndarray,
+        simulated: Sequence[np.ndarray],
+    ) -> np.ndarray:
+        """Standard deviation (channels,) [SI] of noise: what measured channels spread beyond noise-free simulated ones.
+
+        Bins count by how well they tell, so that the quiet ones do.
+        """
+        squares, variances = [], []
+        for angles, values in ((angle, measured), (simulated_angle, simulated)):
+            rows = self.cycles(angles, values).reshape(-1, len(self.channels), len(KINDS), self.settings.bins)[:, :, 1]
+            mean = np.nanmean(rows, axis=0)
+            squares.append(mean**2)
+            variances.append(4.0 * mean**2 * cycle_variance(rows) / np.isfinite(rows).sum(axis=0))
+        weight = 1.0 / (variances[0] + variances[1])
+        excess = np.sum(weight * (squares[0] - squares[1]), axis=1) / np.sum(weight, axis=1)
+        return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))  # of a normal number's mean size
+
+    def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
+        """Statistics `row` (m,) by the name of their series, (bins,) each."""
+        parts = row.reshape(len(self.channels), len(KINDS), self.settings.bins)
+        return {
+            f"{channel} {kind}": parts[i, k] for i, channel in enumerate(self.channels) for k, kind in enumerate(KINDS)
+        }
+
+
+def _within_revolution(angle: np.ndarray, settings: CycleStatisticsSettings) -> np.ndarray:
+    """Crank angles within a revolution [rad]; those on its edge begin one, whichever way they were rounded."""
+    return np.mod(angle + settings.edge_share_of_bin * tau / settings.bins, tau)
+
+
+def _predictions(
+    rows: np.ndarray, channels: int, settings: CycleStatisticsSettings
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """For each statistic the least-squares weights of those that may predict it."""
+    bins = settings.bins
+    places = np.arange(rows.shape[1]).reshape(channels, len(KINDS), bins)
+    centred = rows - np.nanmean(rows, axis=0)
+    sizes = np.maximum(np.nanstd(rows, axis=0), 1e-300)
+    centred = np.nan_to_num(centred / sizes)
+    predictions = []
+    for i, kind, place in np.ndindex(places.shape):
+        others = [places[i, kind, place - back] for back in range(1, settings.predicting_bins + 1) if place >= back]
+        others += [places[j, kind, (place + near) % bins] for j in range(i) for near in (-1, 0, 1)]
+        others += [places[i, 0, place]] if kind else []
+        chosen, own = np.array(others, dtype=int), places[i, kind, place]
+        weights = np.linalg.lstsq(centred[:, chosen], centred[:, own], rcond=1e-6)[0]
+        predictions.append((chosen, weights * sizes[own] / sizes[chosen]))
+    return predictions
+
+
+def cycle_variance(rows: np.ndarray) -> np.ndarray:
+    """Variance (m,) from cycle to cycle of statistics `rows` (cycles, m)."""
+    return np.maximum(np.nanvar(rows, axis=0, ddof=1), 1e-300)
+
+
+def persistence(rows: np.ndarray, block: int, bins: int = DEFAULT_SETTINGS.statistics.bins) -> np.ndarray:
+    """How many times the variance of the mean of many cycles is what it would be if they were independent."""
+    blocks = np.nanmean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
+    ratio = block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows)
+    return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, bins), axis=1), 1.0), bins)
+
+
+# fractions of multiples of the golden and the plastic ratio: they spread starts evenly, however many there are
+_SPREADING = np.array([0.6180339887, 0.7548776662, 0.5698402910])
+
+
+@dataclass(frozen=True)
+class ChaoticRun:
+    """What stands for the samples of chaotic channels of one run."""
+
+    plan: RunPlan  # Of one member of the simulated ensemble
+    statistics: CycleStatistics
+    variance: np.ndarray  # Of statistics from cycle to cycle [SI^2], sampled as the record is
+    persistence: np.ndarray
+    members: int  # Simulations of an evaluation
+    error: np.ndarray  # Standard error of what an evaluation simulates [SI]
+    noise: Mapping[str, float]  # Of the samples, by channel [SI]; it is added to what is simulated
+
+
+def chaotic_channels(
+    campaign: Campaign, plan: RunPlan, values: Mapping[str, float], noise: Mapping[str, float | None]
+) -> tuple[str, ...]:
+    """Channels in which two simulations from starts that hardly differ come out farther apart than noise would hide."""
+    if not campaign.mechanism.applied().loose:
+        return ()
+    settings, chaotic = plan.settings.chaos, []
+    start = _start(campaign.mechanism, np.full(3, settings.start_distance_m), np.zeros(3))
+    first = channels_read(campaign, plan, values)
+    second = channels_read(campaign, plan, values, perturbation=start)
+    for channel in plan.channels:
+        sd = noise.get(channel) or settings.unstated_noise_share * float(np.std(first[channel]))
+        departure = np.sqrt(np.mean((first[channel] - second[channel]) ** 2))
+        if channel != "crank_angle" and departure > settings.max_departure_share_of_noise * sd:
+            chaotic.append(channel)
+    return tuple(chaotic)
+
+
+def _start(mechanism: Mechanism, distance: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Start with clearance vectors of `distance` (3,) [m] and `direction` (3,) [rad], in the order of `JOINTS`."""
+    vectors = np.column_stack([distance * np.cos(direction), distance * np.sin(direction)]).ravel()
+    return perturbed_start(vectors, mechanism.applied().loose)
+
+
+def chaotic_run(
+    campaign: Campaign,
+    plan: RunPlan,
+    channels: tuple[str, ...],
+    values: Mapping[str, float],
+    measured: Mapping[str, np.ndarray],
+    noise: Mapping[str, float | None],
+) -> ChaoticRun:
+    """Learn the statistics of a run's chaotic channels from its model as it stands."""
+    settings, bins = plan.settings.chaos, plan.settings.statistics.bins
+    recorded = max(int(plan.samples.turned / tau) - settings.settling_cycles, 1)
+    # a measured angle ends with the record; a crank that turns by itself goes on
+    cycles = settings.cycles_per_simulation
+    cycles = cycles if plan.measured is None else min(cycles, recorded)
+    coarser = replace(plan.settings, simulation=replace(plan.settings.simulation, tolerance_m=settings.tolerance_m))
+    finer = math.ceil(settings.samples_per_revolution * plan.samples.turned / tau / plan.samples.angle.size)
+
+    def of_length(cycles: int) -> RunPlan:
+        turned = (cycles + settings.settling_cycles) * tau
+        samples = plan.samples.extended(turned) if plan.measured is None else plan.samples
+        return replace(plan, channels=channels, samples=samples.first(turned).refined(finer), settings=coarser)
+
+    remembered = max(min(recorded, settings.remembered_cycles), cycles)
+    many, members = math.ceil(settings.learning_cycles / remembered), math.ceil(settings.cycles / cycles)
+    angle, read = _ensemble(campaign, of_length(remembered), values, (), 0, many)
+    clean = CycleStatistics.of(channels, angle, list(read.values()), finer, plan.settings.statistics)
+    sds = {channel: noise.get(channel) for channel in channels}
+    if any(np.isfinite(measured[channel]).any() for channel in channels):
+        excess = clean.noise(
+            plan.samples.angle, [measured[channel] for channel in channels], angle, list(read.values())
+        )
+        sds = {channel: excess[i] if sds[channel] is None else sds[channel] for i, channel in enumerate(channels)}
+    sds = {channel: sd or 0.0 for channel, sd in sds.items()}
+    noisy = [_noisy(read[channel], sds[channel], place) for place, channel in enumerate(channels)]
+    learnt = CycleStatistics.of(channels, angle, noisy, finer, plan.settings.statistics)
+    rows = learnt.independent(learnt.cycles(angle[::finer], [values[::finer] for values in noisy]))
+    dense = learnt.independent(learnt.cycles(angle, noisy))
+    error = np.sqrt(persistence(dense, cycles, bins) * cycle_variance(dense) / (members * cycles))
+    persistent = persistence(rows, len(rows) // many, bins)
+    return ChaoticRun(of_length(cycles), learnt, cycle_variance(rows), persistent, members, error, sds)
+
+
+def measured_statistics(
+    chaotic: ChaoticRun, angle: np.ndarray, measured: Mapping[str, np.ndarray]
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Statistics of what was measured and their standard errors, those of the simulated ones included."""
+    own, settings = chaotic.statistics, chaotic.plan.settings.chaos
+    rows = own.independent(own.cycles(angle, [measured[channel] for channel in own.channels]))
+    cycles = np.isfinite(rows).sum(axis=0)
+    count = np.maximum(cycles, 1)
+    if not len(rows):  # yet to be measured
+        count[:] = max(round(float(np.ptp(angle)) / tau), 1)
+    simulated, several = chaotic.variance, cycles >= settings.min_scatter_cycles
+    variance = simulated.copy()
+    if several.any():
+        # few cycles tell their own scatter badly: mostly its ratio to the simulated one over all bins counts
+        ratio = cycle_variance(rows[:, several]) / simulated[several]
+        weight = count[several] / (count[several] + settings.prior_cycles)
+        variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
+    error = np.sqrt(chaotic.persistence * variance / count + chaotic.error**2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a bin without samples
+        mean = np.nanmean(rows, axis=0)
+    values, errors = own.split(mean), own.split(error)
+    return {name: (values[name], errors[name]) for name in values}
+
+
+def simulated_statistics(
+    campaign: Campaign, chaotic: ChaoticRun, values: Mapping[str, float], effects: Effects, numerics: int
+) -> dict[str, np.ndarray]:
+    """Statistics (bins,) [SI] of the chaotic channels, by the name of their series: the same for the same arguments."""
+    angle, read = _ensemble(campaign, chaotic.plan, values, effects, numerics, chaotic.members)
+    own = chaotic.statistics
+    noisy = [_noisy(read[channel], chaotic.noise[channel], place) for place, channel in enumerate(own.channels)]
+    return own.split(np.nanmean(own.independent(own.cycles(angle, noisy)), axis=0))
+
+
+def _noisy(values: np.ndarray, sd: float, seed: int) -> np.ndarray:
+    return values + sd * np.random.default_rng(seed).standard_normal(values.size) if sd else values
+
+
+def _ensemble(campaign, plan, values, effects, numerics, count) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Crank angles, and what is read there, of `count` simulations from spread starts, one behind the other.
+
+    Between members whole revolutions are left out, so that cycles stay whole.
+    """
+    spread = np.mod((np.arange(count)[:, None] + 0.5) * _SPREADING, 1.0)
+    mechanism = campaign.mechanism.applied()
+    clearances = (
+        min(values.get(f"{joint}_clearance", np.inf), mechanism.clearance(joint)) for joint in mechanism.loose
+    )
+    radius = 0.5 * min(clearances)
+
+    def member(place: int) -> dict[str, np.ndarray]:
+        # the square root spreads starts evenly over the disc
+        start = _start(campaign.mechanism, radius * np.sqrt(spread[place]), tau * spread[place][::-1])
+        return channels_read(campaign, plan, values, effects, numerics, start)
+
+    with ThreadPoolExecutor(min(cores(), count)) as pool:
+        members = list(pool.map(member, range(count)))
+    own = plan.samples.angle
+    settled = own >= own[0] + plan.settings.chaos.settling_cycles * tau
+    turns = math.ceil(plan.samples.turned / tau) + 1
+    angle = np.concatenate([own[settled] + place * turns * tau for place in range(count)])
+    return angle, {channel: np.concatenate([read[channel][settled] for read in members]) for channel in plan.channels}

@@ -1,0 +1,213 @@
+"""The stage kinematics: the paper's equations fed by surrogates and by the simulation, held against the simulation.
+
+Sources, `NAME` being a surrogate's name such as ``networks``:
+
+- ``simulation``: the simulation's own values; ``ideal``: the mechanism without clearance.
+- ``simulation_exact``, ``simulation_paper_form``: the equations fed by the simulated clearance vectors, with the
+  derivatives of r and without them.
+- ``NAME_paper_form``: r, gamma, gamma' and gamma'' each from its own fit, r constant: what the paper does.
+- ``NAME_exact``: the same with r' and r'' as derivatives of the fits of r.
+- ``NAME_own_rates``: gamma' and gamma'' as derivatives of the fits of gamma, r constant.
+- ``NAME_integrated``: gamma and gamma' as integrals of the fits of gamma' and gamma'', r constant.
+
+The last two show what it does that independent fits need not agree."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.integrate import cumulative_simpson
+
+from jointgap.config import Mechanism, Simulate
+from jointgap.core.joints import JOINT_NUMBERS
+from jointgap.dynamics.kinematics import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
+from jointgap.tables.kinematics_tables import QUANTITIES
+
+UNITS = {name: unit for name, unit, _ in QUANTITIES}
+PAST = np.radians(60.0)  # where the paper's transient is over by any account
+STEP = 1e-4  # [rad] of the difference quotient for second derivatives of fits
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What the stage finds: frames of the tables kinematics, kinematics_errors and kinematics_contradictions."""
+
+    motion: pd.DataFrame
+    errors: pd.DataFrame
+    contradictions: pd.DataFrame
+
+
+def kinematics(
+    mechanism: Mechanism,
+    options: Simulate,
+    training_points: int,
+    trajectory: pd.DataFrame,
+    surrogates: Mapping[str, Mapping[str, Fit]],
+) -> Kinematics:
+    """Feed the equations and compare."""
+    first = trajectory.iloc[: options.samples_per_revolution + 1]
+    angle = first["crank_angle"].to_numpy()
+    crank = _crank(first)
+    simulated = ClearanceMotion.from_table(first, mechanism.loose)
+    clearances = {"simulation_exact": simulated, "simulation_paper_form": simulated.paper_form()}
+    for name, fits in surrogates.items():
+        forms = clearance_motions(fits, crank, mechanism.loose)
+        clearances |= {f"{name}_{form}": motion for form, motion in forms.items()}
+
+    frames = linkage_frames(mechanism, first)
+    frames |= {name: _frame(linkage_motion(mechanism, crank, motion), angle) for name, motion in clearances.items()}
+
+    index = np.arange(len(first))
+    held_out = index % (options.samples_per_revolution // (training_points - 1)) != 0
+    regions = {"first_revolution": held_out, "past_60_deg": held_out & (angle - angle[0] > PAST)}
+    return Kinematics(
+        motion=motion_table(frames, angle),
+        errors=_errors(frames, regions),
+        contradictions=pd.DataFrame(
+            [
+                row
+                for name in surrogates
+                for row in _contradictions(name, mechanism.loose, clearances, frames, regions, first)
+            ]
+        ),
+    )
+
+
+def linkage_frames(mechanism: Mechanism, samples: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The quantities of the table kinematics as simulated, and without clearance: sources ``simulation``, ``ideal``."""
+    ideal = linkage_motion(mechanism, _crank(samples))
+    return {"simulation": samples[list(UNITS)], "ideal": _frame(ideal, samples["crank_angle"].to_numpy())}
+
+
+def motion_table(frames: Mapping[str, pd.DataFrame], angle: np.ndarray) -> pd.DataFrame:
+    """Frame of the table kinematics: `frames` by source below each other, at the crank angles `angle` (n,) [rad]."""
+    motion = pd.concat([frame.assign(source=name, crank_angle=angle) for name, frame in frames.items()])
+    return motion[["source", "crank_angle", *UNITS]].reset_index(drop=True)
+
+
+def _crank(samples: pd.DataFrame) -> Motion:
+    return Motion.of(*(samples[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration")))
+
+
+def clearance_motions(fits: Mapping[str, Fit], crank: Motion, loose: Iterable[str]) -> dict[str, ClearanceMotion]:
+    """The clearance motion that fits describe, in the four forms that the module names."""
+    forms: dict[str, dict[str, Motion]] = {"paper_form": {}, "exact": {}, "own_rates": {}, "integrated": {}}
+    for joint in (JOINT_NUMBERS[name] for name in loose):
+        length = _differentiated(fits[f"r{joint}"], crank)
+        own = _differentiated(fits[f"gamma{joint}"], crank)
+        rate, second = (fits[f"gamma{joint}_{dots}"](crank.position)[0] for dots in ("dot", "ddot"))
+        learned = Motion(own.position, rate, second)
+        integrated = Motion(_integrated(rate, crank, own.position[0]), _integrated(second, crank, rate[0]), second)
+        for form, gamma in zip(forms, (learned, learned, own, integrated), strict=True):
+            forms[form][f"r{joint}"] = length if form == "exact" else length.standing_still()
+            forms[form][f"gamma{joint}"] = gamma
+    return {form: ClearanceMotion(**motions) for form, motions in forms.items()}
+
+
+def _differentiated(fit: Fit, crank: Motion) -> Motion:
+    """A fit with its own time derivatives; the second from its exact first by a quotient of fourth order."""
+    angle = crank.position
+    value, slope = fit(angle)
+    slopes = [fit(angle + step * STEP)[1] for step in (-2, -1, 1, 2)]
+    second = (slopes[0] - 8.0 * slopes[1] + 8.0 * slopes[2] - slopes[3]) / (12.0 * STEP)
+    return Motion(value, slope * crank.velocity, second * crank.velocity**2 + slope * crank.acceleration)
+
+
+def _integrated(rate: np.ndarray, crank: Motion, start: float) -> np.ndarray:
+    return start + cumulative_simpson(rate / crank.velocity, x=crank.position, initial=0.0)
+
+
+def _frame(motion: LinkageMotion, angle: np.ndarray) -> pd.DataFrame:
+    """The quantities of the table kinematics, a column each."""
+    rod_x, rod_y, rod, slider = motion.rod_x, motion.rod_y, motion.rod_angle, motion.slider_x
+    columns = (
+        (rod_x.position, rod_y.position, rod_x.velocity, rod_y.velocity, rod_x.acceleration, rod_y.acceleration)
+        + (rod.position, rod.velocity, rod.acceleration)
+        + (slider.position, slider.velocity, slider.acceleration, motion.transmission_angle.position)
+    )
+    return pd.DataFrame(dict(zip(UNITS, (np.broadcast_to(column, angle.shape) for column in columns), strict=True)))
+
+
+def _difference(one: np.ndarray, other: np.ndarray, region: np.ndarray, true: np.ndarray) -> dict[str, float]:
+    """Sizes of other - one over the samples of the region where both are defined, and the simulation's range there."""
+    defined = region & np.isfinite(one) & np.isfinite(other)
+    difference, reference = (other - one)[defined], true[region & np.isfinite(true)]
+    rms, extent = float(np.sqrt(np.mean(difference**2))), float(np.ptp(reference))
+    return {
+        "rms": rms,
+        "peak": float(np.max(np.abs(difference))),
+        "range": extent,
+        "rms_over_range": rms / extent,
+        "samples": int(np.sum(defined)),
+    }
+
+
+def _errors(frames: Mapping[str, pd.DataFrame], regions: Mapping[str, np.ndarray]) -> pd.DataFrame:
+    rows = []
+    for quantity, unit in UNITS.items():
+        true, ideal = (frames[name][quantity].to_numpy() for name in ("simulation", "ideal"))
+        for region, inside in regions.items():
+            without = _difference(true, ideal, inside, true)["rms"]
+            for source, frame in frames.items():
+                if source == "simulation":
+                    continue
+                sizes = _difference(true, frame[quantity].to_numpy(), inside, true)
+                keys = {"source": source, "quantity": quantity, "unit": unit, "region": region}
+                rows.append(keys | sizes | {"rms_over_ideal": sizes["rms"] / without})
+    return pd.DataFrame(rows)
+
+
+def _contradictions(
+    name: str,
+    loose: Iterable[str],
+    clearances: Mapping[str, ClearanceMotion],
+    frames: Mapping[str, pd.DataFrame],
+    regions: Mapping[str, np.ndarray],
+    simulated: pd.DataFrame,
+) -> list[dict[str, object]]:
+    """Rows of the table kinematics_contradictions for one surrogate; `simulated` gives the ranges."""
+    learned, own, integrated = (clearances[f"{name}_{form}"] for form in ("paper_form", "own_rates", "integrated"))
+    pairs = []
+    for joint in loose:
+        gamma = f"gamma{JOINT_NUMBERS[joint]}"
+        fitted, derived, summed = (getattr(motion, gamma) for motion in (learned, own, integrated))
+        pairs += [
+            (gamma, "rad", f"fit of {gamma}", f"integral of the fit of {gamma}_dot", fitted.position, summed.position),
+            (
+                f"{gamma}_dot",
+                "rad/s",
+                f"fit of {gamma}_dot",
+                f"derivative of the fit of {gamma}",
+                fitted.velocity,
+                derived.velocity,
+            ),
+            (
+                f"{gamma}_ddot",
+                "rad/s^2",
+                f"fit of {gamma}_ddot",
+                f"second derivative of the fit of {gamma}",
+                fitted.acceleration,
+                derived.acceleration,
+            ),
+        ]
+    for quantity, form, way in (
+        ("slider_position", "integrated", "gamma as integral of the fit of its rate"),
+        ("slider_velocity", "own_rates", "gamma' as derivative of the fit of gamma"),
+        ("slider_acceleration", "own_rates", "gamma', gamma'' as derivatives of the fit of gamma"),
+    ):
+        one, other = (frames[f"{name}_{which}"][quantity].to_numpy() for which in ("paper_form", form))
+        pairs.append((quantity, UNITS[quantity], "each output from its own fit", way, one, other))
+    return [
+        {
+            "surrogate": name,
+            "quantity": quantity,
+            "unit": unit,
+            "one_way": one_way,
+            "other_way": other_way,
+            "region": region,
+            **_difference(one, other, inside, simulated[quantity].to_numpy()),
+        }
+        for quantity, unit, one_way, other_way, one, other in pairs
+        for region, inside in regions.items()
+    ]

@@ -1,0 +1,97 @@
+"""The tables of one scenario."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from jointgap import tables
+from jointgap.config import Mechanism, Scenario
+from jointgap.core.errors import InputError
+from jointgap.core.results_folder import ResultsFolder
+from jointgap.tables import FIT_ERRORS, TRAJECTORY, Table
+
+CLEARANCE = "clearance"
+"""Stands for an output where the second surrogate has all of them in one file."""
+
+
+class ScenarioResults(ResultsFolder):
+    """Tables of one scenario, read from and written to their places."""
+
+    def __init__(self, path: Path, scenario: Scenario, places: Mapping[str, Path] | None = None):
+        super().__init__(path, places)
+        self.scenario = scenario
+
+    def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
+        """The frame of `table`; where there is a file per output that of `part`, or all below each other with a column
+        output.
+        """
+        table = tables.TABLES[table] if isinstance(table, str) else table
+        if table == TRAJECTORY:
+            return read_trajectory(self.place(table), self.scenario)
+        if part or "{output}" not in table.path:
+            return super().read(table, part)
+        frames = []
+        for output in parts_of(table, self.scenario.mechanism):
+            frame = super().read(table, output)
+            frames.append(frame if "output" in frame else frame.assign(output=output))
+        return pd.concat(frames, ignore_index=True)
+
+    def files(self, wanted: Iterable[Table]) -> dict[str, Path]:
+        """Files of the tables `wanted` that exist, by table, or ``table/output`` where there is one per output."""
+        files, loose = {}, bool(self.scenario.mechanism.applied().loose)
+        for table in wanted:
+            if "{output}" not in table.path:
+                files[table.name] = self.place(table)
+            elif loose:
+                outputs = parts_of(table, self.scenario.mechanism)
+                files |= {f"{table.name}/{output}": self.place(table, output) for output in outputs}
+        return {name: path for name, path in files.items() if path.is_file()}
+
+
+def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
+    """What networks learn of a mechanism."""
+    outputs = tables.outputs(mechanism.applied().loose)
+    if not outputs:
+        raise InputError(
+            "all joints are ideal: without clearance there is nothing to learn, to optimise or to compare; make a "
+            "joint loose, or run the stage simulate alone"
+        )
+    return outputs
+
+
+def parts_of(table: Table, mechanism: Mechanism) -> tuple[str, ...]:
+    """What ``{output}`` stands for in the place of a `table` of a `mechanism`; errors as `outputs_of`."""
+    outputs = outputs_of(mechanism)
+    return (*outputs, CLEARANCE) if table.name == FIT_ERRORS.name else outputs
+
+
+def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
+    """The trajectory in the file `path`, which has to be the one that `scenario` asks for."""
+    frame, options = tables.read(TRAJECTORY, path), scenario.simulate
+    if options.speed < 0:
+        raise InputError(
+            f"simulate.speed {options.speed:g} rad/s is clockwise: nothing is learned or optimised of such a motion; "
+            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) "
+            "and a positive speed, which has the same best lengths"
+        )
+    samples, turned = options.samples_per_revolution * options.revolutions + 1, 2.0 * np.pi * options.revolutions
+    ends, speed = [options.start_angle, options.start_angle + turned], _starting_speed(scenario)
+    fits = len(frame) == samples and np.allclose(frame["crank_angle"].iloc[[0, -1]], ends, rtol=1e-9, atol=1e-9)
+    if not fits or (speed is not None and not np.isclose(frame["crank_speed"].iloc[0], speed, rtol=1e-9)):
+        raise InputError(
+            f"{path}: its {len(frame)} samples are not the {samples} of {options.revolutions} revolutions at "
+            f"{options.speed:g} rad/s that the options ask for; give the options it was simulated with, or simulate "
+            "again"
+        )
+    return frame
+
+
+def _starting_speed(scenario: Scenario) -> float | None:
+    """The crank's speed at the start [rad/s]; None where it is measured."""
+    options, wave = scenario.simulate, scenario.mechanism.effect("speed_fluctuation")
+    if options.drive.kind == "measured":
+        return None
+    factor = 1.0 + wave.ratio * np.cos(wave.order * options.start_angle - wave.phase_rad) if wave else 1.0
+    return options.speed * factor

@@ -1,0 +1,610 @@
+"""The stages of a scenario, from the simulated contact to tracked runs, in their order.
+
+Each imports what it needs when it runs: the command line is there at once, and a job loads nothing that it does not
+use."""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from jointgap import tables
+from jointgap.core.stage import Stages
+from jointgap.tables import (
+    CLEARANCE_FIT,
+    COMPARE_SEARCHES_BREAK_EVEN,
+    COMPARE_SEARCHES_OPTIMA,
+    COMPARE_SEARCHES_PROGRESS,
+    COMPARE_SEARCHES_SUMMARY,
+    COMPARE_SEARCHES_WANTED,
+    COMPARISON,
+    DESIGN_NETWORKS_COSTS,
+    DESIGN_NETWORKS_ERRORS,
+    DESIGN_NETWORKS_TRAINING,
+    DESIGN_NETWORKS_WEIGHTS,
+    EVENTS,
+    FIT,
+    FIT_ERRORS,
+    FIT_HISTORY,
+    FLOOR,
+    KINEMATICS,
+    KINEMATICS_CONTRADICTIONS,
+    KINEMATICS_ERRORS,
+    LOADS,
+    OPTIMA,
+    OVERVIEW,
+    PATHS,
+    POPULATION,
+    RESIMULATED,
+    ROBUST_CANDIDATES,
+    ROBUST_CONSTRAINTS,
+    ROBUST_FRESH_PATH,
+    ROBUST_GAINS,
+    ROBUST_LENGTHS,
+    TOLERANCE,
+    TRAJECTORY,
+    VALLEY,
+    WORTH,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from jointgap.config import Scenario
+    from jointgap.scenario.results import ScenarioResults
+
+SCENARIO_STAGES = Stages()
+
+IMPACTS_PAGE = "figures/impacts.html"
+"""Place of the page to zoom into the impacts, in the folder of a scenario."""
+
+_MOTION = ("mechanism", "simulate")
+_LEARNING = (*_MOTION, "surrogate")
+_OPTIMUM = (*_LEARNING, "optimise")
+
+
+@SCENARIO_STAGES.stage(writes=(TRAJECTORY, EVENTS), sections=_MOTION)
+def simulate(results: "ScenarioResults") -> None:
+    """Simulate the slider-crank: each joint loose or ideal, with contact, friction and the effects that are listed.
+
+    Reads the sections `mechanism` and `simulate` of the scenario: bodies, joints, contacts and effects; what drives the
+    crank (constant speed, a measured angle or a motor), how long, and how exactly.
+
+    Writes two tables (`jointgap describe FILE` explains their columns). Remarks, such as a contact law that delivers
+    another restitution than the one asked for, go to the standard error output. A simulation that cannot go on ends
+    with its time, crank angle and state, and writes nothing.
+
+    \b
+    Example:
+      echo '{mechanism: config/mechanisms/erkaya2009.yaml, simulate: {speed: 300 rpm}}' > mine.yaml
+      jointgap simulate --options mine.yaml --trajectory motion.parquet --events events.parquet
+
+    Effects to switch on: `jointgap effects`. All keys: config/README.md.
+    """
+    from jointgap.dynamics.mechanism_warnings import remarks
+    from jointgap.dynamics.simulate import simulate as simulated
+
+    scenario = results.scenario
+    for remark in remarks(scenario.mechanism):
+        print(f"jointgap: {remark}", file=sys.stderr)
+    run = simulated(scenario.mechanism, scenario.simulate)
+    results.write(EVENTS, run.events)
+    results.write(TRAJECTORY, run.samples)
+
+
+@SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(FIT, FIT_HISTORY, FIT_ERRORS), sections=_LEARNING)
+def surrogate(results: "ScenarioResults", output: str) -> None:
+    """Train the networks of one output with Levenberg-Marquardt: the paper's, and a regularised one whose errors
+    hold.
+    """
+    import pandas as pd
+
+    from jointgap.core.errors import InputError, did_you_mean
+    from jointgap.networks.train import SAMPLING, train, train_regularised
+    from jointgap.scenario.results import outputs_of
+
+    outputs = outputs_of(results.scenario.mechanism)
+    if output not in outputs:
+        raise InputError(f"--output-name {output}: no such output; {did_you_mean(output, outputs)}")
+    trajectory, options = results.read(TRAJECTORY), results.scenario.surrogate
+    fine = _first_revolution(results.scenario, min(SAMPLING, options.clearance_sampling))
+    fits = train(trajectory, output, options), train_regularised(trajectory, fine, output, options)
+    for table, frames in (
+        (FIT_HISTORY, [fit.history() for fit in fits]),
+        (FIT_ERRORS, [fit.errors() for fit in fits]),
+        (FIT, [fit.weights() for fit in fits]),
+    ):
+        results.write(table, pd.concat(frames, ignore_index=True), output)
+
+
+def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
+    """The same motion with a multiple of the samples; too large to keep."""
+    from jointgap.dynamics.simulate import simulate as simulated
+
+    samples = scenario.simulate.samples_per_revolution * multiple
+    finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
+    return simulated(scenario.mechanism, finer).samples
+
+
+@SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(CLEARANCE_FIT, FIT_ERRORS.at("clearance")), sections=_LEARNING)
+def clearance(results: "ScenarioResults") -> None:
+    """Train the second surrogate: one network per loose joint for the clearance vector, all outputs from it."""
+    from jointgap.networks.clearance import train_clearance
+    from jointgap.scenario.results import CLEARANCE, outputs_of
+
+    outputs_of(results.scenario.mechanism)  # complains where there is nothing to learn
+    held_out, scenario = results.read(TRAJECTORY), results.scenario
+    fine = _first_revolution(scenario, scenario.surrogate.clearance_sampling)
+    trained = train_clearance(held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose)
+    results.write(FIT_ERRORS, trained.errors(), CLEARANCE)
+    results.write(CLEARANCE_FIT, trained.weights())
+
+
+_TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
+
+
+@SCENARIO_STAGES.stage(
+    reads=_TRAINED, writes=(KINEMATICS, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS), sections=_LEARNING
+)
+def kinematics(results: "ScenarioResults") -> None:
+    """Feed the paper's equations by networks and by the simulation, and hold them against the simulation."""
+    from jointgap.networks.trained import trained_surrogates
+    from jointgap.scenario.kinematics import kinematics as compared
+
+    scenario = results.scenario
+    result = compared(
+        scenario.mechanism.applied(),
+        scenario.simulate,
+        scenario.surrogate.training_points,
+        results.read(TRAJECTORY),
+        trained_surrogates(results),
+    )
+    results.write(KINEMATICS_ERRORS, result.errors)
+    results.write(KINEMATICS_CONTRADICTIONS, result.contradictions)
+    results.write(KINEMATICS, result.motion)
+
+
+@SCENARIO_STAGES.stage(
+    reads=_TRAINED,
+    writes=(OPTIMA, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR, RESIMULATED, WORTH, LOADS),
+    sections=_OPTIMUM,
+)
+def optimise(results: "ScenarioResults") -> None:
+    """Search the link lengths for the transmission angle, and simulate again what was found."""
+    from jointgap.lengths.optimise import optimise as optimised
+    from jointgap.networks.trained import trained_surrogates
+
+    scenario = results.scenario
+    result = optimised(
+        scenario.mechanism.applied(),
+        scenario.simulate,
+        scenario.optimise,
+        scenario.surrogate.training_points,
+        results.read(TRAJECTORY),
+        trained_surrogates(results),
+    )
+    for table in SCENARIO_STAGES["optimise"].writes:
+        results.write(table, getattr(result, table.name.removeprefix("optimise_")))
+
+
+_COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
+
+
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"))
+def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path | None = None) -> None:
+    """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
+    from jointgap.networks.trained import trained_surrogates
+    from jointgap.scenario.figures import draw_all, predictions
+    from jointgap.scenario.figures_catalogue import FIGURES, needed_tables
+
+    wanted = names or FIGURES
+    needed = needed_tables(wanted)
+    frames = results.read_all(name for name in needed if name != "predictions")
+    if "predictions" in needed:
+        frames["predictions"] = predictions(trained_surrogates(results), frames["trajectory"], results.scenario)
+    draw_all(frames, results.scenario, folder or results.path / "figures", wanted)
+
+
+@SCENARIO_STAGES.stage(reads=(TRAJECTORY, EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION)
+def explore(results: "ScenarioResults") -> None:
+    """Write figures/impacts.html, to zoom into the impacts: gaps, contact forces and modes over the crank angle.
+
+    The page is complete in itself, 5 MB and more, and opens in any browser without a network. Needs plotly.
+    """
+    from jointgap.scenario.impacts_page import impacts_page
+
+    page = impacts_page(results.read(TRAJECTORY), results.read(EVENTS), results.scenario, results.path.resolve().name)
+    tables.write_text(results.path / IMPACTS_PAGE, page)
+
+
+@SCENARIO_STAGES.stage(
+    reads=_COMPUTED,
+    writes=(COMPARISON,),
+    files=("comparison.md", "comparison.html"),
+    sections=("description", *_OPTIMUM),
+)
+def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"]) -> None:
+    """Put every number and claim of the paper beside ours."""
+    from jointgap.core.page import to_html, to_markdown
+    from jointgap.paper.compare import NEEDED, variant_optimum
+    from jointgap.paper.compare import compare as compared
+    from jointgap.paper.pages import comparison_page
+
+    frames = results.read_all(NEEDED)
+    compared_with = {results.path.name: results, **siblings}
+    variants = [variant_optimum(name, each.scenario, each.read(RESIMULATED)) for name, each in compared_with.items()]
+    result = compared(frames, results.scenario, variants)
+    tables.write_text(results.path / "comparison.html", to_html(comparison_page(result, results.scenario)))
+    tables.write_text(results.path / "comparison.md", to_markdown(comparison_page(result, results.scenario)))
+    results.write(COMPARISON, result)
+
+
+@SCENARIO_STAGES.stage(
+    reads=_COMPUTED,
+    files=("summary.json", "summary.md", "summary.html"),
+    sections=("description", *_OPTIMUM),
+)
+def summarise(results: "ScenarioResults") -> str:
+    """Put the outcome on one page: lengths, gain, price and remarks, for whoever designs the mechanism.
+
+    The page takes in the figures that lie in the scenario's folder.
+    """
+    from jointgap.core.page import to_html, to_markdown
+    from jointgap.scenario.outcome import NEEDED, outcome, remarks
+    from jointgap.scenario.page import document, page
+
+    found = outcome(results.read_all(NEEDED), results.scenario)
+    remarked, name = remarks(found), results.path.name
+    shown, known = page(found, name, remarked), document(found, name, remarked)
+    tables.write_text(results.path / "summary.html", to_html(shown, results.path / "figures"))
+    tables.write_text(results.path / "summary.md", to_markdown(shown))
+    tables.write_text(results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n")
+    return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
+
+
+@SCENARIO_STAGES.stage(
+    reads=(*_COMPUTED, COMPARISON),
+    writes=(OVERVIEW,),
+    files=("overview.md", "overview.html"),
+    sections=("description", *_OPTIMUM),
+)
+def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
+    """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
+    from jointgap.core.page import to_html, to_markdown
+    from jointgap.paper import pages
+
+    needed = {name: (results.read_all(pages.NEEDED), results.scenario) for name, results in scenarios.items()}
+    result = pages.overview(needed)
+    page = pages.overview_page(result)
+    tables.write_text(folder / "overview.html", to_html(page, folder))
+    tables.write_text(folder / "overview.md", to_markdown(page, "."))
+    tables.write(OVERVIEW, result, folder / OVERVIEW.path)
+
+
+@SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
+def report(
+    scenarios: Mapping[str, "ScenarioResults"],
+    campaigns: Sequence[str],
+    folder: Path,
+    file: Path,
+) -> None:
+    """Put what came out of a run on one page in one file, with its figures."""
+    from jointgap.app.report import page
+    from jointgap.core.page import to_html
+
+    tables.write_text(file, to_html(page(scenarios, campaigns, folder), folder))
+
+
+@SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
+def track(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
+    """Publish a scenario's tables and figures to MLflow; nothing twice."""
+    from jointgap.core.errors import InputError
+    from jointgap.track.publish import publish
+
+    if not (files := results.files(SCENARIO_STAGES["track"].reads)):
+        raise InputError(f"{results.path}: holds no tables, so there is nothing to publish; give a scenario's folder")
+    pictures = (path for path in (results.path / "figures").glob("*") if path.suffix in (".svg", ".png", ".gif"))
+    costs = sorted((results.path / "benchmarks").rglob("*.tsv"))
+    sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
+    summary = publish(name, results.scenario, sections, files, sorted(pictures), costs, None, store)
+    tables.write_text(published, json.dumps(summary, indent=2) + "\n")
+
+
+@SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
+def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, workers: int | None) -> None:
+    """Simulate and measure some designs of the sweep, for `jointgap sweep`; those that the file holds are kept."""
+    from jointgap.designs.design_of_experiments import designs_of
+    from jointgap.designs.designs_to_parquet import write_designs
+
+    write_designs(designs_of(scenario), first, number, designs, SCENARIO_STAGES["sweep-designs"].digest, workers)
+
+
+@SCENARIO_STAGES.stage(files=("summary.md", "summary.html"), sections=(*_MOTION, "sweep"))
+def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
+    """Simulate and measure many designs: parameters with ranges, distributions or lists, drawn or on a grid.
+
+    The scenario's section `sweep` says which. The folder's `designs` is a dataset of Parquet files that pandas, polars
+    and duckdb read as one table, a row a design; designs that fail are rows with their reason. What is there already is
+    kept: a sweep that was killed goes on, and one with a larger number of the same Sobol sequence adds designs.
+    A grid of two or three parameters is drawn as a map.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
+      sweep:
+        number: 256
+        parameters:
+          clearance: {from: 0.1 mm, to: 1 mm, distribution: log_uniform}
+          friction: {from: 0, to: 0.2}
+          crank_length: {distribution: normal, mean: 150 mm, deviation: 0.05 mm}
+      END
+      jointgap sweep --options mine.yaml --folder results/mine
+    """
+    from jointgap.core import plot
+    from jointgap.core.page import to_html, to_markdown
+    from jointgap.designs.design_of_experiments import designs_of
+    from jointgap.designs.designs_to_parquet import write_dataset
+    from jointgap.designs.sweep_figures import MAP, grid_map, has_map
+    from jointgap.designs.sweep_page import page
+
+    designs, dataset = designs_of(scenario), folder / "designs"
+    tables.check_writable(folder / "summary.html", folder / "summary.md")
+    code = SCENARIO_STAGES["sweep-designs"].digest
+    write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
+    if has_map(designs.kind, designs.axes):
+        names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
+        plot.save(grid_map(tables.read_columns(dataset, names).to_pandas(), designs.axes), folder / MAP)
+    summary = page(designs, dataset)
+    tables.write_text(folder / "summary.html", to_html(summary, folder))
+    text = to_markdown(summary, ".")
+    tables.write_text(folder / "summary.md", text)
+    return text
+
+
+@SCENARIO_STAGES.stage(files=("summary.md", "summary.html"), sections=(*_MOTION, "sweep", "sensitivity"))
+def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
+    """Tell which parameter of a sweep decides which measure: Sobol indices from a surrogate of each.
+
+    Reads the designs that `jointgap sweep` simulated. Each measure gets a surrogate, which is judged by designs that it
+    was not trained on; where it predicts them badly there are no indices, and the page says so. The sections `sweep`
+    and `sensitivity` of the scenario say what was drawn, and of which measures indices are wanted (all by default).
+
+    Writes summary.html and summary.md, three tables and figures.
+
+    \b
+    Example:
+      jointgap sweep --options mine.yaml --folder results/mine/sweep
+      jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder results/mine/sensitivity
+    """
+    from jointgap.config.sensitivity_config import Sensitivity
+    from jointgap.designs.design_of_experiments import designs_of
+    from jointgap.designs.designs_to_parquet import check_dataset
+    from jointgap.designs.sensitivity_indices import what_decides
+    from jointgap.designs.sensitivity_results import write_results
+
+    drawn = designs_of(scenario)
+    check_dataset(drawn, designs)
+    return write_results(what_decides(drawn, designs, scenario.sensitivity or Sensitivity()), folder)
+
+
+@SCENARIO_STAGES.stage(
+    files=("summary.md", "summary.html", "nearest_scenario.yaml"), sections=(*_MOTION, "sweep", "infer_settings")
+)
+def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
+    """Tell for which settings, of those that the paper does not print, its printed numbers come out.
+
+    Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and weighs each by how near its
+    numbers come to the paper's: which come out alone and together, how likely that makes each value of each setting,
+    and which settings are nearest to all. Trains the paper's networks at some of them. The section `infer_settings` of
+    the scenario says how near is near.
+
+    Writes summary.html and summary.md, four tables, figures, and the nearest settings as a scenario to run.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 1, samples_per_revolution: 1800, tolerance: 1e-9 m}
+      sweep:
+        printed_numbers: true
+        parameters: {friction: {from: 0, to: 0.3}, window_start: {from: 0 deg, to: 90 deg}}
+      END
+      jointgap sweep --options mine.yaml --folder results/mine/sweep
+      jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \
+        --folder results/mine/infer_settings
+    """
+    from jointgap.designs.design_of_experiments import designs_of
+    from jointgap.designs.designs_to_parquet import check_dataset
+    from jointgap.paper_settings.infer_settings import check_infer_settings, inferred
+    from jointgap.paper_settings.infer_settings_results import write_results
+    from jointgap.paper_settings.train_networks import train_networks
+
+    check_infer_settings(scenario)
+    check_dataset(designs_of(scenario), designs)
+    found = inferred(scenario, designs)
+    return write_results(found, train_networks(found), scenario, folder)
+
+
+@SCENARIO_STAGES.stage(
+    writes=(ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS, ROBUST_CANDIDATES),
+    files=(ROBUST_FRESH_PATH, "optimise_robust/summary.md", "optimise_robust/summary.html"),
+    sections=(*_MOTION, "optimise", "optimise_robust"),
+)
+def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
+    """Search link lengths that hold whatever is uncertain, and judge them on fresh draws.
+
+    The scenario's section `optimise_robust` says what is uncertain (clearances, friction, masses, speed, tolerances of
+    the lengths), and what of the error of the transmission angle is minimised: its mean plus standard deviations, or a
+    quantile. Bounds and constraints of the lengths are those of the section `optimise`, its first box.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
+      optimise_robust:
+        generations: 4
+        uncertain:
+          clearance: {from: 0.5 mm, to: 1.5 mm}
+          friction: {from: 0, to: 0.2}
+          crank_length: {distribution: normal, mean: 0 mm, deviation: 0.05 mm}
+      END
+      jointgap optimise-robust --options mine.yaml --results results/mine
+    """
+    from jointgap.core import plot
+    from jointgap.core.page import to_html, to_markdown
+    from jointgap.robust_lengths.optimise_robust import optimise_robust as optimised
+    from jointgap.robust_lengths.robust_figures import draw_robust
+    from jointgap.robust_lengths.robust_page import headline, page, verdict
+
+    found = optimised(results.scenario, workers)
+    folder = results.path / "optimise_robust"
+    tables.write(found.fresh_table, found.fresh, results.path / ROBUST_FRESH_PATH)
+    results.write(ROBUST_CANDIDATES, found.candidates)
+    results.write(ROBUST_CONSTRAINTS, found.comparison.constraints)
+    results.write(ROBUST_GAINS, found.comparison.gains)
+    results.write(ROBUST_LENGTHS, found.comparison.lengths)
+    for name, drawing in draw_robust(found).items():
+        plot.save(drawing, folder / name)
+    shown = page(found, results.scenario, results.path.resolve().name)
+    tables.write_text(folder / "summary.html", to_html(shown, folder))
+    tables.write_text(folder / "summary.md", to_markdown(shown, "."))
+    return "\n".join([headline(found), *verdict(found)])
+
+
+@SCENARIO_STAGES.stage(
+    writes=(DESIGN_NETWORKS_WEIGHTS, DESIGN_NETWORKS_ERRORS, DESIGN_NETWORKS_COSTS, DESIGN_NETWORKS_TRAINING),
+    files=("design_networks/summary.md", "design_networks/summary.html"),
+    sections=(*_MOTION, "optimise", "design_networks"),
+)
+def design_networks(results: "ScenarioResults", workers: int | None) -> str:
+    """Train a network that knows the design: from crank angle and design to the motion in the loose joints.
+
+    The scenario's section `design_networks` says what a design varies besides the lengths (clearances, friction,
+    speed), which lie in the first of `optimise.boxes`. The network is judged on designs that it was not trained on,
+    beside the paper's frozen motion.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
+      design_networks:
+        designs: 128
+        steps: 300
+        parameters:
+          clearance: {from: 0.5 mm, to: 1 mm}
+          friction: {from: 0.02, to: 0.2}
+      END
+      jointgap design-networks --options mine.yaml --results results/mine
+    """
+    from jointgap.core import plot
+    from jointgap.core.page import to_html, to_markdown
+    from jointgap.design_networks.design_networks import design_networks as trained
+    from jointgap.design_networks.networks_figures import NAME, draw_errors
+    from jointgap.design_networks.networks_page import page, verdict
+
+    found = trained(results.scenario, workers)
+    folder = results.path / "design_networks"
+    results.write(DESIGN_NETWORKS_TRAINING, found.training)
+    results.write(DESIGN_NETWORKS_COSTS, found.costs)
+    results.write(DESIGN_NETWORKS_ERRORS, found.errors)
+    results.write(DESIGN_NETWORKS_WEIGHTS, found.trained.network.to_frame())
+    plot.save(draw_errors(found.errors), folder / NAME)
+    shown = page(found, results.scenario, results.path.resolve().name)
+    tables.write_text(folder / "summary.html", to_html(shown, folder))
+    tables.write_text(folder / "summary.md", to_markdown(shown, "."))
+    return verdict(found)
+
+
+@SCENARIO_STAGES.stage(
+    writes=(
+        COMPARE_SEARCHES_SUMMARY,
+        COMPARE_SEARCHES_OPTIMA,
+        COMPARE_SEARCHES_WANTED,
+        COMPARE_SEARCHES_PROGRESS,
+        COMPARE_SEARCHES_BREAK_EVEN,
+    ),
+    files=("compare_searches/summary.md", "compare_searches/summary.html"),
+    sections=(*_MOTION, "optimise", "design_networks", "compare_searches"),
+)
+def compare_searches(results: "ScenarioResults", workers: int | None) -> str:
+    """Compare four ways to the best lengths at equal CPU time, and tell when it pays to learn first.
+
+    The ways: the paper's frozen motion; networks that know the design; a surrogate of the error; the simulation itself
+    with CMA-ES. The section `design_networks` says what designs vary, `compare_searches` for how many of them the best
+    lengths are wanted, and what CPU time each may take. Every optimum is simulated again.
+
+    \b
+    Example:
+      cat > mine.yaml <<END
+      mechanism: config/mechanisms/erkaya2009.yaml
+      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
+      design_networks:
+        parameters:
+          clearance: {from: 0.5 mm, to: 1 mm}
+          friction: {from: 0.02, to: 0.2}
+      compare_searches: {optima: 4, budgets: [0.5 s], repetitions: 2, held_out: 64}
+      END
+      jointgap compare-searches --options mine.yaml --results results/mine
+    """
+    from jointgap.config.networks_config import CompareSearches
+    from jointgap.core import plot
+    from jointgap.core.page import to_html, to_markdown
+    from jointgap.length_searches.break_even import break_even, summary
+    from jointgap.length_searches.compare_searches import compare_searches as compared
+    from jointgap.length_searches.searches_figures import draw_searches
+    from jointgap.length_searches.searches_page import Shown, page, verdict
+
+    scenario = results.scenario
+    if scenario.compare_searches is None:
+        scenario = scenario.model_copy(update={"compare_searches": CompareSearches()})
+    found = compared(scenario, workers)
+    rows, pays = summary(found), break_even(found, scenario.compare_searches.optima)
+    folder = results.path / "compare_searches"
+    results.write(COMPARE_SEARCHES_WANTED, found.wanted_frame)
+    results.write(COMPARE_SEARCHES_PROGRESS, found.progress)
+    results.write(COMPARE_SEARCHES_OPTIMA, found.searches)
+    results.write(COMPARE_SEARCHES_BREAK_EVEN, pays)
+    results.write(COMPARE_SEARCHES_SUMMARY, rows)
+    for name, drawing in draw_searches(rows, found.progress, pays, found.cost).items():
+        plot.save(drawing, folder / name)
+    shown = Shown(found, rows, pays, scenario)
+    written = page(shown, results.path.resolve().name)
+    tables.write_text(folder / "summary.html", to_html(written, folder))
+    tables.write_text(folder / "summary.md", to_markdown(written, "."))
+    return "\n".join(verdict(shown))
+
+
+_MANY_DESIGNS = (
+    "sweep",
+    "sensitivity",
+    "infer-settings",
+    "optimise-robust",
+    "design-networks",
+    "compare-searches",
+)
+
+
+@SCENARIO_STAGES.stage(
+    reads=SCENARIO_STAGES.written_by(*_MANY_DESIGNS),
+    sections=tuple(
+        dict.fromkeys(["description", *(one for name in _MANY_DESIGNS for one in SCENARIO_STAGES[name].sections)])
+    ),
+)
+def track_sweep(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
+    """Publish what a scenario asks of many designs to MLflow, all of them as one run; nothing twice.
+
+    That is its sweep, what decides, the settings that the paper did not print, robust lengths, networks that know the
+    design, and the comparison of searches: those of them that its options ask for.
+    """
+    from jointgap.track.publish import publish_records
+    from jointgap.track.sweep_runs import sweep_record
+
+    scenario = results.scenario
+    content = [sweep_record(scenario, results.path)]
+    summary = publish_records(name, scenario.description, content, None, store)
+    tables.write_text(published, json.dumps(summary, indent=2) + "\n")
