@@ -14,7 +14,7 @@ import yaml
 from sphinx.application import Sphinx
 
 from jointgap import tables
-from jointgap.campaign import figures_catalogue
+from jointgap.campaign import figures_catalogue as campaign_catalogue
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example, parameters_of
 from jointgap.rig.sensors import FAULTS
@@ -285,7 +285,7 @@ def _gallery() -> list[str]:
         )
         lines += [f"## {kind} `{place.name}`", "", f"Made by `{command}`, in `results/{place}/figures/`.", ""]
         lines += ["::::{grid} 1 1 2 2", ":gutter: 3", ""]
-        for name, spec in (figures_catalogue.CATALOGUE if campaign else figures_catalogue.CATALOGUE).items():
+        for name, spec in (campaign_catalogue.CATALOGUE if campaign else figures_catalogue.CATALOGUE).items():
             if (GALLERY / place / f"{name}.png").exists():
                 picture = f"figures/gallery/{place}/{name}.png"
                 lines += [":::{grid-item}", f"[![{spec.title}]({picture})]({picture})", ""]

@@ -16,12 +16,22 @@ TYPE_CHECKING = False  # as checkers know it; typing would take longer to load t
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "jointgap.app.api": ("Motions", "ensemble"),
-    "jointgap.app.api": ("SweptDesigns", "sweep"),
-    "jointgap.app.api": ("Motion", "simulate"),
-    "jointgap.app.api": ("Optimum", "optimise"),
-    "jointgap.app.api": ("Preflight", "preflight"),
-    "jointgap.app.api": ("Finding", "Verdict", "analyse", "read_verdict"),
+    "jointgap.app.api": (
+        "Finding",
+        "Motion",
+        "Motions",
+        "Optimum",
+        "Preflight",
+        "SweptDesigns",
+        "Verdict",
+        "analyse",
+        "ensemble",
+        "optimise",
+        "preflight",
+        "read_verdict",
+        "simulate",
+        "sweep",
+    ),
     "jointgap.config": (
         "Box",
         "ConstantDrive",

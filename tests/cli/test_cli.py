@@ -45,7 +45,10 @@ def test_help_lists_every_stage_and_imports_nothing_heavy():
 
 def test_sums_of_matrices_take_one_thread_though_snakemake_allows_the_job_more():
     libraries = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    code = f"import os, jointgap.app.cli as it;it.cli = lambda: print([os.environ[name] for name in {libraries}]);it.main()"
+    code = (
+        "import os, jointgap.app.cli as it;"
+        f"it.cli = lambda: print([os.environ[name] for name in {libraries}]);it.main()"
+    )
     allowed = os.environ | dict.fromkeys(libraries, "8")
     done = subprocess.run([sys.executable, "-c", code], env=allowed, capture_output=True, text=True, timeout=60)
     assert done.stdout == "['1', '1', '1']\n"

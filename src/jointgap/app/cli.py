@@ -833,6 +833,9 @@ def _started() -> Any:
     return progress
 
 
+from jointgap.cli import trial_commands as _trial_commands  # noqa: E402, F401
+
+
 def main() -> None:
     """Run the command line; a mistake in the input ends with its message and exit code 2, not a traceback."""
 

@@ -20,7 +20,7 @@ CATALOGUE = {
     "measured_against_model": FigureSpec(
         "Measured against the model",
         _FIRST,
-        "measured_figures:measured_against_model",
+        "campaign.figures:measured_against_model",
         ("residuals", "channel_errors"),
         "One revolution of each channel, in the unit of its column: as measured, as the model predicts it before "
         "anything was added, and after. Below each: measured less predicted, with the root mean square of the whole "
@@ -34,7 +34,7 @@ CATALOGUE = {
     "disagreement": FigureSpec(
         "Map of disagreement",
         _WHERE,
-        "campaign_figures:disagreement",
+        "campaign.figures:disagreement",
         ("map_bins", "map_windows"),
         "Where the measurement differs from the model as it stands, its parameters re-fitted within their ranges: "
         "mean residual by channel, run and crank angle, in standard deviations of the noise; red where the "
@@ -46,7 +46,7 @@ CATALOGUE = {
     "residuals": FigureSpec(
         "Residuals before and after",
         _WHERE,
-        "campaign_figures:residuals",
+        "campaign.figures:residuals",
         ("residuals",),
         "Measured less predicted, over the standard deviation of noise and numerics, by crank angle: dots are "
         "samples, lines their means over 5 deg. Before: no effect added, parameters re-fitted unless nominal ones are "
@@ -58,7 +58,7 @@ CATALOGUE = {
     "ranking": FigureSpec(
         "Candidates ranked",
         _WHAT,
-        "campaign_figures:ranking",
+        "campaign.figures:ranking",
         ("ranking",),
         "Each candidate was added to the model, simulated and fitted together with all uncertain parameters. Left: "
         "how much larger its Bayesian information criterion is than that of the best (linear up to 10, logarithmic "
@@ -71,7 +71,7 @@ CATALOGUE = {
     "missing_force": FigureSpec(
         "The missing force",
         _WHAT,
-        "campaign_figures:missing_force",
+        "campaign.figures:missing_force",
         ("missing_force",),
         "What the named effects push the slider with, or turn the crank with, along one settled revolution of each "
         "run for fitting: over velocity, over position (crank angle for a torque), and as colour over both; the runs "
@@ -82,7 +82,7 @@ CATALOGUE = {
     "gaps": FigureSpec(
         "Gap before and after",
         _BETTER,
-        "campaign_figures:gaps",
+        "campaign.figures:gaps",
         ("gaps",),
         "Root mean square of measured less predicted over the noise's standard deviation, by run and below it by "
         "channel, with 90 % bootstrap intervals over stretches of time; 1 is noise alone. Held-out runs took no part "
@@ -93,7 +93,7 @@ CATALOGUE = {
     "optimum": FigureSpec(
         "Optimum before and after",
         _BETTER,
-        "campaign_figures:optimum",
+        "campaign.figures:optimum",
         ("campaign_optimum",),
         "The link lengths with the smallest error of the transmission angle, found on the model as it stood (before) "
         "and on the model with the effects of the verdict (after), with the joints' motion from the source that is "
@@ -105,7 +105,7 @@ CATALOGUE = {
     "confusability": FigureSpec(
         "Effects that look alike",
         _PLAN,
-        "campaign_figures:confusability",
+        "campaign.figures:confusability",
         ("confusability",),
         "Cosine between what two effects change in the measured channels, whitened, once uncertain parameters have "
         "taken up what they can; 1: no such experiment tells them apart, whatever their sizes. Outlined: classes that "
@@ -115,7 +115,7 @@ CATALOGUE = {
     "detectable": FigureSpec(
         "Smallest detectable sizes",
         _PLAN,
-        "campaign_figures:detectable",
+        "campaign.figures:detectable",
         ("detectable",),
         "The size from which on an effect is found in nine of ten such campaigns, over the size at which simulation "
         "and measurement are 1.5 standard deviations of the noise apart once uncertain parameters are re-fitted, "

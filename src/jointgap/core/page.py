@@ -295,7 +295,7 @@ def _with_code(text: str) -> Markup:
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?!to\b)[^\W\d]{1,3}\b|%)")
 
 _TEMPLATES = Environment(
-    loader=PackageLoader("jointgap.report"),
+    loader=PackageLoader("jointgap.core"),
     autoescape=lambda name: name is not None and name.endswith(".html.j2"),
     undefined=StrictUndefined,
     trim_blocks=True,

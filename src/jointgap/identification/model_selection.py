@@ -162,8 +162,9 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
 
     A hypothesis must not win by having found a deeper valley of parameters that all share. So no fit stays above that
     of a part of it, the base is fitted again from the nuisances of what beats it by more than its effects account for
-    (`jointgap.identification.initial_fit`), and where the motion has numerical noise, base and rivals are fitted again from
-    the best one's nuisances in any case. Where it never repeats, base and leading fits are regressed over ensembles.
+    (`initial_fit`), and where the motion has numerical noise, base and rivals are fitted again
+    from the best one's nuisances in any case. Where it never repeats, base and leading fits are regressed over
+    ensembles.
 
     Arguments as in `select_hypothesis`.
     """

@@ -449,8 +449,8 @@ def _deviations(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) ->
         max(x, y) * _MM,
         "mm",
         max(x, y) <= ABOUT * ROD_DEVIATION_M,
-        f"Largest deviation {x * _MM:.3f} mm in X and {y * _MM:.3f} mm in Y; up to 20 % more than the paper's counts as "
-        "about.",
+        f"Largest deviation {x * _MM:.3f} mm in X and {y * _MM:.3f} mm in Y; up to 20 % more than the paper's counts "
+        "as about.",
     )
     piston, _ = _largest(first, ideal, "slider_position")
     yield claim(

@@ -16,14 +16,14 @@ class FigureSpec:
 
     title: str  # For lists of figures
     category: str  # Section of the report
-    function: str  # ``module:function`` within `jointgap.figures`: tables, and scenario or verdict, in, `Drawing` out
+    function: str  # ``module:function`` within `jointgap`: tables, and scenario or verdict, in, `Drawing` out
     tables: tuple[str, ...]  # Names of the tables it needs
     caption: str  # What it shows and how to read it
     nothing: str = ""  # What a campaign's figure says where there is nothing to draw
 
     def load(self) -> Callable:
         """The function that draws it."""
-        return resolve_name(f"jointgap.figures.{self.function}")
+        return resolve_name(f"jointgap.{self.function}")
 
 
 _NETWORKS, _MOTION, _CONTACT, _OPTIMUM = "Networks", "Motion", "Contact", "Optimum"
@@ -33,7 +33,7 @@ CATALOGUE = {
     "figure_05": FigureSpec(
         "Clearances (the paper's figure 5)",
         _NETWORKS,
-        "network_figures:clearances",
+        "scenario.figures_networks:clearances",
         _LEARNED,
         "First revolution. Above: distance of the centres in each loose joint, simulation and network. Below: network "
         "minus simulation, at the points the network was trained at (black) and at every sample of the revolution; "
@@ -44,7 +44,7 @@ CATALOGUE = {
     "figure_06": FigureSpec(
         "Directions (the paper's figure 6)",
         _NETWORKS,
-        "network_figures:directions",
+        "scenario.figures_networks:directions",
         _LEARNED,
         "First revolution. Above: simulation and network, the angles unwrapped; the dotted line is the crank angle "
         "itself. A direction that followed the crank would run along that line; load reversals turn it in strides "
@@ -54,7 +54,7 @@ CATALOGUE = {
     "figure_07": FigureSpec(
         "Derivatives (the paper's figure 7)",
         _NETWORKS,
-        "network_figures:derivatives",
+        "scenario.figures_networks:derivatives",
         _LEARNED,
         "First revolution. Value above, network minus simulation below, at training points (black) and at all "
         "samples; scales are linear inside the grey band and logarithmic outside. Steel contacts ring at some kHz, "
@@ -64,7 +64,7 @@ CATALOGUE = {
     "figure_08": FigureSpec(
         "Mean square error over the training (the paper's figure 8)",
         _NETWORKS,
-        "network_figures:mse_curves",
+        "scenario.figures_networks:mse_curves",
         ("fit_history", "fit_errors"),
         "Mean square error at the training points, over the squared range of the output, after every Levenberg- "
         "Marquardt iteration, both axes logarithmic. Thick: the default start, which was not chosen by its result; "
@@ -75,7 +75,7 @@ CATALOGUE = {
     "figure_09": FigureSpec(
         "Position of the rod (the paper's figure 9)",
         _MOTION,
-        "motion_figures:rod_position",
+        "scenario.figures_motion:rod_position",
         ("kinematics",),
         "First revolution. Above: without clearance (desired, dashed), with clearance as simulated, and with "
         "clearance from the equations fed by the networks. Below: what is left after subtracting the desired "
@@ -86,7 +86,7 @@ CATALOGUE = {
     "figure_10": FigureSpec(
         "Velocity of the rod (the paper's figure 10)",
         _MOTION,
-        "motion_figures:rod_velocity",
+        "scenario.figures_motion:rod_velocity",
         ("kinematics",),
         "First revolution. Above: without clearance (desired, dashed), simulated with clearance, and from the "
         "networks. Below: deviation from the desired velocity. Steps are impacts, most of them early in the "
@@ -97,7 +97,7 @@ CATALOGUE = {
     "figure_11": FigureSpec(
         "Acceleration of the rod (the paper's figure 11)",
         _MOTION,
-        "motion_figures:rod_acceleration",
+        "scenario.figures_motion:rod_acceleration",
         ("kinematics",),
         "First revolution. Above: without clearance (desired, dashed), simulated with clearance, and from the "
         "networks; below: deviation. The scale is linear inside the grey band and logarithmic outside, because "
@@ -108,7 +108,7 @@ CATALOGUE = {
     "figure_12": FigureSpec(
         "Position of the piston (the paper's figure 12)",
         _MOTION,
-        "motion_figures:piston_position",
+        "scenario.figures_motion:piston_position",
         ("kinematics",),
         "First revolution. Above: without clearance (desired, dashed), simulated with clearance, and from the "
         "networks. Below: deviation from the desired position. It swings through about plus and minus the sum of the "
@@ -118,7 +118,7 @@ CATALOGUE = {
     "figure_13": FigureSpec(
         "Velocity of the piston (the paper's figure 13)",
         _MOTION,
-        "motion_figures:piston_velocity",
+        "scenario.figures_motion:piston_velocity",
         ("kinematics",),
         "First revolution. Above: without clearance (desired, dashed), simulated with clearance, and from the "
         "networks. Below: deviation from the desired velocity. Deviations are large at the start, where the piston "
@@ -127,7 +127,7 @@ CATALOGUE = {
     "figure_14": FigureSpec(
         "Acceleration of the piston (the paper's figure 14)",
         _MOTION,
-        "motion_figures:piston_acceleration",
+        "scenario.figures_motion:piston_acceleration",
         ("kinematics",),
         "First revolution. Above: without clearance (desired, dashed), simulated with clearance, and from the "
         "networks; below: deviation. The scale is linear inside the grey band and logarithmic outside. Free flight "
@@ -138,7 +138,7 @@ CATALOGUE = {
     "figure_15": FigureSpec(
         "Transmission angle (the paper's figure 15)",
         _MOTION,
-        "motion_figures:transmission_angles",
+        "scenario.figures_motion:transmission_angles",
         ("kinematics",),
         "First revolution. Above: the angle between rod and the normal to the slide. Below: actual minus desired. The "
         "whole error that the optimisation works on is this lower curve, small beside the swing of the angle itself "
@@ -147,7 +147,7 @@ CATALOGUE = {
     "figure_16": FigureSpec(
         "Errors of the transmission angle (the paper's figure 16)",
         _OPTIMUM,
-        "motion_figures:transmission_errors",
+        "scenario.figures_motion:transmission_errors",
         (*_LEARNED, "optimise_optima"),
         "First revolution. Desired minus actual at the original lengths, and desired minus optimised at the genetic "
         "algorithm's lengths, with the clearance motion frozen: above from the networks (the paper's way), below from "
@@ -158,7 +158,7 @@ CATALOGUE = {
     "held_out": FigureSpec(
         "Errors between the training points",
         _NETWORKS,
-        "network_figures:held_out",
+        "scenario.figures_networks:held_out",
         ("fit_errors",),
         "Mean square errors over the squared range of each output's training points, logarithmic, for the whole first "
         "revolution and for its part past 60 deg: the networks at their training points and at held-out samples, a "
@@ -173,7 +173,7 @@ CATALOGUE = {
     "contradictions": FigureSpec(
         "Networks that contradict each other",
         _NETWORKS,
-        "network_figures:contradictions",
+        "scenario.figures_networks:contradictions",
         (*_LEARNED, "kinematics"),
         "First revolution. Above: the derivative of the network of the direction minus the network of its rate; zero "
         "if the two agreed. Below: what follows for the piston, as error against the simulation, if each output comes "
@@ -184,7 +184,7 @@ CATALOGUE = {
     "valley": FigureSpec(
         "The valley of the objective",
         _OPTIMUM,
-        "optimum_figures:valley",
+        "scenario.figures_optimum:valley",
         ("optimise_valley", "optimise_floor", "optimise_paths", "optimise_population", "optimise_optima"),
         "Clearance motion frozen, from the networks. Left: error over both lengths in the main box, with the bounds, "
         "the inequality, the six starting points and paths of the local optimiser, the best of each generation of the "
@@ -197,7 +197,7 @@ CATALOGUE = {
     "resimulation": FigureSpec(
         "Frozen and true reductions",
         _OPTIMUM,
-        "optimum_figures:resimulation",
+        "scenario.figures_optimum:resimulation",
         ("optimise_resimulated",),
         "By how much the error of the transmission angle falls with the lengths named on the left (the paper's three "
         "where the mechanism is the paper's, and what the genetic algorithm finds on each source): with the clearance "
@@ -209,7 +209,7 @@ CATALOGUE = {
     "orbits": FigureSpec(
         "Orbits of the journals",
         _CONTACT,
-        "contact_figures:orbits",
+        "scenario.figures_motion:orbits",
         ("trajectory",),
         "Left: path of the journal's centre in the first revolution, true scale; the circle is the clearance. Middle: "
         "the settled revolution, with the part beyond the circle (penetration into the wall) magnified by the "
@@ -220,7 +220,7 @@ CATALOGUE = {
     "contact_forces": FigureSpec(
         "Contact forces and modes",
         _CONTACT,
-        "contact_figures:contact_forces",
+        "scenario.figures_motion:contact_forces",
         ("trajectory",),
         "Normal force in the loose joints, first revolution and settled revolution, on one logarithmic scale; gaps "
         "are flight. The bands below say what each joint is in: flight, impact (the journal hits and rebounds) or "
@@ -230,7 +230,7 @@ CATALOGUE = {
     "impacts": FigureSpec(
         "Impacts",
         _CONTACT,
-        "contact_figures:impacts",
+        "scenario.figures_motion:impacts",
         ("trajectory", "events"),
         "Every contact of the simulation at the crank angle where it begins: impulse of its normal force, its largest "
         "normal force, and the speed of approach. Filled: the journal hits and rebounds at once; open: it stays, so "
@@ -241,7 +241,7 @@ CATALOGUE = {
     "drive_and_guide": FigureSpec(
         "Drive and guide",
         _CONTACT,
-        "contact_figures:drive_and_guide",
+        "scenario.figures_motion:drive_and_guide",
         ("trajectory",),
         "Speed of the crank and torque of its drive; force of the guide on the slider and its moment about the "
         "slider's pin, which balances the moment of the friction in the piston pin. First and settled revolution; "
