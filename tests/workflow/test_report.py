@@ -51,7 +51,7 @@ def test_a_report_that_would_be_too_large_shows_some_figures_and_links_the_other
     scenario = resolve(config, (smoke.folder,))["smoke"]
     folder = smoke.folder / "results"
     monkeypatch.setattr(report_page, "MOST_BYTES", 0)
-    page = to_html(report_page.page({"smoke": ScenarioResults(folder / "smoke", scenario)}, [], {}, folder), folder)
+    page = to_html(report_page.page({"smoke": ScenarioResults(folder / "smoke", scenario)}, [], folder), folder)
     assert page.count("<img") == 5
     linked = set(re.findall(r"href='\./(smoke/figures/[^']*\.png)'", page))
     assert len(linked) == len(CATALOGUE) - 4 and all((folder / path).is_file() for path in linked)

@@ -17,7 +17,7 @@ from jointgap.core.progress import parts
 from jointgap.scenario.figures_catalogue import FIGURES
 from jointgap.scenario.results import parts_of
 from jointgap.scenario.stages import IMPACTS_PAGE, SCENARIO_STAGES
-from jointgap.tables import INFERRED_DESIGNS_PATH, INFERRED_TABLES, SENSITIVITY_TABLES, outputs, write_text
+from jointgap.tables import INFERRED_DESIGNS_PATH, INFERRED_SETTINGS, SENSITIVITY_TABLES, outputs, write_text
 
 # Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.
 FOLDERS = (

@@ -11,8 +11,7 @@ rule infer_settings:
         multiext("results/{scenario}/infer_settings/summary", ".md", ".html"),
         "results/{scenario}/infer_settings/nearest_scenario.yaml",
         f"results/{{scenario}}/{INFERRED_DESIGNS_PATH}",
-        **{table.name: place(table) for table in INFERRED_TABLES},
-        figures=directory("results/{scenario}/infer_settings/figures"),
+        settings=place(INFERRED_SETTINGS),
     log:
         "results/{scenario}/logs/infer_settings.log",
     conda:

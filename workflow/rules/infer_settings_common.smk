@@ -5,7 +5,7 @@ def made_inferred(name):
     """Every file of a scenario's inferred settings; what is asked has to be possible, before anything runs."""
     if SCENARIOS[name].infer_settings is None:
         return []
-    from jointgap.paper_settings.infer_settings import check_infer_settings  # loads scipy
+    from jointgap.designs.infer_settings import check_infer_settings  # loads scipy
 
     try:
         check_infer_settings(SCENARIOS[name])

@@ -536,7 +536,7 @@ _stage_commands_OPTIONS = {
     ),
     "infer-settings": (
         need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),
-        need("--folder", "Folder to write summary.md, summary.html, tables and figures/ to.", FOLDER),
+        need("--folder", "Folder to write summary.md, summary.html, tables and a scenario to.", FOLDER),
     ),
     "sensitivity": (
         need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),

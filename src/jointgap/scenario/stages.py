@@ -394,14 +394,13 @@ def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
     files=("summary.md", "summary.html", "nearest_scenario.yaml"), sections=(*_MOTION, "sweep", "infer_settings")
 )
 def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
-    """Tell for which settings, of those that the paper does not print, its printed numbers come out.
+    """Infer the paper's unreported settings from its printed numbers (rejection sampling).
 
-    Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and weighs each by how near its
-    numbers come to the paper's: which come out alone and together, how likely that makes each value of each setting,
-    and which settings are nearest to all. Trains the paper's networks at some of them. The section `infer_settings` of
-    the scenario says how near is near.
+    Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and accepts those that reproduce all
+    printed numbers within `infer_settings.within`.
 
-    Writes summary.html and summary.md, four tables, figures, and the nearest settings as a scenario to run.
+    Writes summary.html and summary.md, the designs with the nearest first, where the accepted ones lie, and the nearest
+    settings as a scenario to run.
 
     \b
     Example:
@@ -418,14 +417,11 @@ def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
     """
     from jointgap.designs.design_of_experiments import designs_of
     from jointgap.designs.designs_to_parquet import check_dataset
-    from jointgap.paper_settings.infer_settings import check_infer_settings, inferred
-    from jointgap.paper_settings.infer_settings_results import write_results
-    from jointgap.paper_settings.train_networks import train_networks
+    from jointgap.designs.infer_settings import check_infer_settings, infer, write_results
 
     check_infer_settings(scenario)
     check_dataset(designs_of(scenario), designs)
-    found = inferred(scenario, designs)
-    return write_results(found, train_networks(found), scenario, folder)
+    return write_results(infer(scenario, designs), folder)
 
 
 @SCENARIO_STAGES.stage(

@@ -28,9 +28,7 @@ from jointgap.tables import (
     DESIGN_NETWORKS_TRAINING,
     DESIGN_NETWORKS_WEIGHTS,
     INFERRED_DESIGNS_PATH,
-    INFERRED_NUMBERS,
-    INFERRED_TABLES,
-    INFERRED_TRAINING,
+    INFERRED_SETTINGS,
     ROBUST_CANDIDATES,
     ROBUST_CONSTRAINTS,
     ROBUST_FRESH_PATH,
@@ -92,27 +90,22 @@ def _of_sensitivity(options: Scenario, folder: Path) -> Part | None:
 
 
 def _of_infer_settings(options: Scenario, folder: Path) -> Part | None:
-    """For how many designs the paper's printed numbers come out, alone and together, how near, and its trainings."""
+    """For how many designs the paper's printed numbers come out, alone and together, and how near."""
     asked = options.infer_settings
     if asked is None:
         return None
-    from jointgap.paper_settings.infer_settings import effective_sample_size
+    from jointgap.designs.infer_settings import NUMBERS, departures
 
-    designs = tables.read_columns(folder / INFERRED_DESIGNS_PATH, ["together", "farthest", "weight"]).to_pandas()
+    names = ["together", "farthest", *(one.column for one in NUMBERS)]
+    designs = tables.read_columns(folder / INFERRED_DESIGNS_PATH, names).to_pandas()
     metrics = {
         "printed/together_percent": 100 * designs["together"].mean(),
         "printed/farthest_off_in_nearest_percent": 100 * designs["farthest"].min(),
-        "printed/effective_sample_size": effective_sample_size(designs["weight"].to_numpy()),
     }
-    for row in _rows(INFERRED_NUMBERS, folder):
-        metrics[f"printed/{row['number']}_percent"] = 100 * row["share"]
-    training = pd.DataFrame(_rows(INFERRED_TRAINING, folder))
-    for drawn, rows in training.groupby("drawn") if len(training) else ():
-        reached = 100 * (rows["training_mse"] <= rows["paper_mse"]).mean()
-        metrics[f"training errors of the paper/reached_at_{drawn}_designs_percent"] = reached
-    params = {"infer_settings/within_percent": f"{100 * asked.within:g}", "infer_settings/trained": str(asked.trained)}
-    places = _places(*INFERRED_TABLES) | {inferred_designs(()).name: Path(INFERRED_DESIGNS_PATH)}
-    return Part(places, metrics, params)
+    shares = (departures(designs) <= asked.within).mean(axis=0)
+    metrics |= {f"printed/{one.column}_percent": 100 * share for one, share in zip(NUMBERS, shares, strict=True)}
+    places = _places(INFERRED_SETTINGS) | {inferred_designs(()).name: Path(INFERRED_DESIGNS_PATH)}
+    return Part(places, metrics, {"infer_settings/within_percent": f"{100 * asked.within:g}"})
 
 
 def _of_optimise_robust(options: Scenario, folder: Path) -> Part | None:
