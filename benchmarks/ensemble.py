@@ -25,8 +25,8 @@ def ensemble(runs: int) -> dict[str, float]:
     """Seconds and peak memory [MiB] of `runs` revolutions from slightly different starts."""
     from benchmarks.simulate import SPEED, case
     from jointgap.config import Simulate
+    from jointgap.designs.ensemble import write_ensemble
     from jointgap.dynamics.parallel import Run
-    from jointgap.ensembles.ensemble import write_ensemble
 
     mechanism = case()
     options = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=360, tolerance=1e-9)

@@ -59,7 +59,7 @@ def test_a_sweep_shows_itself_in_numbers_and_figures(swept):
 
 
 def test_a_sweep_that_is_asked_for_again_is_read_and_a_wrong_key_is_told(mechanism, swept, monkeypatch):
-    monkeypatch.setattr("jointgap.designs.designs_to_parquet.simulate_designs", None)
+    monkeypatch.setattr("jointgap.designs.run.simulate_designs", None)
     again = jg.sweep(mechanism, OPTIONS, folder=swept.folder, parameters=RANGES, number=8, designs_per_job=5)
     pd.testing.assert_frame_equal(again.designs, swept.designs)
     with pytest.raises(jg.InputError, match="sweep: number = 0: must be greater than or equal to 1"):

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from jointgap.config import Scenario
-from jointgap.designs.best_lengths import best_crank_length
-from jointgap.designs.design_of_experiments import designs_of
-from jointgap.designs.designs_to_parquet import simulate_designs, table_of
-from jointgap.designs.sensitivity_indices import decided
-from jointgap.designs.words_of_designs import measure_in_words
+from jointgap.designs.page import measure_in_words
+from jointgap.designs.run import best_crank_length, simulate_designs, table_of
+from jointgap.designs.sampling import designs_of
+from jointgap.designs.sensitivity import decided
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.dynamics.simulate import simulate
 from jointgap.lengths.objective import frozen_objective, objective_of_motion

@@ -4,9 +4,8 @@ import pytest
 
 from jointgap.config import Scenario
 from jointgap.core.errors import InputError
-from jointgap.designs.best_lengths import best_crank_length
-from jointgap.designs.design_of_experiments import designs_of
-from jointgap.designs.designs_to_parquet import simulate_designs, table_of
+from jointgap.designs.run import best_crank_length, simulate_designs, table_of
+from jointgap.designs.sampling import designs_of
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.dynamics.simulate import simulate
 from jointgap.lengths.objective import frozen_objective

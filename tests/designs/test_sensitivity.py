@@ -10,9 +10,9 @@ import pytest
 from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.core.errors import InputError
-from jointgap.designs.design_of_experiments import Designs, designs_of
-from jointgap.designs.designs_to_parquet import DIGEST, table_of
-from jointgap.designs.sensitivity_indices import SensitivityResult, decided, what_decides
+from jointgap.designs.run import DIGEST, table_of
+from jointgap.designs.sampling import Designs, designs_of
+from jointgap.designs.sensitivity import SensitivityResult, decided, what_decides
 from jointgap.scenario.stages import sensitivity
 from jointgap.tables.sweep_tables import MEASURES
 from tests.dynamics.cases import mechanism, options

@@ -15,12 +15,11 @@ from jointgap import tables
 from jointgap.app.cli import cli
 from jointgap.config import Scenario
 from jointgap.core.errors import InputError
-from jointgap.designs import designs_to_parquet
-from jointgap.designs.design_of_experiments import designs_of
-from jointgap.designs.designs_to_parquet import check_dataset, simulate_designs, table_of, write_designs
-from jointgap.designs.measures import high_order_rms
+from jointgap.designs import run
+from jointgap.designs.run import check_dataset, high_order_rms, simulate_designs, table_of, write_designs
+from jointgap.designs.sampling import designs_of
+from jointgap.designs.statistics import clearance_vectors
 from jointgap.dynamics.simulate import crank_angles, simulate
-from jointgap.ensembles.cycle_statistics import clearance_vectors
 from jointgap.scenario.stages import sweep
 from tests.dynamics.cases import mechanism, options
 
@@ -224,7 +223,7 @@ def simulated(monkeypatch) -> list[int]:
         numbers.extend(range(first, first + count))
         return simulate_designs(designs, first, count, workers)
 
-    monkeypatch.setattr(designs_to_parquet, "simulate_designs", recorded)
+    monkeypatch.setattr(run, "simulate_designs", recorded)
     return numbers
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.core.errors import InputError
-from jointgap.ensembles.growth import Growth, measure_growth
+from jointgap.designs.statistics import Growth, measure_growth
 from tests.dynamics.cases import mechanism, options
 
 

@@ -7,8 +7,7 @@ import pandas as pd
 import pytest
 
 from jointgap.core.errors import InputError
-from jointgap.dynamics.simulate import simulate
-from jointgap.ensembles.cycle_statistics import (
+from jointgap.designs.statistics import (
     clearance_vectors,
     contacts,
     cycles,
@@ -18,6 +17,7 @@ from jointgap.ensembles.cycle_statistics import (
     poincare_section,
     time_shares,
 )
+from jointgap.dynamics.simulate import simulate
 from tests.dynamics.cases import ALL, SPEED, mechanism, options
 
 

@@ -10,10 +10,10 @@ import pytest
 from jointgap import tables
 from jointgap.config import Runs, Scenario
 from jointgap.core.errors import InputError, SimulationError
+from jointgap.designs.ensemble import ensemble_runs, write_ensemble
+from jointgap.designs.statistics import clearance_vectors
 from jointgap.dynamics.parallel import Run, simulate_ensemble, simulate_runs
 from jointgap.dynamics.simulate import simulate
-from jointgap.ensembles.cycle_statistics import clearance_vectors
-from jointgap.ensembles.ensemble import ensemble_runs, write_ensemble
 from tests.dynamics.cases import ALL, MOTOR, effect, mechanism, options
 
 COARSE = options(samples_per_revolution=90, tolerance=1e-9)
@@ -104,7 +104,7 @@ def test_an_ensemble_is_never_held_in_memory(tmp_path):
 
 
 def test_rows_are_written_in_groups_as_they_come(tmp_path, monkeypatch):
-    monkeypatch.setattr("jointgap.ensembles.ensemble.ROWS", 200)
+    monkeypatch.setattr("jointgap.designs.ensemble.ROWS", 200)
     write_ensemble([Run(mechanism(friction=0.1), COARSE)] * 9, tmp_path)
     file = pq.ParquetFile(tmp_path / "samples.parquet")
     assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [273, 273, 273]

@@ -8,7 +8,6 @@ import yaml
 from jointgap.config import Scenario, resolve
 from jointgap.core.errors import InputError
 from jointgap.core.page import to_markdown
-from jointgap.designs.design_of_experiments import designs_of
 from jointgap.designs.infer_settings import (
     NEAREST_NAME,
     NUMBERS,
@@ -18,6 +17,7 @@ from jointgap.designs.infer_settings import (
     nearest_configuration,
     page,
 )
+from jointgap.designs.sampling import designs_of
 from jointgap.scenario.stages import infer_settings, sweep
 from tests.dynamics.cases import mechanism, options
 

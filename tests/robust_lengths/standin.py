@@ -5,10 +5,8 @@ from scipy import stats
 from scipy.stats import qmc
 
 from jointgap.config import Box, Constraints
+from jointgap.designs.robust import Responses, RobustMeasure, RobustProblem
 from jointgap.lengths.region import Region
-from jointgap.robust_lengths.robust_measure import RobustMeasure
-from jointgap.robust_lengths.search_lengths import RobustProblem
-from jointgap.robust_lengths.simulated_draws import Responses
 
 BOX = Box(crank_length=(0.14, 0.16), rod_length=(0.54, 0.59))
 NOMINAL, STEADY, ROD = 0.147, 0.155, 0.57

@@ -5,9 +5,17 @@ import pytest
 
 from jointgap.config import Constraints
 from jointgap.config.robust_config import OptimiseRobust
+from jointgap.designs.robust import (
+    OBJECTIVES,
+    RobustMeasure,
+    assess,
+    best_of,
+    deviation,
+    front_of,
+    held_quantile,
+    search,
+)
 from jointgap.lengths.region import Region, geometric
-from jointgap.robust_lengths.robust_measure import RobustMeasure, deviation, held_quantile
-from jointgap.robust_lengths.search_lengths import OBJECTIVES, assess, best_of, front_of, search
 from tests.robust_lengths.standin import BOX, NOMINAL, ROD, STEADY, Formula, asked, standard_draws
 
 OPTIONS = OptimiseRobust(generations=16, population=12)

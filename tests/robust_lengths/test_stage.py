@@ -10,14 +10,22 @@ from scipy import stats
 from jointgap.config import Constraints, Scenario
 from jointgap.core.errors import InputError
 from jointgap.core.page import to_markdown
+from jointgap.designs.robust import (
+    Responses,
+    RobustMeasure,
+    SimulatedDraws,
+    _frozen,
+    check_robust,
+    compare,
+    draw_robust,
+    headline,
+    optimise_robust,
+    page,
+    share_with_interval,
+    uncertain_of,
+    verdict,
+)
 from jointgap.dynamics.simulate import simulate
-from jointgap.robust_lengths.fresh_comparison import compare, share_with_interval
-from jointgap.robust_lengths.optimise_robust import _frozen, check_robust, optimise_robust
-from jointgap.robust_lengths.robust_figures import draw_robust
-from jointgap.robust_lengths.robust_measure import RobustMeasure
-from jointgap.robust_lengths.robust_page import headline, page, verdict
-from jointgap.robust_lengths.simulated_draws import Responses, SimulatedDraws
-from jointgap.robust_lengths.uncertain_draws import uncertain_of
 from tests.dynamics.cases import mechanism, options
 from tests.robust_lengths.standin import Formula, asked, standard_draws
 
@@ -61,7 +69,7 @@ def scenario(uncertain: dict, constraints: dict | None = None, **more) -> Scenar
     ],
 )
 def test_what_cannot_be_done_is_one_clear_error_before_anything_is_simulated(uncertain, more, words, monkeypatch):
-    monkeypatch.setattr("jointgap.robust_lengths.simulated_draws.simulate_runs", None)
+    monkeypatch.setattr("jointgap.designs.robust.simulate_runs", None)
     with pytest.raises(InputError) as error:
         check_robust(scenario(uncertain, **more))
     assert words in str(error.value)

@@ -10,9 +10,9 @@ import pytest
 from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.core.errors import InputError
-from jointgap.designs.design_of_experiments import designs_of
-from jointgap.designs.designs_to_parquet import write_dataset
 from jointgap.designs.infer_settings import NUMBERS
+from jointgap.designs.run import write_dataset
+from jointgap.designs.sampling import designs_of
 from jointgap.scenario.results import ScenarioResults
 from jointgap.scenario.stages import SCENARIO_STAGES, track_sweep
 from jointgap.tables import robust_fresh
@@ -173,7 +173,7 @@ def test_designs_that_failed_are_counted_and_left_out_of_the_measures(folder):
 
 
 def designs_table(asked: Scenario):
-    from jointgap.designs.designs_to_parquet import table_of
+    from jointgap.designs.run import table_of
 
     return table_of(designs_of(asked))
 

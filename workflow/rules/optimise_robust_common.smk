@@ -5,7 +5,7 @@ def made_robust(name):
     """Every file of a scenario's robust lengths; what is asked has to be possible, before anything runs."""
     if not SCENARIOS[name].optimise_robust.uncertain:
         return []
-    from jointgap.robust_lengths.optimise_robust import check_robust  # loads scipy
+    from jointgap.designs.robust import check_robust  # loads scipy
 
     check_as_its_job("optimise-robust", name, check_robust)
     return expand([str(path) for path in rules.optimise_robust.output], scenario=name)

@@ -7,7 +7,7 @@ from functools import cache
 @cache
 def swept_scenarios():
     """Scenarios with parameters to sweep; each sweep has to be possible, before anything runs."""
-    from jointgap.designs.designs_to_parquet import check_folder  # loads scipy
+    from jointgap.designs.run import check_folder  # loads scipy
 
     names = [name for name, scenario in SCENARIOS.items() if scenario.sweep.parameters]
     for name in names:
@@ -22,7 +22,7 @@ def swept_scenarios():
 @cache
 def designs_of_sweep(name):
     """The designs of a scenario's sweep."""
-    from jointgap.designs.design_of_experiments import designs_of  # loads scipy
+    from jointgap.designs.sampling import designs_of  # loads scipy
 
     return designs_of(SCENARIOS[name])
 

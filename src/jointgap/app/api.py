@@ -45,13 +45,12 @@ from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT_NUMBERS
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.words import in_words, joined, number, reading_unit, rounded_gap
-from jointgap.designs.design_of_experiments import designs_of
-from jointgap.designs.designs_to_parquet import table_of
-from jointgap.designs.sweep_page import failures
+from jointgap.designs.ensemble import EVENTS, RUNS, SAMPLES, ensemble_runs, write_ensemble
+from jointgap.designs.run import failures, table_of
+from jointgap.designs.sampling import designs_of
+from jointgap.designs.statistics import contacts, time_shares
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulate import simulate as simulated
-from jointgap.ensembles.cycle_statistics import contacts, time_shares
-from jointgap.ensembles.ensemble import EVENTS, RUNS, SAMPLES, ensemble_runs, write_ensemble
 from jointgap.scenario.figures_catalogue import SPECS
 from jointgap.scenario.outcome import Outcome, outcome, remarks
 from jointgap.scenario.stages import SCENARIO_STAGES
@@ -456,7 +455,7 @@ class SweptDesigns(Result):
     """
 
     folder: Path
-    _drawn: Any  # jointgap.designs.design_of_experiments.Designs, which the documentation has no page of
+    _drawn: Any  # jointgap.designs.sampling.Designs, which the documentation has no page of
 
     _HEADLINE = "Designs of a sweep: medians of what was measured"
 
@@ -520,7 +519,7 @@ class SweptDesigns(Result):
         return {name: float(frame[name].median()) for name in names if frame[name].notna().any()}
 
     def _draw(self, name: str):
-        from jointgap.designs.sweep_figures import measure_over_parameters
+        from jointgap.designs.page import measure_over_parameters
 
         axes = self._drawn.axes
         return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, _MEASURES[name])

@@ -398,7 +398,7 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
       jointgap ensemble --options mine.yaml --folder results/mine
     """
     from jointgap.config import parse_options
-    from jointgap.ensembles.ensemble import ensemble_runs, write_ensemble
+    from jointgap.designs.ensemble import ensemble_runs, write_ensemble
 
     scenario = parse_options(options)
     varied = scenario.ensemble
@@ -425,7 +425,7 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     from jointgap import tables
     from jointgap.config import parse_options
     from jointgap.core.errors import InputError
-    from jointgap.ensembles.growth import measure_growth
+    from jointgap.designs.statistics import measure_growth
 
     scenario, size = parse_options(options), _quantity("--change", change, "m")
     tables.check_writable(growth)
@@ -457,7 +457,7 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
     """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
     from jointgap import tables
     from jointgap.config import parse_options
-    from jointgap.ensembles.cycle_statistics import cycles
+    from jointgap.designs.statistics import cycles
     from jointgap.scenario.results import read_trajectory
 
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")

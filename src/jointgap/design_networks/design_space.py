@@ -10,9 +10,9 @@ from jointgap.config import DrivenMechanism, Mechanism, Scenario, Simulate
 from jointgap.config.sweep_config import Uniform
 from jointgap.config.varied_values import with_values
 from jointgap.core.errors import InputError
-from jointgap.designs.design_of_experiments import Axis, Designs, axes_of
+from jointgap.designs.robust import LENGTHS, OF_THE_COMPUTATION, OFFSET, PATHS_OF_LENGTHS
+from jointgap.designs.sampling import Axis, Designs, axes_of
 from jointgap.lengths.region import Region, depends_on_offset, geometric
-from jointgap.robust_lengths.uncertain_draws import LENGTHS, OF_THE_COMPUTATION, OFFSET, PATHS_OF_LENGTHS
 
 SOURCE = "design_networks.parameters"
 """What errors call the place where a parameter stands."""

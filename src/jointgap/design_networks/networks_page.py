@@ -10,8 +10,8 @@ from jointgap.design_networks.design_networks import DesignNetworksResult
 from jointgap.design_networks.held_out_errors import ERROR
 from jointgap.design_networks.networks_figures import CAPTION, MDEG, NAME, TITLE
 from jointgap.design_networks.settings import SETTINGS
-from jointgap.designs.words_of_designs import parameter_in_words
-from jointgap.robust_lengths.uncertain_draws import law_in_words
+from jointgap.designs.page import parameter_in_words
+from jointgap.designs.robust import law_in_words
 
 _LEVEL = 1.1  # errors whose ratio is smaller are called level: another draw of designs would change it as much
 _FACTOR = {"m": ("µm", 1e6), "rad": ("mdeg", MDEG)}

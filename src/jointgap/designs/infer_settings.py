@@ -20,8 +20,8 @@ from jointgap.core.errors import InputError
 from jointgap.core.page import Heading, Page, Paragraph, TableBlock, to_html, to_markdown
 from jointgap.core.words import joined
 from jointgap.core.words import number as in_digits
-from jointgap.designs.design_of_experiments import Axis, Designs, designs_of
-from jointgap.designs.words_of_designs import parameter_in_words, value_in_words
+from jointgap.designs.page import parameter_in_words, value_in_words
+from jointgap.designs.sampling import Axis, Designs, designs_of
 from jointgap.paper.printed import CRANK_M, OPTIMA, ROD_M
 from jointgap.tables.infer_settings_tables import INFERRED_DESIGNS_PATH, INFERRED_SETTINGS, inferred_designs
 

@@ -10,11 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jointgap.design_networks.design_space import Design, DesignSpace
-from jointgap.designs.sensitivity_inputs import Input, Inputs
-from jointgap.designs.sensitivity_settings import SETTINGS as OF_SENSITIVITY
-from jointgap.designs.sensitivity_surrogate import Surrogate, Training
+from jointgap.designs.robust import LENGTHS
+from jointgap.designs.sensitivity import SETTINGS as OF_SENSITIVITY
+from jointgap.designs.sensitivity import Input, Inputs, Surrogate, Training
 from jointgap.length_searches.settings import SearchSettings
-from jointgap.robust_lengths.uncertain_draws import LENGTHS
 
 
 @dataclass(frozen=True)

@@ -314,8 +314,8 @@ def track(results: "ScenarioResults", name: str, store: Path, published: Path) -
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
 def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, workers: int | None) -> None:
     """Simulate and measure some designs of the sweep, for `jointgap sweep`; those that the file holds are kept."""
-    from jointgap.designs.design_of_experiments import designs_of
-    from jointgap.designs.designs_to_parquet import write_designs
+    from jointgap.designs.run import write_designs
+    from jointgap.designs.sampling import designs_of
 
     write_designs(designs_of(scenario), first, number, designs, SCENARIO_STAGES["sweep-designs"].digest, workers)
 
@@ -345,10 +345,9 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     """
     from jointgap.core import plot
     from jointgap.core.page import to_html, to_markdown
-    from jointgap.designs.design_of_experiments import designs_of
-    from jointgap.designs.designs_to_parquet import write_dataset
-    from jointgap.designs.sweep_figures import MAP, grid_map, has_map
-    from jointgap.designs.sweep_page import page
+    from jointgap.designs.page import MAP, grid_map, has_map, page
+    from jointgap.designs.run import write_dataset
+    from jointgap.designs.sampling import designs_of
 
     designs, dataset = designs_of(scenario), folder / "designs"
     tables.check_writable(folder / "summary.html", folder / "summary.md")
@@ -380,10 +379,9 @@ def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
       jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder results/mine/sensitivity
     """
     from jointgap.config.sensitivity_config import Sensitivity
-    from jointgap.designs.design_of_experiments import designs_of
-    from jointgap.designs.designs_to_parquet import check_dataset
-    from jointgap.designs.sensitivity_indices import what_decides
-    from jointgap.designs.sensitivity_results import write_results
+    from jointgap.designs.run import check_dataset
+    from jointgap.designs.sampling import designs_of
+    from jointgap.designs.sensitivity import what_decides, write_results
 
     drawn = designs_of(scenario)
     check_dataset(drawn, designs)
@@ -415,9 +413,9 @@ def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
       jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \
         --folder results/mine/infer_settings
     """
-    from jointgap.designs.design_of_experiments import designs_of
-    from jointgap.designs.designs_to_parquet import check_dataset
     from jointgap.designs.infer_settings import check_infer_settings, infer, write_results
+    from jointgap.designs.run import check_dataset
+    from jointgap.designs.sampling import designs_of
 
     check_infer_settings(scenario)
     check_dataset(designs_of(scenario), designs)
@@ -452,9 +450,8 @@ def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
     """
     from jointgap.core import plot
     from jointgap.core.page import to_html, to_markdown
-    from jointgap.robust_lengths.optimise_robust import optimise_robust as optimised
-    from jointgap.robust_lengths.robust_figures import draw_robust
-    from jointgap.robust_lengths.robust_page import headline, page, verdict
+    from jointgap.designs.robust import draw_robust, headline, page, verdict
+    from jointgap.designs.robust import optimise_robust as optimised
 
     found = optimised(results.scenario, workers)
     folder = results.path / "optimise_robust"

@@ -15,8 +15,8 @@ import pandas as pd
 from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.config.sweep_config import Values
-from jointgap.designs.design_of_experiments import Designs, designs_of
-from jointgap.designs.designs_to_parquet import check_dataset
+from jointgap.designs.run import check_dataset
+from jointgap.designs.sampling import Designs, designs_of
 from jointgap.tables import (
     COMPARE_SEARCHES_BREAK_EVEN,
     COMPARE_SEARCHES_OPTIMA,

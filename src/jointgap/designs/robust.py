@@ -1,0 +1,1147 @@
+"""Draws of what is uncertain: a mechanism each, whose lengths are still to be given, and the tolerances of these."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any, Protocol
+
+import numpy as np
+import pandas as pd
+from matplotlib.colors import LogNorm
+from scipy.interpolate import RBFInterpolator
+from scipy.stats import binomtest, qmc
+
+from jointgap.config import Constraints, DrivenMechanism, Mechanism, Optimise, Scenario, Simulate
+from jointgap.config.robust_config import OptimiseRobust
+from jointgap.config.varied_values import with_values
+from jointgap.core import plot
+from jointgap.core.errors import InputError, needs
+from jointgap.core.joints import PINS
+from jointgap.core.page import Block, Cell, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
+from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
+from jointgap.core.progress import tell
+from jointgap.core.words import joined, percent, reading_unit, unit_in_words
+from jointgap.designs.page import parameter_in_words
+from jointgap.designs.sampling import Axis, axes_of
+from jointgap.dynamics.kinematics import ideal_cycle, transmission_angle
+from jointgap.dynamics.parallel import Outcome, Run, rod_and_slider, simulate_runs
+from jointgap.lengths.objective import Objective, measure, objective_of_motion
+from jointgap.lengths.region import MET, Constraint, Region, depends_on_offset, geometric
+from jointgap.lengths.search import search_from_all
+from jointgap.tables import Table, robust_fresh
+from jointgap.tables.columns import Column
+
+with needs("optimising link lengths", "learn"):
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+    from pymoo.algorithms.soo.nonconvex.de import DE
+    from pymoo.core.problem import Problem
+    from pymoo.core.repair import Repair
+    from pymoo.operators.crossover.pcx import PCX
+    from pymoo.termination.max_gen import MaximumGenerationTermination
+    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+
+
+SOURCE = "optimise_robust.uncertain"
+"""What errors call the place where something uncertain stands."""
+
+LENGTHS = ("crank_length", "rod_length")
+"""Words whose values are added to the lengths that are searched."""
+
+PATHS_OF_LENGTHS = {
+    f"mechanism.{link}.{key}": f"{link}_length" for link in ("crank", "rod") for key in ("length", "mass_centre")
+}
+"""By path the word for a length whose mass centre goes with it."""
+
+OF_THE_COMPUTATION = {"simulate.revolutions", "simulate.samples_per_revolution", "simulate.tolerance"}
+"""Paths of how a motion is computed, which is no property of a mechanism."""
+
+OFFSET = "mechanism.slider.offset"
+"""Path of what constraints of the lengths are worked out with."""
+
+_LARGEST_TOLERANCE = 0.1
+"""Share of a length beyond which what is added to it is no tolerance but, in all likelihood, the length itself."""
+
+_FRESH = 1  # beside the seed: the stream of the fresh draws, which have nothing in common with those of the search
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One way in which the uncertain may turn out."""
+
+    values: dict[str, Any]  # By key; of lengths what is added to them [m]
+    mechanism: Mechanism  # At its nominal lengths
+    simulate: Simulate
+    tolerance: tuple[float, float] = (0.0, 0.0)  # What is added to (L2, L3) [m]
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """What is uncertain in a scenario; make it with `uncertain_of`."""
+
+    base: DrivenMechanism  # Mechanism, its effects applied, and simulation, at nominal values
+    axes: tuple[Axis, ...]
+    seed: int
+
+    @property
+    def nominal(self) -> Draw:
+        """Nothing differs from the scenario."""
+        return Draw({}, self.base.mechanism, self.base.simulate)
+
+    def for_search(self, count: int) -> tuple[Draw, ...]:
+        """`count` draws that fill what may be evenly: the beginning of a scrambled Sobol sequence."""
+        power = (count - 1).bit_length()  # a sequence is balanced in whole powers of two
+        return self._draws(qmc.Sobol(len(self.axes), scramble=True, rng=self.seed).random_base2(power)[:count])
+
+    def fresh(self, count: int) -> tuple[Draw, ...]:
+        """`count` draws, each independent of the others and of those of the search; errors as of `for_search`."""
+        return self._draws(np.random.default_rng([self.seed, _FRESH]).random((count, len(self.axes))))
+
+    def _draws(self, quantiles: np.ndarray) -> tuple[Draw, ...]:
+        columns = [axis.at(part) for axis, part in zip(self.axes, quantiles.T, strict=True)]
+        keys = [axis.key for axis in self.axes]
+        return tuple(self._draw(dict(zip(keys, row, strict=True))) for row in zip(*columns, strict=True))
+
+    def _draw(self, values: dict[str, Any]) -> Draw:
+        others = {key: value for key, value in values.items() if key not in LENGTHS}
+        try:
+            scenario = with_values(self.base, others, SOURCE)
+        except InputError as error:
+            raise InputError(f"{error}; a draw that is impossible: cut the distribution off with from and to") from None
+        crank, rod = (values.get(key, 0.0) for key in LENGTHS)
+        return Draw(values, scenario.mechanism, scenario.simulate, (crank, rod))
+
+
+def uncertain_of(scenario: Scenario) -> Uncertain:
+    """What the section `optimise_robust` of a `scenario` calls uncertain."""
+    options = scenario.optimise_robust
+    if not options.uncertain:
+        raise InputError(
+            f"{SOURCE}: nothing is uncertain, so there is nothing to be robust against; give parameters with "
+            "distributions, such as friction: {from: 0.02, to: 0.15}"
+        )
+    for key, word in PATHS_OF_LENGTHS.items():
+        if key in options.uncertain:
+            raise InputError(
+                f"{SOURCE}.{key}: lengths are searched, and mass centres go with them; give {word} with the tolerance "
+                "that is added, such as {distribution: normal, mean: 0 mm, deviation: 0.05 mm}"
+            )
+    for key in OF_THE_COMPUTATION & options.uncertain.keys():
+        raise InputError(f"{SOURCE}.{key}: is how the motion is computed, and not uncertain; leave it out")
+    if OFFSET in options.uncertain and (key := depends_on_offset(scenario.optimise.constraints)):
+        raise InputError(
+            f"{SOURCE}.{OFFSET}: optimise.constraints.{key} is computed with the nominal offset; leave out one of them"
+        )
+    base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
+    axes = axes_of(base, options.uncertain, SOURCE)
+    for axis in axes:
+        if axis.values is not None and len(axis.values) < 2:
+            raise InputError(f"{SOURCE}.{axis.key}: one value is not uncertain; give several, or a distribution")
+        if axis.key in LENGTHS:
+            _check_tolerance(axis, scenario)
+    return Uncertain(base, axes, options.seed)
+
+
+def _check_tolerance(axis: Axis, scenario: Scenario) -> None:
+    """Whether what is added to a length is small beside it."""
+    shortest = min(getattr(box, axis.key)[0] for box in scenario.optimise.boxes.values())
+    largest = max(abs(value) for value in axis.at(np.array([0.001, 0.5, 0.999])))
+    if largest > _LARGEST_TOLERANCE * shortest:
+        raise InputError(
+            f"{SOURCE}.{axis.key}: the length is searched, and what stands here is added to it; values up to "
+            f"{1e3 * largest:g} mm are no tolerance of a length of {1e3 * shortest:g} mm or more: give the departure "
+            "from nominal, such as mean: 0 mm"
+        )
+
+
+def law_in_words(axis: Axis, factor: float = 1.0) -> str:
+    """How a parameter is distributed, for a table."""
+    if axis.values is not None:
+        shown: Sequence = [f"{factor * v:.4g}" if isinstance(v, float) else str(v) for v in axis.values]
+        return f"one of {', '.join(shown)}"
+    low, middle, high = (f"{factor * value:.4g}" for value in axis.at(np.array([0.025, 0.5, 0.975])))
+    return f"{_LAWS[axis.law.dist.name]}: median {middle}, 95 % of it {low} to {high}"
+
+
+_LAWS = {"uniform": "uniform", "loguniform": "log-uniform", "truncnorm": "normal",
+         "triang": "triangular"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RobustMeasure:
+    """One number of the values that a quantity has in many draws."""
+
+    kind: str = "mean_plus_deviations"  # mean_plus_deviations or quantile
+    deviations: float = 2.0  # Standard deviations that are added to the mean
+    quantile: float = 0.95  # Share of the draws below the quantile
+
+    @classmethod
+    def of_options(cls, options: OptimiseRobust) -> "RobustMeasure":
+        """The one that a configuration asks for."""
+        return cls(options.measure, options.deviations, options.quantile)
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """The number, shape (...), of `values` (..., n) in n draws; draws that are NaN do not count."""
+        if self.kind == "quantile":
+            return _quantile(values, self.quantile)
+        return _mean(values) + self.deviations * deviation(values)
+
+    @property
+    def words(self) -> str:
+        """Its name in a sentence."""
+        if self.kind == "quantile":
+            return f"{100 * self.quantile:g} % quantile"
+        return f"mean plus {self.deviations:g} standard deviations" if self.deviations else "mean"
+
+
+def deviation(values: np.ndarray) -> np.ndarray:
+    """Standard deviation, shape (...), of `values` (..., n), unbiased in its square; 0 of one value."""
+    counts = np.count_nonzero(np.isfinite(values), axis=-1)
+    squares = np.nansum((values - _mean(values)[..., None]) ** 2, axis=-1)
+    return np.sqrt(squares / np.maximum(counts - 1, 1))
+
+
+def held_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
+    """By how much a constraint is missed in all but the worst draws, shape (...).
+
+    At most 0 just where the constraint holds in a share of `probability` of the draws, or more.
+    """
+    n = missed.shape[-1]
+    place = min(math.ceil(probability * n - 1e-9), n) - 1
+    ordered = np.sort(np.where(np.isnan(missed), np.inf, missed), axis=-1)
+    return ordered[..., place]
+
+
+def _mean(values: np.ndarray) -> np.ndarray:
+    counts = np.count_nonzero(np.isfinite(values), axis=-1)
+    return np.where(counts, np.nansum(values, axis=-1) / np.maximum(counts, 1), np.nan)
+
+
+def _quantile(values: np.ndarray, share: float) -> np.ndarray:
+    if np.isnan(values).any():  # several times as slow, and warns where nothing is left
+        some = np.isfinite(values).any(axis=-1)
+        return np.where(some, np.nanquantile(np.where(some[..., None], values, 0.0), share, axis=-1), np.nan)
+    return np.quantile(values, share, axis=-1)
+
+
+_SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins", "directions")
+
+
+@dataclass(frozen=True)
+class Responses:
+    """What m pairs of lengths do in n draws."""
+
+    lengths: np.ndarray  # shape (m, 2); nominal [m]
+    actual: np.ndarray  # shape (m, n, 2); with the tolerances of each draw [m]
+    error: np.ndarray
+    force: np.ndarray
+    stroke: np.ndarray
+    reasons: tuple[tuple[str | None, ...], ...]  # Why, m times n
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Draws whose simulation failed, shape (m,)."""
+        return np.count_nonzero(np.isnan(self.error), axis=-1)
+
+
+class Responding(Protocol):
+    """What answers for lengths in draws: a simulation, or a formula that stands in for it."""
+
+    def __call__(self, lengths: np.ndarray) -> Responses:
+        """What `lengths` (m, 2) [m] do in every draw."""
+
+
+@dataclass(frozen=True)
+class SimulatedDraws:
+    """The simulation at some draws, the same for all lengths."""
+
+    draws: Sequence[Draw]
+    original: Mechanism  # Its effects applied and at the lengths that were designed
+    optimise: Optimise  # Window and settled revolution
+    revolution: str  # first or settled
+    workers: int | None = None  # Threads; the result does not depend on it
+
+    def __call__(self, lengths: np.ndarray) -> Responses:
+        """What `lengths` (m, 2) [m] do in every draw."""
+        lengths = np.atleast_2d(np.asarray(lengths, dtype=float))
+        actual = lengths[:, None, :] + np.array([draw.tolerance for draw in self.draws])
+        shape = actual.shape[:2]
+        found, reasons = np.full((3, *shape), np.nan), []
+        for outcome in simulate_runs(self._runs(actual), self.workers):
+            place = np.unravel_index(len(reasons), shape)
+            reasons.append(None if outcome.error is None else str(outcome.error))
+            if outcome.error is None:
+                found[(slice(None), *place)] = self._measured(outcome)
+        rows = tuple(tuple(reasons[k * shape[1] : (k + 1) * shape[1]]) for k in range(shape[0]))
+        return Responses(lengths, actual, *found, rows)
+
+    def _runs(self, actual: np.ndarray) -> Iterator[Run]:
+        for row in actual:
+            for draw, lengths in zip(self.draws, row, strict=True):
+                yield Run(draw.mechanism.with_lengths(*map(float, lengths)), draw.simulate)
+
+    def _settled(self, simulate: Simulate) -> slice:
+        per_turn = simulate.samples_per_revolution
+        first = (self.optimise.ensemble.settled_revolution - 1) * per_turn
+        return slice(first, first + per_turn + 1)
+
+    def counted(self, simulate: Simulate) -> np.ndarray:
+        """Samples that the error counts."""
+        if self.revolution == "settled":
+            settled = self._settled(simulate)
+            return np.arange(settled.start, settled.stop - 1)  # its end is its beginning again
+        per_turn = simulate.samples_per_revolution
+        turned = np.arange(per_turn) * (2.0 * np.pi / per_turn)
+        slack = np.pi / per_turn  # half a sample: the window's ends do not hang on rounding
+        low, high = self.optimise.window
+        return np.flatnonzero((turned >= low - slack) & (turned <= high + slack))
+
+    def _measured(self, outcome: Outcome) -> tuple[float, float, float]:
+        """Error [rad], force [N] and stroke [m] of one motion."""
+        result, simulate = outcome.result, outcome.run.options
+        counted, settled = self.counted(simulate), self._settled(simulate)
+        angle = outcome.crank_angle[counted]
+        rod, _ = rod_and_slider(outcome.parameters, angle, result.states[counted], result.auxiliary_states[counted])
+        crank_length, rod_length = self.original.crank.length, self.original.rod.length
+        designed = transmission_angle(crank_length, rod_length, angle, 0.0, self.original.slider.offset)
+        last = replace(result, **{name: getattr(result, name)[settled] for name in _SAMPLED})
+        seen = last.observed(outcome.parameters)
+        force = max(np.hypot(seen[f"{pin}_force_x"], seen[f"{pin}_force_y"]).max() for pin in PINS)
+        error = float(measure(designed - np.pi / 2 - rod).rms)
+        return error, float(force), float(np.ptp(seen["slider_position"]))
+
+
+OBJECTIVES = ("error", "force", "stroke_change")
+"""What the front trades against each other, by column of the candidates."""
+
+GRID, ONE, FRONT = "grid", "one measure", "front"
+"""Names of the steps."""
+
+
+@dataclass(frozen=True)
+class RobustProblem:
+    """What lengths are asked to do."""
+
+    region: Region  # Where they may lie; its constraints follow from the lengths alone and hold for the nominal ones
+    original: tuple[float, float]  # The lengths that were designed, (L2, L3) [m]
+    stroke: Callable[[np.ndarray], np.ndarray]  # From lengths (..., 2) [m] to the stroke without clearance [m]
+    measure: RobustMeasure  # Of the error, and of the force on the front
+    constraints: Constraints  # The section of the configuration; of it the largest force in a pin
+    probability: float  # Share of the draws in which each constraint has to hold
+
+    @property
+    def uncertain_constraints(self) -> tuple[Constraint, ...]:
+        """Ranges of what follows from the lengths: tolerances may lead out of them. What is fixed holds for the nominal
+        lengths alone, for no length with a tolerance meets a value exactly.
+        """
+        return tuple(each for each in self.region.constraints if not each.is_fixed)
+
+    def missed(self, responses: Responses) -> dict[str, np.ndarray]:
+        """By constraint how far it is missed, shape (m, n), below 0 where it is met: in mm or deg, a force in % of its
+        limit.
+        """
+        found = {}
+        for each in self.uncertain_constraints:
+            value = each.value(responses.actual)
+            found[each.key] = np.maximum(each.low - value, value - each.high) / each.scale - MET
+        if (most := self.constraints.largest_pin_force) is not None:
+            found["largest_pin_force"] = 100.0 * (responses.force / most - 1.0)
+        return found
+
+
+def assess(asked: RobustProblem, responses: Responses) -> pd.DataFrame:
+    """A row for each pair of lengths: what the search goes by."""
+    lengths, failed = responses.lengths, responses.failed
+    missed = asked.region.missed(lengths)
+    missed = np.where(missed > MET, missed, 0.0)
+    for each in asked.missed(responses).values():
+        missed = missed + np.maximum(held_quantile(each, asked.probability), 0.0)
+    return pd.DataFrame(
+        {
+            "crank_length": lengths[:, 0],
+            "rod_length": lengths[:, 1],
+            "error_mean": np.where(failed < responses.error.shape[1], np.nansum(responses.error, axis=1), np.nan)
+            / np.maximum(responses.error.shape[1] - failed, 1),
+            "error_deviation": deviation(responses.error),
+            "error": asked.measure.of(responses.error),
+            "force": asked.measure.of(responses.force),
+            "stroke_change": np.abs(asked.stroke(lengths) - asked.stroke(np.array(asked.original))),
+            "missed": np.minimum(missed, _MISSED_MOST),
+            "failed": failed,
+        }
+    )
+
+
+_MISSED_MOST = 1e9
+"""What stands for infinity: a constraint on a force that no simulation gave."""
+
+_FAILED = 1e6
+"""Objectives of lengths of which no draw could be simulated: far above any, and finite, as pymoo wants them."""
+
+
+class _Lengths(Problem):
+    """The lengths of a region as pymoo wants them; keeps what it was asked."""
+
+    def __init__(self, asked: RobustProblem, respond: Responding, objectives: tuple[str, ...]):
+        region = asked.region
+        super().__init__(n_var=2, n_obj=len(objectives), n_ieq_constr=2, xl=region.lower, xu=region.upper)
+        self.asked, self.respond, self.objectives = asked, respond, objectives
+        self.generations: list[pd.DataFrame] = []
+
+    def _evaluate(self, x, out, *args, **kwargs):
+        found = assess(self.asked, self.respond(x))
+        self.generations.append(found)
+        out["F"] = found[list(self.objectives)].fillna(_FAILED).to_numpy()
+        out["G"] = found[["missed", "failed"]].to_numpy(dtype=float)
+
+
+class _OntoRegion(Repair):
+    def _do(self, problem, x, **kwargs):
+        return problem.asked.region.nearest(x)
+
+
+def search(asked: RobustProblem, respond: Responding, options: OptimiseRobust, with_front: bool = True) -> pd.DataFrame:
+    """Search the region for the best lengths, and for the front."""
+    steps = 1 + (2 if with_front else 1) * options.generations
+    tell("generations of lengths", 0, steps)
+    region = asked.region
+    grid = region.nearest(np.vstack([grid_of(region, options.grid), region.clip(np.array(asked.original))]))
+    found = [assess(asked, respond(grid)).assign(step=GRID, generation=0)]
+    tell("generations of lengths", 1, steps)
+    objectives_of = {ONE: ("error",)} | ({FRONT: OBJECTIVES} if with_front else {})
+    for number, (step, objectives) in enumerate(objectives_of.items()):
+        problem = _Lengths(asked, respond, objectives)
+        spread = np.random.default_rng([options.seed, number])  # not where the step before began
+        begin = _beginning(pd.concat(found, ignore_index=True), asked, objectives, options.population, spread)
+        given = {"pop_size": options.population, "sampling": begin, "repair": _OntoRegion()}
+        running = DE(variant="DE/best/1/bin", CR=1.0, **given) if step == ONE else NSGA2(crossover=PCX(), **given)
+        running.setup(problem, seed=options.seed, termination=MaximumGenerationTermination(options.generations))
+        while running.has_next():
+            running.next()
+            tell("generations of lengths", 1 + number * options.generations + len(problem.generations), steps)
+        found += [each.assign(step=step, generation=k) for k, each in enumerate(problem.generations)]
+    return pd.concat(found, ignore_index=True)
+
+
+def grid_of(region: Region, points: int) -> np.ndarray:
+    """Those of `points` x `points` pairs of lengths over the box that a `region` contains, shape (n, 2) [m]."""
+    cranks, rods = np.meshgrid(*np.linspace(region.lower, region.upper, points).T, indexing="ij")
+    lengths = np.stack([cranks.ravel(), rods.ravel()], axis=1)
+    return lengths[region.contains(lengths, slack=1e-12)]
+
+
+def best_of(candidates: pd.DataFrame) -> int:
+    """Place of the candidate with the smallest error among those that keep the constraints; where none does, of the
+    nearest to that.
+    """
+    order = np.lexsort((candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"]))
+    return int(order[0])
+
+
+def front_of(candidates: pd.DataFrame) -> np.ndarray:
+    """Places of the candidates that keep the constraints and that no other one is better than in all objectives."""
+    allowed = np.flatnonzero((candidates["missed"] <= 0.0) & (candidates["failed"] == 0))
+    if not len(allowed):
+        return allowed
+    values = candidates[list(OBJECTIVES)].to_numpy()[allowed]
+    first = NonDominatedSorting().do(values, only_non_dominated_front=True)
+    kept = allowed[np.sort(first)]
+    lengths = candidates.loc[kept, ["crank_length", "rod_length"]].to_numpy()
+    _, places = np.unique(lengths, axis=0, return_index=True)
+    return kept[np.sort(places)]
+
+
+def _beginning(
+    candidates: pd.DataFrame,
+    asked: RobustProblem,
+    objectives: tuple[str, ...],
+    population: int,
+    random: np.random.Generator,
+) -> np.ndarray:
+    """Where a step begins: half of it the best of what was tried, half spread over the region, shape (n, 2) [m]."""
+    kept = population // 2
+    if len(objectives) > 1 and len(front := front_of(candidates)):
+        # the front of all that was tried, its ends and evenly along the error
+        ordered = front[np.argsort(candidates["error"].to_numpy()[front], kind="stable")]
+        places = ordered[np.unique(np.linspace(0, len(ordered) - 1, kept).round().astype(int))]
+    else:
+        order = np.lexsort((candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"]))
+        places = order[:kept]
+    best = candidates.loc[places, ["crank_length", "rod_length"]].to_numpy()
+    region, missing = asked.region, population - len(best)
+    spread = qmc.LatinHypercube(2, rng=random).random(missing)
+    return np.vstack([best, region.nearest(region.unscaled(spread))])
+
+
+CONFIDENCE = 0.95
+QUANTITIES = ("error", "force", "stroke")
+STATISTICS = ("mean", "deviation", "measure", "quantile_05", "median", "quantile_95")
+
+_AT_ONCE = 4_000_000  # numbers of bootstrap samples in memory
+_BOOTSTRAP = 2  # beside the seed: the stream of the bootstrap
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What fresh draws say of some pairs of lengths; frames of the tables of the same names."""
+
+    lengths: pd.DataFrame  # A row for each pair of lengths: each statistic of each quantity, with its interval
+    gains: pd.DataFrame  # A row for each two of them: how often, and by how much, the error of one is the smaller
+    constraints: pd.DataFrame  # A row for each pair of lengths and constraint
+    counted: np.ndarray  # shape (n,); draws that were simulated with all lengths
+
+
+def compare(
+    asked: RobustProblem, names: tuple[str, ...], responses: Responses, resamples: int, seed: int
+) -> Comparison:
+    """Put lengths side by side."""
+    counted = ~np.isnan(responses.error).any(axis=0)
+    if np.count_nonzero(counted) < 2:
+        reason = next(reason for row in responses.reasons for reason in row if reason)
+        raise InputError(
+            f"optimise_robust: of {len(counted)} fresh draws fewer than two could be simulated with all lengths that "
+            f"are compared; the first that failed: {reason}"
+        )
+    values = {name: getattr(responses, name)[:, counted] for name in QUANTITIES}
+    found = {name: statistics(each, asked.measure) for name, each in values.items()}
+    low, high = _intervals(values, asked.measure, resamples, seed)
+    lengths = pd.DataFrame(
+        {
+            "lengths": names,
+            "crank_length": responses.lengths[:, 0],
+            "rod_length": responses.lengths[:, 1],
+            "draws": np.count_nonzero(counted),
+            "failed": responses.failed,
+        }
+        | {
+            f"{name}_{statistic}{suffix}": each[name][statistic]
+            for name in QUANTITIES
+            for statistic in STATISTICS
+            for suffix, each in (("", found), ("_low", low), ("_high", high))
+        }
+    )
+    return Comparison(
+        lengths,
+        pd.DataFrame(_gains(asked.measure, names, values["error"], resamples, seed)),
+        pd.DataFrame(_held(asked, names, responses), columns=_HELD),
+        counted,
+    )
+
+
+def statistics(values: np.ndarray, measure: RobustMeasure) -> dict[str, np.ndarray]:
+    """The numbers `STATISTICS` of `values` (..., n), shape (...) each; `measure` is one of them."""
+    quantiles = np.quantile(values, (0.05, 0.5, 0.95), axis=-1)
+    found = (np.mean(values, axis=-1), deviation(values), measure.of(values), *quantiles)
+    return dict(zip(STATISTICS, found, strict=True))
+
+
+def share_with_interval(times: int, trials: int) -> tuple[float, float, float]:
+    """How often something happened, and the exact interval of its probability: (share, low, high)."""
+    interval = binomtest(int(times), int(trials)).proportion_ci(CONFIDENCE, method="exact")
+    return times / trials, float(interval.low), float(interval.high)
+
+
+def _resampled(count: int, resamples: int, seed: int) -> Iterator[np.ndarray]:
+    """Places (k, count) of draws, so many at a time that memory holds them, `resamples` in all."""
+    random = np.random.default_rng([seed, _BOOTSTRAP])
+    for first in range(0, resamples, each := max(1, _AT_ONCE // count)):
+        yield random.integers(0, count, (min(each, resamples - first), count))
+
+
+def _ends(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the interval of bootstrap `samples` (resamples, ...)."""
+    outside = (1.0 - CONFIDENCE) / 2.0
+    return tuple(np.quantile(samples, (outside, 1.0 - outside), axis=0))
+
+
+def _intervals(
+    values: Mapping[str, np.ndarray], measure: RobustMeasure, resamples: int, seed: int
+) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, dict[str, np.ndarray]]]:
+    """Ends of the intervals of all statistics by quantity."""
+    low: dict[str, dict[str, np.ndarray]] = {}
+    high: dict[str, dict[str, np.ndarray]] = {}
+    for name, each in values.items():
+        columns: dict[str, list[list[np.ndarray]]] = {statistic: [] for statistic in STATISTICS}
+        for row in each:
+            parts = [statistics(row[places], measure) for places in _resampled(len(row), resamples, seed)]
+            for statistic, ends in columns.items():
+                ends.append(_ends(np.concatenate([part[statistic] for part in parts])))
+        low[name] = {statistic: np.array([end[0] for end in ends]) for statistic, ends in columns.items()}
+        high[name] = {statistic: np.array([end[1] for end in ends]) for statistic, ends in columns.items()}
+    return low, high
+
+
+def _gains(
+    measure: RobustMeasure, names: tuple[str, ...], errors: np.ndarray, resamples: int, seed: int
+) -> Iterator[dict[str, object]]:
+    for beside, new in combinations(range(len(names)), 2):
+        was, now = errors[beside], errors[new]
+        share, low, high = share_with_interval(np.count_nonzero(now < was), len(now))
+        row: dict[str, object] = {"lengths": names[new], "beside": names[beside], "draws": len(now)}
+        row |= {"probability": share, "probability_low": low, "probability_high": high}
+        for name, of in (("mean", lambda each: np.mean(each, axis=-1)), ("measure", measure.of)):
+            falls = [1.0 - of(now[places]) / of(was[places]) for places in _resampled(len(now), resamples, seed)]
+            ends = _ends(np.concatenate(falls))
+            row |= {f"{name}_fall": float(1.0 - of(now) / of(was))}
+            row |= {f"{name}_fall_low": float(ends[0]), f"{name}_fall_high": float(ends[1])}
+        yield row
+
+
+_HELD = ("lengths", "constraint", "asked", "probability", "probability_low", "probability_high", "draws")
+
+
+def _held(
+    asked: RobustProblem, names: tuple[str, ...], responses: Responses
+) -> Iterator[tuple[str | float | int, ...]]:
+    for key, missed in asked.missed(responses).items():
+        for name, row in zip(names, missed, strict=True):
+            held = share_with_interval(np.count_nonzero(row <= 0.0), len(row))
+            yield (name, key, asked.probability, *held, len(row))
+
+
+COMPARED = ("original", "frozen", "nominal", "robust")
+"""Pairs of lengths that are put side by side, each compared with those before it."""
+
+
+@dataclass(frozen=True)
+class RobustOptimum:
+    """What the stage finds."""
+
+    candidates: pd.DataFrame  # Table optimise_robust_candidates
+    comparison: Comparison
+    fresh: pd.DataFrame  # Table of `fresh_table`
+    uncertain: Uncertain
+    asked: RobustProblem
+
+    @property
+    def fresh_table(self) -> Table:
+        """The table of the fresh draws."""
+        return robust_fresh(
+            Column(axis.key, axis.column.unit, _described(axis.key), axis.column.kind) for axis in self.uncertain.axes
+        )
+
+
+def _described(key: str) -> str:
+    return f"{key}: what is added to the nominal length" if key in LENGTHS else f"{key}, uncertain"
+
+
+def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOptimum:
+    """Search robust lengths in the first of the scenario's boxes, and compare them on fresh draws."""
+    options, uncertain = scenario.optimise_robust, uncertain_of(scenario)
+    original = uncertain.base.mechanism
+    asked = _asked(scenario, original)
+    # all draws are made, and those that are impossible refused, before the first is simulated
+    search_draws, fresh_draws = uncertain.for_search(options.draws), uncertain.fresh(options.fresh_draws)
+
+    def simulated(draws: tuple[Draw, ...]) -> SimulatedDraws:
+        return SimulatedDraws(draws, original, scenario.optimise, options.revolution, workers)
+
+    nominal = search(asked, simulated((uncertain.nominal,)), options, with_front=False)
+    robust = search(asked, simulated(search_draws), options)
+    frozen = _frozen_optimum(simulated((uncertain.nominal,)), scenario.simulate, scenario.optimise, asked.region)
+    lengths = np.array([asked.original, frozen, _lengths_of(nominal), _lengths_of(robust)])
+    responses = simulated(fresh_draws)(lengths)
+    comparison = compare(asked, COMPARED, responses, options.resamples, options.seed)
+    found = [nominal.assign(search="nominal", on_front=False), robust.assign(search="robust", on_front=False)]
+    found[1].loc[front_of(robust), "on_front"] = True
+    return RobustOptimum(
+        pd.concat(found, ignore_index=True), comparison, _fresh_frame(fresh_draws, responses), uncertain, asked
+    )
+
+
+def check_robust(scenario: Scenario) -> None:
+    """Whether the section `optimise_robust` of a `scenario` can be done at all; InputError as `optimise_robust`."""
+    uncertain = uncertain_of(scenario)
+    _asked(scenario, uncertain.base.mechanism)
+    uncertain.for_search(scenario.optimise_robust.draws)
+
+
+def _asked(scenario: Scenario, original: Mechanism) -> RobustProblem:
+    optimise, options, offset = scenario.optimise, scenario.optimise_robust, original.slider.offset
+    if not original.loose:
+        raise InputError(
+            "optimise_robust: all joints are ideal, so the transmission angle has no error; make a joint loose"
+        )
+    name, box = next(iter(optimise.boxes.items()))
+    region = Region.of(box, optimise.ratio_limit).under(geometric(optimise.constraints, offset), name)
+
+    def stroke(lengths: np.ndarray) -> np.ndarray:
+        pairs = np.atleast_2d(lengths)
+        cycles = [ideal_cycle(*map(float, pair), offset) for pair in pairs]
+        strokes = np.array([cycle.outer_dead_centre - cycle.inner_dead_centre for cycle in cycles])
+        return strokes.reshape(np.shape(lengths)[:-1])
+
+    return RobustProblem(
+        region=region,
+        original=(original.crank.length, original.rod.length),
+        stroke=stroke,
+        measure=RobustMeasure.of_options(options),
+        constraints=optimise.constraints,
+        probability=options.probability,
+    )
+
+
+def _lengths_of(candidates: pd.DataFrame) -> tuple[float, float]:
+    """The best lengths of a search, (L2, L3) [m]."""
+    best = candidates.iloc[best_of(candidates)]
+    return float(best["crank_length"]), float(best["rod_length"])
+
+
+def _frozen_optimum(
+    nominal: SimulatedDraws, simulate: Simulate, optimise: Optimise, region: Region
+) -> tuple[float, float]:
+    """The paper's optimum, (L2, L3) [m]: the motion in the joints is that of the original lengths, whatever they are.
+
+    The local search of `jointgap.lengths.search` on the simulated motion, without networks between.
+    """
+    objective = _frozen(nominal, simulate)
+    found = min(search_from_all(objective, region, optimise.local_tolerance), key=lambda each: each.value)
+    return float(found.lengths[0]), float(found.lengths[1])
+
+
+def _frozen(nominal: SimulatedDraws, simulate: Simulate) -> Objective:
+    mechanism = nominal.original
+    (outcome,) = simulate_runs([Run(mechanism, simulate)], 1)
+    if outcome.error is not None:
+        raise outcome.error
+    counted = nominal.counted(simulate)
+    angle, result = outcome.crank_angle[counted], outcome.result
+    rod, _ = rod_and_slider(outcome.parameters, angle, result.states[counted], result.auxiliary_states[counted])
+    return objective_of_motion(mechanism, angle, rod)
+
+
+def _fresh_frame(draws: tuple[Draw, ...], responses: Responses) -> pd.DataFrame:
+    frames = []
+    values = pd.DataFrame([draw.values for draw in draws])
+    for number, name in enumerate(COMPARED):
+        found = {quantity: getattr(responses, quantity)[number] for quantity in QUANTITIES}
+        more = {"draw": np.arange(len(draws)), "lengths": name, "reason": list(responses.reasons[number])}
+        frames.append(values.assign(**more, **found))
+    return pd.concat(frames, ignore_index=True)
+
+
+TITLES = {
+    "robust_front": "What is traded against the error",
+    "robust_errors": "The error on fresh draws",
+    "robust_map": "The measure over both lengths",
+}
+"""Titles of the figures by name."""
+
+MDEG = 1e3 * 180.0 / np.pi
+"""Thousandths of a degree in a radian."""
+
+LOOKS = {
+    "original": ("original lengths", "ideal", "o"),
+    "frozen": ("frozen motion (the paper's way)", "paper", "v"),
+    "nominal": ("best at nominal values", "network", "s"),
+    "robust": ("robust optimum", "simulation", "D"),
+}
+"""Words, colour and mark of each pair of lengths."""
+
+_CRANK, _ROD = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
+_MAP_POINTS = 121  # along each length: what is between candidates is interpolated
+_VIEW = 0.06  # of the front's width that is shown beyond its ends
+
+
+def draw_robust(found: RobustOptimum) -> dict[str, Drawing]:
+    """All figures by name; without the front where no lengths that were tried keep the constraints, and without the map
+    where these leave a line of lengths, or single ones (`has_map`).
+    """
+    with plot.matplotlib_style():
+        drawn = {"robust_errors": _errors(found)}
+        if has_map(found):
+            drawn["robust_map"] = _map(found)
+        if found.candidates["on_front"].any():
+            drawn["robust_front"] = _front(found)
+        return drawn
+
+
+def has_map(found: RobustOptimum) -> bool:
+    """Whether the candidates lie all over the region, so that a surface goes through them: a fixed stroke leaves a line
+    of lengths, two fixed values a point.
+    """
+    scaled, _ = _scaled_and_squares(found)
+    x, y = scaled.T
+    return np.linalg.matrix_rank(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y]), tol=1e-6) == 6
+
+
+def _front(found: RobustOptimum) -> Drawing:
+    """Error against force, and against the change of the stroke: the front, and what else was tried near it."""
+    robust = found.candidates[found.candidates["search"] == "robust"]
+    allowed = robust[(robust["missed"] <= 0.0) & (robust["failed"] == 0)]
+    front = robust[robust["on_front"]]
+    words = found.asked.measure.words
+    error = Quantity(f"error, {words}", "mdeg")
+    shown = {
+        "force": (Quantity(f"largest force in a pin, {words}", "N"), 1.0),
+        "stroke_change": (Quantity("change of the stroke", "mm"), 1e3),
+    }
+    sheet = Sheet(4.2, 1, 2)
+    best = robust.loc[front["error"].idxmin()]
+    for place, (name, (quantity, factor)) in enumerate(shown.items()):
+        panel = sheet.panel((0, place), f"error and {('force', 'stroke')[place]}", quantity, error)
+        limits = [_around(factor * front[name]), _around(MDEG * front["error"])]
+        x, y = factor * allowed[name].to_numpy(), MDEG * allowed["error"].to_numpy()
+        inside = (limits[0][0] < x) & (x < limits[0][1]) & (limits[1][0] < y) & (y < limits[1][1])
+        panel.marks("tried, constraints kept", x[inside], y[inside], "other", markersize=2.5, alpha=0.6)
+        panel.marks("front of error, force and stroke", factor * front[name], MDEG * front["error"], "optimised")
+        _mark(panel, "robust", [factor * best[name]], [MDEG * best["error"]])
+        panel.axes.set_xlim(*limits[0])
+        panel.axes.set_ylim(*limits[1])
+    sheet.legend()
+    return sheet.drawing()
+
+
+def _around(values: pd.Series) -> tuple[float, float]:
+    low, high = float(values.min()), float(values.max())
+    width = (high - low) or abs(high) or 1.0
+    return low - _VIEW * width, high + _VIEW * width
+
+
+def _mark(panel: Panel, name: str, x: list[float], y: list[float]) -> None:
+    words, colour, marker = LOOKS[name]
+    panel.marks(words, x, y, colour, marker=marker, markersize=7.0, markeredgecolor="white", markeredgewidth=0.8)
+
+
+def _errors(found: RobustOptimum) -> Drawing:
+    """Share of the draws below an error, and what a change of the lengths gains in each draw."""
+    sheet = Sheet(4.0, 1, 2)
+    share = Quantity("share of the draws", "%")
+    errors = found.fresh.pivot(index="draw", columns="lengths", values="error").dropna()
+    left = sheet.panel((0, 0), "error", Quantity("RMS error of the transmission angle", "mdeg"), share)
+    right = sheet.panel((0, 1), "fall of the error by the change", Quantity("fall of the error", "mdeg"), share)
+    percent = 100.0 * np.arange(1, len(errors) + 1) / len(errors)
+    for name, (words, colour, _) in LOOKS.items():
+        heavy = {"linewidth": 1.8 if name == "robust" else 1.2, "linestyle": "--" if name == "nominal" else "-"}
+        left.line(words, MDEG * np.sort(errors[name]), percent, colour, **heavy)
+        if name != "original":
+            falls = MDEG * (errors["original"] - errors[name])
+            right.line(words, np.sort(falls), percent, colour, **heavy)
+    right.vertical_line("no gain to the left of it", 0.0)
+    for panel in (left, right):
+        panel.axes.set_ylim(0.0, 100.0)
+    left.axes.set_xlim(left=0.0)
+    sheet.legend()
+    return sheet.drawing()
+
+
+def _map(found: RobustOptimum) -> Drawing:
+    """What is minimised over both lengths, between the candidates by a surface through them."""
+    robust = _of_the_search(found)
+    x, y, value = _surface(found)
+    sheet = Sheet(5.2, 1, 1)
+    panel = sheet.panel((0, 0), f"error, {found.asked.measure.words}", _CRANK, _ROD)
+    quantity = Quantity("error", "mdeg")
+    levels = np.geomspace(np.nanmin(value), np.nanmax(value), 15)
+    drawn = panel.contours("measure", x, y, value, quantity, levels=levels, cmap="Blues_r", norm=LogNorm())
+    bar = sheet.figure.colorbar(drawn, ax=panel.axes, label=quantity.label, aspect=30)
+    ticks = [tick for base in (1, 10, 100, 1000) for tick in (base, 2 * base, 5 * base)]
+    ticks = [tick for tick in ticks if levels[0] <= tick <= levels[-1]]
+    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    bar.minorticks_off()
+    lengths = 1e3 * robust[["crank_length", "rod_length"]].to_numpy()
+    panel.marks("candidates", lengths[:, 0], lengths[:, 1], "limit", marker=".", markersize=2.0)
+    for row in found.comparison.lengths.itertuples():
+        _mark(panel, row.lengths, [1e3 * row.crank_length], [1e3 * row.rod_length])
+    sheet.legend()
+    return sheet.drawing()
+
+
+def _of_the_search(found: RobustOptimum) -> pd.DataFrame:
+    return found.candidates[found.candidates["search"] == "robust"].dropna(subset="error")
+
+
+def _scaled_and_squares(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray]:
+    """Candidates (n, 2) as shares of the box, each once, and the square of the measure there (n,) [mdeg^2]."""
+    robust, region = _of_the_search(found), found.asked.region
+    scaled = (robust[["crank_length", "rod_length"]].to_numpy() - region.lower) / region.size
+    scaled, places = np.unique(np.round(scaled, 6), axis=0, return_index=True)
+    return scaled, (MDEG * robust["error"].to_numpy()[places]) ** 2
+
+
+def _surface(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Crank and rod lengths [mm] and the measure [mdeg] over them; NaN beyond the ratio limit.
+
+    The square of the measure is interpolated: about the valley's floor it is nearly a parabola.
+    """
+    region = found.asked.region
+    scaled, squares = _scaled_and_squares(found)
+    surface = RBFInterpolator(scaled, squares, kernel="cubic", degree=2, smoothing=1e-6)
+    line = np.linspace(0.0, 1.0, _MAP_POINTS)
+    at = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    value = np.sqrt(np.maximum(surface(at), squares.min()))
+    value[~region.contains(region.unscaled(at), slack=1e-12)] = np.nan
+    x, y = (1e3 * (low + line * width) for low, width in zip(region.lower, region.size, strict=True))
+    return x, y, value.reshape(_MAP_POINTS, _MAP_POINTS)
+
+
+_WORDS = {name: words for name, (words, _, _) in LOOKS.items()}
+_MINUS = str.maketrans("-", "\N{MINUS SIGN}")
+_FRONT_ROWS = 9
+_CAPTIONS = {
+    "robust_front": "Each dot is a pair of lengths in all draws of the search. Of the front no lengths are better in "
+    "error, force and change of the stroke at once; the best of one alone are the ends.",
+    "robust_errors": "Left: which share of the fresh draws has an error below a value. Right: by how much it falls "
+    "against the original lengths in the same draw; what lies left of the line is no gain.",
+    "robust_map": "In the draws of the search: a surface through the candidates (dots), exact at these alone. White: "
+    "beyond the limit of the ratio.",
+}
+
+
+def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
+    """The page of robust lengths."""
+    blocks: list[Block] = [Paragraph(sentence, strong=True) for sentence in verdict(found)]
+    blocks += [Heading("Side by side"), Paragraph(_what_is_compared(found, scenario)), *_side_by_side(found)]
+    blocks += [Heading("Is it a gain at all?"), _page_gains(found), _figure("robust_errors")]
+    if len(found.comparison.constraints):
+        blocks += [Heading("Constraints"), *_constraints(found)]
+    blocks += [Heading("What is traded"), *_page_front(found)]
+    blocks += [_figure("robust_map")] if has_map(found) else []
+    blocks += [Heading("What is uncertain"), _uncertain(found), Heading("How it was found")]
+    blocks += [Paragraph(_how(found, scenario)), Paragraph(_files())]
+    return Page(headline(found), tuple(blocks), subject=f"{name}: robust lengths", footer=written_today())
+
+
+def headline(found: RobustOptimum) -> str:
+    """What came out, in a line."""
+    gain, (crank, rod) = _gain(found, "robust", "original"), _lengths(found, "robust")
+    lengths = f"crank {crank:.2f} mm, rod {rod:.2f} mm"
+    if _best(found)["missed"] > 0.0 or _best(found)["failed"]:
+        return f"No lengths that were tried keep what is asked; nearest: {lengths}"
+    if gain["measure_fall_low"] > 0.0:
+        change = _changes(gain["measure_fall"], gain["measure_fall_low"], gain["measure_fall_high"])
+        return f"{lengths[0].upper()}{lengths[1:]}: the error ({found.asked.measure.words}) {change}"
+    return "No change of the lengths is worth it"
+
+
+def verdict(found: RobustOptimum) -> tuple[str, ...]:
+    """What came out, in a few plain sentences."""
+    gain, words = _gain(found, "robust", "original"), found.asked.measure.words
+    crank, rod = _lengths(found, "robust")
+    change = _changes(gain["measure_fall"], gain["measure_fall_low"], gain["measure_fall_high"])
+    sentences = [
+        f"With a crank of {crank:.2f} mm and a rod of {rod:.2f} mm the error of the transmission angle ({words}) "
+        f"{change} against the original lengths, and its mean "
+        f"{_changes(gain['mean_fall'], gain['mean_fall_low'], gain['mean_fall_high'])}. In "
+        f"{_share(gain, 'probability')} of the cases the change is a gain at all."
+    ]
+    if gain["measure_fall_low"] <= 0.0:
+        sentences.append(
+            "So no change is worth it: these are the best lengths that were found, and what they gain cannot be told "
+            "from nothing."
+            if gain["measure_fall_high"] > 0.0
+            else "So no change is worth it: the best lengths that were found are worse than the original ones."
+        )
+    elif gain["mean_fall_low"] <= 0.0:
+        sentences.append("What surely falls are the large errors, not the mean.")
+    sentences.append(_of_nominal(found))
+    held = found.comparison.constraints
+    for row in held[held["lengths"] == "robust"].to_dict("records"):
+        if row["probability_high"] < row["asked"]:
+            sentences.append(
+                f"The constraint {row['constraint']} holds in {_share(row, 'probability')} of the cases, not in the "
+                f"{percent(row['asked'], 0)} that are asked for."
+            )
+    return tuple(sentences)
+
+
+def _of_nominal(found: RobustOptimum) -> str:
+    """What the optimum at nominal values would have done."""
+    gain, (crank, rod) = _gain(found, "nominal", "original"), _lengths(found, "nominal")
+    change = _changes(gain["measure_fall"], gain["measure_fall_low"], gain["measure_fall_high"])
+    beside = _gain(found, "robust", "nominal")
+    return (
+        f"The lengths that are best at nominal values, {crank:.2f} and {rod:.2f} mm, are a gain in "
+        f"{_share(gain, 'probability')} of the cases; with them the error {change}. The robust lengths are better than "
+        f"these in {_share(beside, 'probability')} of the cases."
+    )
+
+
+def _changes(fall: float, low: float, high: float) -> str:
+    """``falls by 12.1 % (10.0 to 14.2 %)``, or grows."""
+    if fall >= 0.0:
+        return f"falls by {percent(fall)} ({100 * low:.1f} to {percent(high)})".translate(_MINUS)
+    return f"grows by {percent(-fall)} ({-100 * high:.1f} to {percent(-low)})".translate(_MINUS)
+
+
+def _share(row: dict, name: str) -> str:
+    """``87 % (84 to 90 %)`` of a probability with its interval."""
+    return f"{percent(row[name], 0)} ({100 * row[f'{name}_low']:.0f} to {percent(row[f'{name}_high'], 0)})"
+
+
+def _best(found: RobustOptimum) -> pd.Series:
+    robust = found.candidates[found.candidates["search"] == "robust"].reset_index(drop=True)
+    return robust.iloc[best_of(robust)]
+
+
+def _gain(found: RobustOptimum, lengths: str, beside: str) -> dict:
+    gains = found.comparison.gains
+    return gains[(gains["lengths"] == lengths) & (gains["beside"] == beside)].to_dict("records")[0]
+
+
+def _row(found: RobustOptimum, lengths: str) -> dict:
+    frame = found.comparison.lengths
+    return frame[frame["lengths"] == lengths].to_dict("records")[0]
+
+
+def _lengths(found: RobustOptimum, name: str) -> tuple[float, float]:
+    """In mm."""
+    row = _row(found, name)
+    return 1e3 * row["crank_length"], 1e3 * row["rod_length"]
+
+
+def _what_is_compared(found: RobustOptimum, scenario: Scenario) -> str:
+    options, row = scenario.optimise_robust, _row(found, "robust")
+    where = (
+        f"revolution {scenario.optimise.ensemble.settled_revolution}"
+        if options.revolution == "settled"
+        else "the window of the first revolution"
+    )
+    failed = int(np.count_nonzero(~found.comparison.counted))
+    return (
+        f"On {row['draws']} fresh draws of what is uncertain, which took no part in the search and are the same for "
+        f"all lengths. The error is the RMS over {where} of the transmission angle of the original lengths without "
+        "clearance, less that of the simulated motion (equation 12). In brackets: 95 % intervals, of statistics by "
+        "bootstrap over the draws, of probabilities exact."
+        + (
+            f" Further draws, {failed} of {failed + row['draws']}, are left out of the statistics, for a simulation "
+            "failed with one of the lengths or more; of the constraints they count as missed."
+            if failed
+            else ""
+        )
+    )
+
+
+def _side_by_side(found: RobustOptimum) -> tuple[Block, ...]:
+    words, rows = found.asked.measure.words, []
+    for name in COMPARED:
+        row, (crank, rod) = _row(found, name), _lengths(found, name)
+        cells = [_with_interval(row, f"error_{key}", MDEG) for key in ("mean", "deviation", "measure", "quantile_95")]
+        rows.append((_WORDS[name], f"{crank:.2f}", f"{rod:.2f}", *cells))
+    heads = ("lengths", "crank [mm]", "rod [mm]", "mean", "standard deviation", words, "95 % quantile")
+    errors = TableBlock(heads, tuple(rows), "lrrrrrr", caption="Error of the transmission angle [mdeg]")
+    rows = []
+    for name in COMPARED:
+        row = _row(found, name)
+        force = [_with_interval(row, f"force_{key}", 1.0) for key in ("mean", "deviation", "quantile_95")]
+        rows.append((_WORDS[name], *force, *(f"{1e3 * row[f'stroke_{key}']:.2f}" for key in ("mean", "deviation"))))
+    heads = ("lengths", "force, mean [N]", "standard deviation [N]", "95 % quantile [N]", "stroke, mean [mm]",
+             "standard deviation [mm]")  # fmt: skip
+    price = TableBlock(heads, tuple(rows), "lrrrrr", caption="Largest force in a pin, and simulated stroke")
+    return errors, price
+
+
+def _with_interval(row: dict, name: str, factor: float) -> str:
+    value, low, high = (factor * row[name + suffix] for suffix in ("", "_low", "_high"))
+    least = max(abs(high - low), 1e-4 * abs(value), 1e-6)  # where all draws agree there is no width to go by
+    digits = max(0, 1 - int(np.floor(np.log10(least))))
+    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def _page_gains(found: RobustOptimum) -> TableBlock:
+    rows = []
+    for row in found.comparison.gains.to_dict("records"):
+        tone = "good" if row["measure_fall_low"] > 0 else "bad" if row["measure_fall_high"] < 0 else ""
+        falls = [" ".join(_percents(row, f"{key}_fall")) for key in ("mean", "measure")]
+        words = _WORDS[row["lengths"]], _WORDS[row["beside"]]
+        rows.append((*words, _share(row, "probability"), falls[0], Cell(falls[1], tone)))
+    heads = (
+        "these lengths",
+        "beside",
+        "smaller error in",
+        "mean falls by [%]",
+        f"{found.asked.measure.words} falls by [%]",
+    )
+    return TableBlock(heads, tuple(rows), "llrrl", caption="Draw by draw: how often the error is smaller, and how much")
+
+
+def _percents(row: dict, name: str) -> tuple[str, str]:
+    """``4.6`` and ``(4.3 to 5.0)`` of a share and its interval."""
+    value, low, high = (f"{round(100 * row[name + suffix], 1) + 0.0:.1f}" for suffix in ("", "_low", "_high"))
+    return value.translate(_MINUS), f"({low} to {high})".translate(_MINUS)
+
+
+def _constraints(found: RobustOptimum) -> tuple[Block, ...]:
+    held, keys = found.comparison.constraints, list(dict.fromkeys(found.comparison.constraints["constraint"]))
+    rows = []
+    for name in COMPARED:
+        cells = []
+        for key in keys:
+            row = held[(held["lengths"] == name) & (held["constraint"] == key)].to_dict("records")[0]
+            tone = "bad" if row["probability_high"] < row["asked"] else ""
+            cells.append(Cell(_share(row, "probability"), tone))
+        rows.append((_WORDS[name], *cells))
+    limits = {each.key: f"{each.words} {each.asked()}" for each in found.asked.uncertain_constraints}
+    if (most := found.asked.constraints.largest_pin_force) is not None:
+        limits["largest_pin_force"] = f"largest force in a pin {most:g} N at most"
+    fixed = [f"{each.words} {each.asked()}" for each in found.asked.region.constraints if each.is_fixed]
+    words = (
+        f"Asked for in {percent(found.asked.probability, 0)} of the cases: {'; '.join(limits[key] for key in keys)}."
+    )
+    if fixed:
+        words += f" Exact, of the nominal lengths: {'; '.join(fixed)}."
+    words += " The paper's way keeps ranges with the nominal lengths alone"
+    words += ", and does not know the force." if found.asked.constraints.largest_pin_force is not None else "."
+    heads = ("lengths", *(limits[key] for key in keys))
+    table = TableBlock(heads, tuple(rows), caption="In which share of the cases it holds")
+    return Paragraph(words), table
+
+
+def _page_front(found: RobustOptimum) -> tuple[Block, ...]:
+    front = found.candidates[found.candidates["on_front"]].sort_values("error")
+    if front.empty:
+        return (Paragraph("No lengths that were tried keep the constraints, so there is no front."),)
+    places = np.unique(np.linspace(0, len(front) - 1, _FRONT_ROWS).round().astype(int))
+    rows = tuple(
+        (
+            f"{1e3 * row.crank_length:.2f}",
+            f"{1e3 * row.rod_length:.2f}",
+            f"{MDEG * row.error:.2f}",
+            f"{row.force:.0f}",
+            f"{1e3 * row.stroke_change:.2f}",
+        )
+        for row in front.iloc[places].itertuples()
+    )
+    heads = ("crank [mm]", "rod [mm]", "error [mdeg]", "force [N]", "change of the stroke [mm]")
+    words = found.asked.measure.words
+    told = (
+        f"{len(front)} pairs of lengths of which none is better than another in all three: error and largest force in "
+        f"a pin ({words}, in the draws of the search), and the change of the stroke without clearance."
+    )
+    more = f", {len(rows)} of them" if len(rows) < len(front) else ""
+    table = TableBlock(heads, rows, "rrrrr", caption=f"The front from the smallest error to the largest{more}")
+    return Paragraph(told), table, _figure("robust_front")
+
+
+def _figure(name: str) -> FigureBlock:
+    return FigureBlock(name, TITLES[name], _CAPTIONS[name])
+
+
+def _uncertain(found: RobustOptimum) -> TableBlock:
+    rows = []
+    for axis in found.uncertain.axes:
+        unit, factor = reading_unit(axis.unit or "1")
+        what = parameter_in_words(axis.key) + (", tolerance" if axis.key in LENGTHS else "")
+        rows.append((what, "" if unit == "1" else unit_in_words(unit), law_in_words(axis, factor)))
+    return TableBlock(("what", "unit", "distribution"), tuple(rows), "lll")
+
+
+def _how(found: RobustOptimum, scenario: Scenario) -> str:
+    options, candidates = scenario.optimise_robust, found.candidates
+    tried = int((candidates["search"] == "robust").sum())
+    low, high = 1e3 * found.asked.region.lower, 1e3 * found.asked.region.upper
+    active, best = found.asked.region.active(np.array(_lengths(found, "robust")) / 1e3), MDEG * _best(found)["error"]
+    return (
+        f"{tried} pairs of lengths, crank {low[0]:g} to {high[0]:g} mm and rod {low[1]:g} to {high[1]:g} mm, were each "
+        f"simulated in the same {options.draws} draws (scrambled Sobol sequence, seed {options.seed}): a grid, then "
+        f"differential evolution for the {found.asked.measure.words} of the error, then NSGA-II for the front. In "
+        f"these draws it is {best:.2f} mdeg for the robust lengths; the best of many in few draws is "
+        "flattered, so fresh draws count. Limits that they lie at: "
+        f"{active}. The lengths best at nominal values come from the same search with nothing uncertain; those of the "
+        "paper's way from its frozen motion, searched by sequential quadratic programming without networks between."
+    )
+
+
+def _files() -> str:
+    files = joined(f"`{name}.parquet`" for name in ("lengths", "gains", "constraints", "candidates", "fresh"))
+    return f"All numbers: {files} beside this page; `jointgap describe FILE` explains their columns."

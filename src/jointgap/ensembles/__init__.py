@@ -1,1 +1,0 @@
-"""Many motions of few designs: ensembles, growth of a small change, statistics over revolutions, the study."""
