@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any, Protocol
 
@@ -18,7 +19,7 @@ from jointgap.config.varied_values import with_values
 from jointgap.core import plot
 from jointgap.core.errors import InputError, needs
 from jointgap.core.joints import PINS
-from jointgap.core.page import Block, Cell, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
+from jointgap.core.page import Block, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.progress import tell
 from jointgap.core.words import joined, percent, reading_unit, unit_in_words
@@ -876,102 +877,137 @@ def _surface(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 _WORDS = {name: words for name, (words, _, _) in LOOKS.items()}
-_MINUS = str.maketrans("-", "\N{MINUS SIGN}")
 _FRONT_ROWS = 9
-_CAPTIONS = {
-    "robust_front": "Each dot is a pair of lengths in all draws of the search. Of the front no lengths are better in "
-    "error, force and change of the stroke at once; the best of one alone are the ends.",
-    "robust_errors": "Left: which share of the fresh draws has an error below a value. Right: by how much it falls "
-    "against the original lengths in the same draw; what lies left of the line is no gain.",
-    "robust_map": "In the draws of the search: a surface through the candidates (dots), exact at these alone. White: "
-    "beyond the limit of the ratio.",
-}
 
 
 def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
     """The page of robust lengths."""
+    options, words, region = scenario.optimise_robust, found.asked.measure.words, found.asked.region
+    lengths, gains, held = found.comparison.lengths, found.comparison.gains, found.comparison.constraints
+    failed = int(np.count_nonzero(~found.comparison.counted))
+    revolution = (
+        f"revolution {scenario.optimise.ensemble.settled_revolution}"
+        if options.revolution == "settled"
+        else "the window of the first revolution"
+    )
+    compared = (
+        f"{lengths['draws'].iloc[0]} fresh draws, independent of the search and the same for all lengths ({failed} "
+        f"more failed and are left out). The error is the RMS over {revolution} of the transmission angle of the "
+        "original lengths without clearance, less that of the simulated motion. In brackets: 95 % intervals "
+        "(bootstrap; exact for probabilities)."
+    )
+    statistics_shown = {
+        "mean": "mean",
+        "deviation": "standard deviation",
+        "measure": words,
+        "quantile_95": "95 % quantile",
+    }
+    errors = _table(
+        lengths,
+        "Error of the transmission angle [mdeg]",
+        {
+            "crank [mm]": lambda row: f"{1e3 * row['crank_length']:.2f}",
+            "rod [mm]": lambda row: f"{1e3 * row['rod_length']:.2f}",
+        }
+        | {shown: partial(_interval, name=f"error_{key}", factor=MDEG) for key, shown in statistics_shown.items()},
+    )
+    price = _table(
+        lengths,
+        "Largest force in a pin, and simulated stroke",
+        {
+            f"{quantity}, {statistics_shown[key]} [{unit}]": partial(_interval, name=f"{quantity}_{key}", factor=factor)
+            for quantity, unit, factor in (("force", "N", 1.0), ("stroke", "mm", 1e3))
+            for key in ("mean", "deviation")
+        },
+    )
+    improved = _table(
+        gains,
+        "Draw by draw",
+        {
+            "compared with": lambda row: _WORDS[row["beside"]],
+            "smaller error in [%]": partial(_interval, name="probability"),
+            "mean falls by [%]": partial(_interval, name="mean_fall"),
+            f"{words} falls by [%]": partial(_interval, name="measure_fall"),
+        },
+    )
     blocks: list[Block] = [Paragraph(sentence, strong=True) for sentence in verdict(found)]
-    blocks += [Heading("Side by side"), Paragraph(_what_is_compared(found, scenario)), *_side_by_side(found)]
-    blocks += [Heading("Is it a gain at all?"), _page_gains(found), _figure("robust_errors")]
-    if len(found.comparison.constraints):
-        blocks += [Heading("Constraints"), *_constraints(found)]
-    blocks += [Heading("What is traded"), *_page_front(found)]
-    blocks += [_figure("robust_map")] if has_map(found) else []
-    blocks += [Heading("What is uncertain"), _uncertain(found), Heading("How it was found")]
-    blocks += [Paragraph(_how(found, scenario)), Paragraph(_files())]
+    blocks += [Heading("Comparison on fresh draws"), Paragraph(compared), errors, price]
+    blocks += [Heading("Improvement"), improved, FigureBlock("robust_errors", TITLES["robust_errors"])]
+    if len(held):
+        limits = {each.key: f"{each.words} {each.asked()}" for each in found.asked.uncertain_constraints}
+        limits["largest_pin_force"] = (
+            f"largest force in a pin {found.asked.constraints.largest_pin_force or 0:g} N at most"
+        )
+        asked = f"Share of the draws in which it holds; asked for: {percent(found.asked.probability, 0)}"
+        blocks += [
+            Heading("Constraints"),
+            _table(
+                held,
+                asked,
+                {
+                    "constraint": lambda row: limits[row["constraint"]],
+                    "holds in [%]": partial(_interval, name="probability"),
+                },
+            ),
+        ]
+    blocks += [Heading("Pareto front"), *_page_front(found)]
+    blocks += [FigureBlock("robust_map", TITLES["robust_map"])] if has_map(found) else []
+    robust = lengths[lengths["lengths"] == "robust"].iloc[0]
+    method = (
+        f"{int((found.candidates['search'] == 'robust').sum())} pairs of lengths within {1e3 * region.lower} to "
+        f"{1e3 * region.upper} mm, each simulated in the same {options.draws} draws (scrambled Sobol sequence, seed "
+        f"{options.seed}): a grid, then differential evolution for the error, then NSGA-II for the front. "
+        f"Active limits: {region.active(robust[['crank_length', 'rod_length']].to_numpy(dtype=float))}."
+    )
+    files = joined(f"`{name}.parquet`" for name in ("lengths", "gains", "constraints", "candidates", "fresh"))
+    blocks += [Heading("Uncertain parameters"), _uncertain(found), Heading("Method"), Paragraph(method)]
+    blocks += [Paragraph(f"All numbers: {files} beside this page; `jointgap describe FILE` explains their columns.")]
     return Page(headline(found), tuple(blocks), subject=f"{name}: robust lengths", footer=written_today())
 
 
 def headline(found: RobustOptimum) -> str:
-    """What came out, in a line."""
-    gain, (crank, rod) = _gain(found, "robust", "original"), _lengths(found, "robust")
-    lengths = f"crank {crank:.2f} mm, rod {rod:.2f} mm"
-    if _best(found)["missed"] > 0.0 or _best(found)["failed"]:
+    """The result in a line."""
+    robust = found.candidates[found.candidates["search"] == "robust"].reset_index(drop=True)
+    best, gain = robust.iloc[best_of(robust)], _gain(found, "robust", "original")
+    lengths = f"crank {1e3 * best['crank_length']:.2f} mm, rod {1e3 * best['rod_length']:.2f} mm"
+    if best["missed"] > 0.0 or best["failed"]:
         return f"No lengths that were tried keep what is asked; nearest: {lengths}"
     if gain["measure_fall_low"] > 0.0:
-        change = _changes(gain["measure_fall"], gain["measure_fall_low"], gain["measure_fall_high"])
-        return f"{lengths[0].upper()}{lengths[1:]}: the error ({found.asked.measure.words}) {change}"
+        fall = _interval(gain, "measure_fall")
+        return f"{lengths.capitalize()}: the error ({found.asked.measure.words}) falls by {fall} %"
     return "No change of the lengths is worth it"
 
 
 def verdict(found: RobustOptimum) -> tuple[str, ...]:
-    """What came out, in a few plain sentences."""
-    gain, words = _gain(found, "robust", "original"), found.asked.measure.words
-    crank, rod = _lengths(found, "robust")
-    change = _changes(gain["measure_fall"], gain["measure_fall_low"], gain["measure_fall_high"])
-    sentences = [
-        f"With a crank of {crank:.2f} mm and a rod of {rod:.2f} mm the error of the transmission angle ({words}) "
-        f"{change} against the original lengths, and its mean "
-        f"{_changes(gain['mean_fall'], gain['mean_fall_low'], gain['mean_fall_high'])}. In "
-        f"{_share(gain, 'probability')} of the cases the change is a gain at all."
-    ]
-    if gain["measure_fall_low"] <= 0.0:
+    """The result in a few sentences."""
+    sentences, held = [], found.comparison.constraints
+    for name in ("robust", "nominal"):
+        gain = _gain(found, name, "original")
         sentences.append(
-            "So no change is worth it: these are the best lengths that were found, and what they gain cannot be told "
-            "from nothing."
-            if gain["measure_fall_high"] > 0.0
-            else "So no change is worth it: the best lengths that were found are worse than the original ones."
+            f"{_WORDS[name].capitalize()}: the error of the transmission angle ({found.asked.measure.words}) falls by "
+            f"{_interval(gain, 'measure_fall')} %, its mean by {_interval(gain, 'mean_fall')} %; it is smaller "
+            f"than with the original lengths in {_interval(gain, 'probability')} % of the draws."
         )
-    elif gain["mean_fall_low"] <= 0.0:
-        sentences.append("What surely falls are the large errors, not the mean.")
-    sentences.append(_of_nominal(found))
-    held = found.comparison.constraints
+    gain = _gain(found, "robust", "original")
+    if gain["measure_fall_high"] <= 0.0:
+        sentences.append("No change is worth it: the best lengths that were found are worse than the original ones.")
+    elif gain["measure_fall_low"] <= 0.0:
+        sentences.append("No change is worth it: the improvement is not significant.")
     for row in held[held["lengths"] == "robust"].to_dict("records"):
         if row["probability_high"] < row["asked"]:
             sentences.append(
-                f"The constraint {row['constraint']} holds in {_share(row, 'probability')} of the cases, not in the "
-                f"{percent(row['asked'], 0)} that are asked for."
+                f"The constraint {row['constraint']} holds in {_interval(row, 'probability')} % of the draws, not in "
+                f"the {percent(row['asked'], 0)} that are asked for."
             )
     return tuple(sentences)
 
 
-def _of_nominal(found: RobustOptimum) -> str:
-    """What the optimum at nominal values would have done."""
-    gain, (crank, rod) = _gain(found, "nominal", "original"), _lengths(found, "nominal")
-    change = _changes(gain["measure_fall"], gain["measure_fall_low"], gain["measure_fall_high"])
-    beside = _gain(found, "robust", "nominal")
-    return (
-        f"The lengths that are best at nominal values, {crank:.2f} and {rod:.2f} mm, are a gain in "
-        f"{_share(gain, 'probability')} of the cases; with them the error {change}. The robust lengths are better than "
-        f"these in {_share(beside, 'probability')} of the cases."
+def _table(frame: pd.DataFrame, caption: str, columns: dict[str, Callable]) -> TableBlock:
+    """A row for each of a `frame`: the name of the lengths, then `columns` of texts by head."""
+    rows = tuple(
+        (_WORDS[row["lengths"]], *(text(row) for text in columns.values())) for row in frame.to_dict("records")
     )
-
-
-def _changes(fall: float, low: float, high: float) -> str:
-    """``falls by 12.1 % (10.0 to 14.2 %)``, or grows."""
-    if fall >= 0.0:
-        return f"falls by {percent(fall)} ({100 * low:.1f} to {percent(high)})".translate(_MINUS)
-    return f"grows by {percent(-fall)} ({-100 * high:.1f} to {percent(-low)})".translate(_MINUS)
-
-
-def _share(row: dict, name: str) -> str:
-    """``87 % (84 to 90 %)`` of a probability with its interval."""
-    return f"{percent(row[name], 0)} ({100 * row[f'{name}_low']:.0f} to {percent(row[f'{name}_high'], 0)})"
-
-
-def _best(found: RobustOptimum) -> pd.Series:
-    robust = found.candidates[found.candidates["search"] == "robust"].reset_index(drop=True)
-    return robust.iloc[best_of(robust)]
+    return TableBlock(("lengths", *columns), rows, "l" + "r" * len(columns), caption)
 
 
 def _gain(found: RobustOptimum, lengths: str, beside: str) -> dict:
@@ -979,112 +1015,12 @@ def _gain(found: RobustOptimum, lengths: str, beside: str) -> dict:
     return gains[(gains["lengths"] == lengths) & (gains["beside"] == beside)].to_dict("records")[0]
 
 
-def _row(found: RobustOptimum, lengths: str) -> dict:
-    frame = found.comparison.lengths
-    return frame[frame["lengths"] == lengths].to_dict("records")[0]
-
-
-def _lengths(found: RobustOptimum, name: str) -> tuple[float, float]:
-    """In mm."""
-    row = _row(found, name)
-    return 1e3 * row["crank_length"], 1e3 * row["rod_length"]
-
-
-def _what_is_compared(found: RobustOptimum, scenario: Scenario) -> str:
-    options, row = scenario.optimise_robust, _row(found, "robust")
-    where = (
-        f"revolution {scenario.optimise.ensemble.settled_revolution}"
-        if options.revolution == "settled"
-        else "the window of the first revolution"
-    )
-    failed = int(np.count_nonzero(~found.comparison.counted))
-    return (
-        f"On {row['draws']} fresh draws of what is uncertain, which took no part in the search and are the same for "
-        f"all lengths. The error is the RMS over {where} of the transmission angle of the original lengths without "
-        "clearance, less that of the simulated motion (equation 12). In brackets: 95 % intervals, of statistics by "
-        "bootstrap over the draws, of probabilities exact."
-        + (
-            f" Further draws, {failed} of {failed + row['draws']}, are left out of the statistics, for a simulation "
-            "failed with one of the lengths or more; of the constraints they count as missed."
-            if failed
-            else ""
-        )
-    )
-
-
-def _side_by_side(found: RobustOptimum) -> tuple[Block, ...]:
-    words, rows = found.asked.measure.words, []
-    for name in COMPARED:
-        row, (crank, rod) = _row(found, name), _lengths(found, name)
-        cells = [_with_interval(row, f"error_{key}", MDEG) for key in ("mean", "deviation", "measure", "quantile_95")]
-        rows.append((_WORDS[name], f"{crank:.2f}", f"{rod:.2f}", *cells))
-    heads = ("lengths", "crank [mm]", "rod [mm]", "mean", "standard deviation", words, "95 % quantile")
-    errors = TableBlock(heads, tuple(rows), "lrrrrrr", caption="Error of the transmission angle [mdeg]")
-    rows = []
-    for name in COMPARED:
-        row = _row(found, name)
-        force = [_with_interval(row, f"force_{key}", 1.0) for key in ("mean", "deviation", "quantile_95")]
-        rows.append((_WORDS[name], *force, *(f"{1e3 * row[f'stroke_{key}']:.2f}" for key in ("mean", "deviation"))))
-    heads = ("lengths", "force, mean [N]", "standard deviation [N]", "95 % quantile [N]", "stroke, mean [mm]",
-             "standard deviation [mm]")  # fmt: skip
-    price = TableBlock(heads, tuple(rows), "lrrrrr", caption="Largest force in a pin, and simulated stroke")
-    return errors, price
-
-
-def _with_interval(row: dict, name: str, factor: float) -> str:
+def _interval(row: dict, name: str, factor: float = 100.0) -> str:
+    """A value with its interval, in as many digits as its width allows; shares in percent."""
     value, low, high = (factor * row[name + suffix] for suffix in ("", "_low", "_high"))
     least = max(abs(high - low), 1e-4 * abs(value), 1e-6)  # where all draws agree there is no width to go by
     digits = max(0, 1 - int(np.floor(np.log10(least))))
     return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
-
-
-def _page_gains(found: RobustOptimum) -> TableBlock:
-    rows = []
-    for row in found.comparison.gains.to_dict("records"):
-        tone = "good" if row["measure_fall_low"] > 0 else "bad" if row["measure_fall_high"] < 0 else ""
-        falls = [" ".join(_percents(row, f"{key}_fall")) for key in ("mean", "measure")]
-        words = _WORDS[row["lengths"]], _WORDS[row["beside"]]
-        rows.append((*words, _share(row, "probability"), falls[0], Cell(falls[1], tone)))
-    heads = (
-        "these lengths",
-        "beside",
-        "smaller error in",
-        "mean falls by [%]",
-        f"{found.asked.measure.words} falls by [%]",
-    )
-    return TableBlock(heads, tuple(rows), "llrrl", caption="Draw by draw: how often the error is smaller, and how much")
-
-
-def _percents(row: dict, name: str) -> tuple[str, str]:
-    """``4.6`` and ``(4.3 to 5.0)`` of a share and its interval."""
-    value, low, high = (f"{round(100 * row[name + suffix], 1) + 0.0:.1f}" for suffix in ("", "_low", "_high"))
-    return value.translate(_MINUS), f"({low} to {high})".translate(_MINUS)
-
-
-def _constraints(found: RobustOptimum) -> tuple[Block, ...]:
-    held, keys = found.comparison.constraints, list(dict.fromkeys(found.comparison.constraints["constraint"]))
-    rows = []
-    for name in COMPARED:
-        cells = []
-        for key in keys:
-            row = held[(held["lengths"] == name) & (held["constraint"] == key)].to_dict("records")[0]
-            tone = "bad" if row["probability_high"] < row["asked"] else ""
-            cells.append(Cell(_share(row, "probability"), tone))
-        rows.append((_WORDS[name], *cells))
-    limits = {each.key: f"{each.words} {each.asked()}" for each in found.asked.uncertain_constraints}
-    if (most := found.asked.constraints.largest_pin_force) is not None:
-        limits["largest_pin_force"] = f"largest force in a pin {most:g} N at most"
-    fixed = [f"{each.words} {each.asked()}" for each in found.asked.region.constraints if each.is_fixed]
-    words = (
-        f"Asked for in {percent(found.asked.probability, 0)} of the cases: {'; '.join(limits[key] for key in keys)}."
-    )
-    if fixed:
-        words += f" Exact, of the nominal lengths: {'; '.join(fixed)}."
-    words += " The paper's way keeps ranges with the nominal lengths alone"
-    words += ", and does not know the force." if found.asked.constraints.largest_pin_force is not None else "."
-    heads = ("lengths", *(limits[key] for key in keys))
-    table = TableBlock(heads, tuple(rows), caption="In which share of the cases it holds")
-    return Paragraph(words), table
 
 
 def _page_front(found: RobustOptimum) -> tuple[Block, ...]:
@@ -1092,29 +1028,20 @@ def _page_front(found: RobustOptimum) -> tuple[Block, ...]:
     if front.empty:
         return (Paragraph("No lengths that were tried keep the constraints, so there is no front."),)
     places = np.unique(np.linspace(0, len(front) - 1, _FRONT_ROWS).round().astype(int))
+    columns = {
+        "crank_length": (1e3, 2),
+        "rod_length": (1e3, 2),
+        "error": (MDEG, 2),
+        "force": (1.0, 0),
+        "stroke_change": (1e3, 2),
+    }
     rows = tuple(
-        (
-            f"{1e3 * row.crank_length:.2f}",
-            f"{1e3 * row.rod_length:.2f}",
-            f"{MDEG * row.error:.2f}",
-            f"{row.force:.0f}",
-            f"{1e3 * row.stroke_change:.2f}",
-        )
-        for row in front.iloc[places].itertuples()
+        tuple(f"{factor * row[name]:.{digits}f}" for name, (factor, digits) in columns.items())
+        for row in front.iloc[places].to_dict("records")
     )
     heads = ("crank [mm]", "rod [mm]", "error [mdeg]", "force [N]", "change of the stroke [mm]")
-    words = found.asked.measure.words
-    told = (
-        f"{len(front)} pairs of lengths of which none is better than another in all three: error and largest force in "
-        f"a pin ({words}, in the draws of the search), and the change of the stroke without clearance."
-    )
-    more = f", {len(rows)} of them" if len(rows) < len(front) else ""
-    table = TableBlock(heads, rows, "rrrrr", caption=f"The front from the smallest error to the largest{more}")
-    return Paragraph(told), table, _figure("robust_front")
-
-
-def _figure(name: str) -> FigureBlock:
-    return FigureBlock(name, TITLES[name], _CAPTIONS[name])
+    caption = f"{len(rows)} of {len(front)} pairs of lengths that no other is better than in error, force and stroke"
+    return TableBlock(heads, rows, "rrrrr", caption), FigureBlock("robust_front", TITLES["robust_front"])
 
 
 def _uncertain(found: RobustOptimum) -> TableBlock:
@@ -1124,24 +1051,3 @@ def _uncertain(found: RobustOptimum) -> TableBlock:
         what = parameter_in_words(axis.key) + (", tolerance" if axis.key in LENGTHS else "")
         rows.append((what, "" if unit == "1" else unit_in_words(unit), law_in_words(axis, factor)))
     return TableBlock(("what", "unit", "distribution"), tuple(rows), "lll")
-
-
-def _how(found: RobustOptimum, scenario: Scenario) -> str:
-    options, candidates = scenario.optimise_robust, found.candidates
-    tried = int((candidates["search"] == "robust").sum())
-    low, high = 1e3 * found.asked.region.lower, 1e3 * found.asked.region.upper
-    active, best = found.asked.region.active(np.array(_lengths(found, "robust")) / 1e3), MDEG * _best(found)["error"]
-    return (
-        f"{tried} pairs of lengths, crank {low[0]:g} to {high[0]:g} mm and rod {low[1]:g} to {high[1]:g} mm, were each "
-        f"simulated in the same {options.draws} draws (scrambled Sobol sequence, seed {options.seed}): a grid, then "
-        f"differential evolution for the {found.asked.measure.words} of the error, then NSGA-II for the front. In "
-        f"these draws it is {best:.2f} mdeg for the robust lengths; the best of many in few draws is "
-        "flattered, so fresh draws count. Limits that they lie at: "
-        f"{active}. The lengths best at nominal values come from the same search with nothing uncertain; those of the "
-        "paper's way from its frozen motion, searched by sequential quadratic programming without networks between."
-    )
-
-
-def _files() -> str:
-    files = joined(f"`{name}.parquet`" for name in ("lengths", "gains", "constraints", "candidates", "fresh"))
-    return f"All numbers: {files} beside this page; `jointgap describe FILE` explains their columns."

@@ -17,7 +17,7 @@ from jointgap import tables
 from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.core import plot
 from jointgap.core.errors import InputError, needs
-from jointgap.core.page import Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock, to_html, to_markdown
+from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, to_html, to_markdown
 from jointgap.core.plot import COLOURS, Drawing, Panel, Quantity, Sheet, tick_label
 from jointgap.core.progress import followed
 from jointgap.core.words import joined
@@ -705,36 +705,46 @@ def _ranged(panel: Panel, side: str, one: Input, values: np.ndarray) -> None:
         axis.set_major_locator(MaxNLocator(4, steps=_STEPS))
 
 
-_MEANING = (
-    "The index of a parameter is the share of a measure's variance over the designs that it decides: alone (first "
-    "order), or alone and together with others (total). Where both are alike it acts by itself. Intervals hold 90 %: "
-    "they carry which designs the surrogate was trained on, how well it is known what it misses, and what it misses "
-    "itself, which may belong to any parameter."
-)
-
-
 def page(found: SensitivityResult) -> Page:
-    """The page of what decides a sweep's measures."""
+    """The page of a sweep's sensitivities."""
+    ranked = {measure: of_measure(found, measure) for measure in found.good}
+    failed = f"{found.failed} of them failed" if found.failed else "none failed"
     blocks = [
-        Paragraph(_headline(found), strong=True),
-        Paragraph(_designs(found)),
-        *_decisions(found),
-        *_page_indices(found),
-        *_pictures(found),
-        *_without(found),
-        Heading("How it was found"),
-        Paragraph(_method(found)),
-        Paragraph(
-            "All numbers: `indices.parquet`, `surrogates.parquet` and `main_effects.parquet`; `jointgap describe` "
-            "explains their columns. Beside each figure lies what is drawn in it."
-        ),
+        Paragraph(_headline(found, ranked), strong=True),
+        Paragraph(f"From {found.number} designs of the sweep; {failed}."),
     ]
-    return Page("What decides", tuple(blocks))
+    if ranked:
+        blocks += [_decisions(found, ranked), Heading("Indices of all measures"), FigureBlock(INDICES, "Sobol indices")]
+        blocks.append(Heading("Main effects"))
+    for measure, rows in ranked.items():
+        words = measure_in_words(measure)
+        blocks += [Heading(words, 3), FigureBlock(f"{EFFECTS}_{measure}", f"Main effects: {words}")]
+        if len(rows) > 1:
+            two = joined(parameter_in_words(key) for key in rows["parameter"][:2])
+            blocks.append(FigureBlock(f"{MAP}_{measure}", f"Map: {words} over {two}", small=True))
+    # What no design has, such as the impacts of an ideal joint, nobody asks for.
+    poor = found.surrogates[found.surrogates["reason"].notna() & found.surrogates["mean"].notna()]
+    if len(poor):
+        rows = tuple((measure_in_words(row["measure"]), row["reason"]) for row in poor.to_dict("records"))
+        blocks += [Heading("Measures without indices"), TableBlock(("measure", "why"), rows)]
+        blocks.append(
+            Paragraph(
+                "Simulate more designs (a larger `sweep.number` keeps those that are there) or narrow the ranges. "
+                "Where that does not help the motion is not reproducible, and only means over revolutions or starts "
+                "(`jointgap ensemble`) can be compared."
+            )
+        )
+    return Page("Sensitivity", (*blocks, Heading("Method"), Paragraph(_METHOD)))
 
 
-def _leaders(found: SensitivityResult) -> dict[str, pd.DataFrame]:
-    """By measure that has indices: its rows, those of the largest total index first."""
-    return {measure: of_measure(found, measure) for measure in found.good}
+_METHOD = (
+    "A surrogate of each measure (OpenTURNS: chaos expansion or Gaussian process), judged by designs held out by "
+    f"chance. Q2 is 1 less the mean squared error on these over the variance; below {SETTINGS.least_q2:g} there are no "
+    "indices. First order: share of the variance that a parameter decides alone; total: alone and with others. "
+    "Intervals hold 90 % and include what the surrogate misses. Main effects: mean where one parameter is given, of "
+    f"parameters with a total index of {SETTINGS.shown_share:g} or more. All numbers: `indices.parquet`, "
+    "`surrogates.parquet` and `main_effects.parquet`; `jointgap describe` explains their columns."
+)
 
 
 def _is_sure(ranked: pd.DataFrame) -> bool:
@@ -742,121 +752,30 @@ def _is_sure(ranked: pd.DataFrame) -> bool:
     return len(ranked) < 2 or ranked["total_low"].iloc[0] > ranked["total_high"].iloc[1]
 
 
-def _headline(found: SensitivityResult) -> str:
+def _headline(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> str:
     number = int(found.surrogates["mean"].notna().sum())
-    if not found.good:
+    if not ranked:
         return f"What decides is not known: none of the {number} measures has a surrogate that is good enough."
-    leaders = _leaders(found)
-    counted = Counter(ranked["parameter"].iloc[0] for ranked in leaders.values())
-    sure = sum(map(_is_sure, leaders.values()))
-    first, *others = [(parameter_in_words(key), count) for key, count in counted.most_common()]
-    text = f"{first[0][0].upper()}{first[0][1:]} decides {first[1]} of {len(leaders)} measures most"
-    if others:
-        text += ", " + joined(f"{words} {count}" for words, count in others)
-    text += f"; in {sure} of them that is sure."
-    if len(leaders) < number:
-        text += f" Of {number - len(leaders)} more measures it is not known."
-    return text
+    counted = Counter(parameter_in_words(rows["parameter"].iloc[0]) for rows in ranked.values())
+    (first, most), *others = counted.most_common()
+    text = f"{first[0].upper()}{first[1:]} decides {most} of {len(ranked)} measures most"
+    text += f", {joined(f'{words} {count}' for words, count in others)}" if others else ""
+    text += f"; in {sum(map(_is_sure, ranked.values()))} of them that is sure."
+    return text + (f" Of {number - len(ranked)} more measures it is not known." if len(ranked) < number else "")
 
 
-def _designs(found: SensitivityResult) -> str:
-    varied = joined(parameter_in_words(one.axis.key) for one in found.inputs.each)
-    share = 100 * found.failed / found.number
-    failed = f"{found.failed} failed ({share:.1f} %) and are left out" if found.failed else "none failed"
-    return f"From {found.number} designs of the sweep, of which {failed}. Varied: {varied}."
-
-
-def _interval(row: Any, index: str) -> str:
-    return f"{row[index]:.2f} ({row[f'{index}_low']:.2f} to {row[f'{index}_high']:.2f})"
-
-
-def _decisions(found: SensitivityResult) -> list:
-    if not found.good:
-        return []
-    q2 = found.surrogates.set_index("measure")["q2"]
-    rows = []
-    for measure, ranked in _leaders(found).items():
-        parts = [(parameter_in_words(row["parameter"]), _interval(row, "total")) for _, row in ranked[:2].iterrows()]
+def _decisions(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> TableBlock:
+    q2, table = found.surrogates.set_index("measure")["q2"], []
+    for measure, rows in ranked.items():
+        parts = [
+            (parameter_in_words(row["parameter"]), "{total:.2f} ({total_low:.2f} to {total_high:.2f})".format(**row))
+            for row in rows[:2].to_dict("records")
+        ]
         first, second = (*parts, ("–", ""))[:2]
-        sure = "sure" if _is_sure(ranked) else "open which of the two"
-        rows.append((measure_in_words(measure), *first, *second, sure, f"{q2[measure]:.3f}"))
+        sure = "sure" if _is_sure(rows) else "open which of the two"
+        table.append((measure_in_words(measure), *first, *second, sure, f"{q2[measure]:.3f}"))
     heads = ("measure", "decided most by", "total index", "then by", "total index", "order", "Q2")
-    caption = (
-        "Total index: share of the variance that the parameter takes part in, with its 90 % interval. The order is "
-        "sure where the two intervals lie apart. Q2: share of the variance of held-out designs that the surrogate "
-        "explains."
-    )
-    return [TableBlock(heads, tuple(rows), "lllllll", caption)]
-
-
-def _page_indices(found: SensitivityResult) -> list:
-    if not found.good:
-        return []
-    caption = "Bars: indices; lines: their 90 % intervals."
-    return [Heading("Indices of all measures"), Paragraph(_MEANING), FigureBlock(INDICES, "Sobol indices", caption)]
-
-
-def _pictures(found: SensitivityResult) -> list:
-    blocks = []
-    for measure, ranked in _leaders(found).items():
-        words = measure_in_words(measure)
-        if not blocks:
-            blocks += [
-                Heading("What the parameters do"),
-                Paragraph(
-                    "Main effects: mean of the measure where one parameter has a value and the others vary as in the "
-                    "sweep, with the 90 % interval of the training alone; parameters with a total index below "
-                    f"{SETTINGS.shown_share:g} are left out, and of normal tolerances the outer 1 % on each side. "
-                    "Maps: the same for two parameters together."
-                ),
-            ]
-        blocks += [Heading(words, 3), FigureBlock(f"{EFFECTS}_{measure}", f"Main effects: {words}")]
-        if len(ranked) > 1:
-            two = joined(parameter_in_words(key) for key in ranked["parameter"][:2])
-            blocks.append(FigureBlock(f"{MAP}_{measure}", f"Map: {words} over {two}", small=True))
-    return blocks
-
-
-def _without(found: SensitivityResult) -> list:
-    # What no design has, such as the impacts of an ideal joint, nobody asks for.
-    poor = found.surrogates[found.surrogates["reason"].notna() & found.surrogates["mean"].notna()]
-    if poor.empty:
-        return []
-    rows = tuple((measure_in_words(row["measure"]), row["reason"]) for _, row in poor.iterrows())
-    points = []
-    if poor["q2"].notna().any():
-        points.append(
-            "Where the surrogate explains too little, simulate more designs: a larger `sweep.number` of a Sobol "
-            "sequence keeps those that are there. Narrower ranges help too."
-        )
-        points.append(
-            "Where more designs do not help, the measure is rough: a design beside another has another number of "
-            "impacts. Then no parameter decides a single motion, and only means over several revolutions or starts "
-            "(`jointgap ensemble`) can be compared."
-        )
-    if poor["reason"].str.contains("lack it").any():
-        points.append(
-            "Where designs lack the measure, the page of the sweep tells why; narrow the ranges to where it is."
-        )
-    return [
-        Heading("Measures without indices"),
-        TableBlock(("measure", "why"), rows),
-        *([Bullets(tuple(points))] if points else []),
-    ]
-
-
-def _method(found: SensitivityResult) -> str:
-    made = found.surrogates[found.surrogates["kind"].notna()]
-    if made.empty:
-        return "No surrogate was made."
-    kinds = joined(f"{count} x {kind}" for kind, count in made["kind"].value_counts(sort=True).items())
-    trained, held = int(made["trained"].max()), int(made["held_out"].max())
-    return (
-        f"A surrogate of each measure (OpenTURNS; {kinds}), trained on up to {trained} designs and judged by {held} "
-        "others, held out by chance with a seed. Q2 is 1 less the mean squared error on these over the variance of the "
-        f"measure on them; below {SETTINGS.least_q2:g} there are no indices. With S the surrogate's own index, the "
-        "interval runs from Q2 S to Q2 S + 1 - Q2, both with 90 % of bootstrap replicates of surrogate and Q2."
-    )
+    return TableBlock(heads, tuple(table), "lllllll", "Total index with its 90 % interval; Q2 of held-out designs")
 
 
 def write_results(found: SensitivityResult, folder: Path) -> str:
