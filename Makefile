@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke study sweep paper campaign blind report test test-slow test-cluster test-wheel lint docs bench drill dashboard clean set-up
+.PHONY: help run smoke sweep paper campaign blind report test test-slow test-cluster test-wheel lint docs bench drill dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
