@@ -19,28 +19,28 @@ def modules_of(stage):
 
 @pytest.mark.parametrize("stage", ["kinematics", "optimise", "figures"])
 def test_stages_that_evaluate_surrogates_depend_on_their_code(stage):
-    assert {"stages.scenario_results", "stages.trained_surrogates", "surrogate.network"} <= modules_of(stage)
+    assert {"scenario.results", "networks.trained", "networks.network"} <= modules_of(stage)
 
 
 def test_the_fine_simulation_for_the_second_surrogate_is_part_of_its_stage():
     own, modules = code_of(SCENARIO_STAGES["clearance"].function)
-    assert "clearance_sampling" in own and "dynamics.simulation" in modules
+    assert "clearance_sampling" in own and "dynamics.simulate" in modules
 
 
 def test_a_stage_depends_on_its_own_function_and_on_none_of_its_neighbours():
     own, modules = code_of(SCENARIO_STAGES["simulate"].function)
     assert "def simulate" in own and "def optimise" not in own and "_MOTION = " in own
-    assert not {name for name in modules if name.startswith(("surrogate", "optimise", "figures"))}
+    assert not {name for name in modules if name.startswith(("networks", "lengths", "scenario.figures"))}
 
 
 def test_what_a_stage_is_given_counts_though_it_is_named_in_an_annotation_alone():
-    assert {"campaign.state", "slider_crank.model"} <= modules_of("noise")
+    assert {"campaign.state", "rig.model"} <= modules_of("noise")
 
 
 def test_how_designs_are_shown_is_no_code_that_measures_them():
-    shown = {name for name in modules_of("sweep-designs") if name.startswith(("figures", "report", "surrogate"))}
+    shown = {name for name in modules_of("sweep-designs") if name.startswith(("core.plot", "core.page", "networks"))}
     shown |= {name for name in modules_of("sweep-designs") if name.endswith(("_page", "_figures", "growth"))}
-    assert shown <= {"report.plain_words"}
+    assert shown <= {"core.words"}
 
 
 def test_imports_inside_functions_count():
@@ -48,13 +48,13 @@ def test_imports_inside_functions_count():
 
 
 def test_figures_that_are_imported_by_name_count():
-    assert {"figures.contact_figures", "figures.optimum_figures"} <= modules_of("figures")
-    assert "figures.campaign_figures" in modules_of("conclude")
+    assert {"scenario.figures_motion", "scenario.figures_optimum"} <= modules_of("figures")
+    assert "campaign.figures" in modules_of("conclude")
 
 
 def test_the_dynamics_do_not_depend_on_what_stands_above_them():
-    rooms = {name.partition(".")[0] for name in closure("dynamics.simulation")}
-    assert not rooms & {"campaign", "trials", "figures", "paper", "surrogate", "optimise", "track", "cli", "sweep"}
+    rooms = {name.partition(".")[0] for name in closure("dynamics.simulate")}
+    assert not rooms & {"campaign", "scenario", "paper", "networks", "lengths", "rig", "designs", "app"}
 
 
 def test_nothing_of_the_product_imports_the_trials():
