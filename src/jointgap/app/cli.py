@@ -141,10 +141,6 @@ _OPTIONS = {
     "fit": (_part, _parts),
     "pair": (_part, _parts),
     "decide": (_parts,),
-    "track-campaign": (
-        need("--store", "Folder of the store.", FOLDER),
-        need("--published", "JSON file to write: what was published where."),
-    ),
 }
 _go_on = click.option(
     "--go-on", is_flag=True, help="A stage that only adds to the verdict does not fail: the verdict says what it lacks."
@@ -152,7 +148,7 @@ _go_on = click.option(
 _then = click.option(
     "--then",
     "further",
-    type=click.Choice([name for name in CAMPAIGN_STAGES if name not in {*_OPTIONS, "track-campaign"}]),
+    type=click.Choice([name for name in CAMPAIGN_STAGES if name not in _OPTIONS]),
     metavar="STAGE",
     multiple=True,
     help="Another stage, of those without options of their own, to run afterwards in the same process; repeatable.",
@@ -519,7 +515,6 @@ _stage_commands_OPTIONS = {
             "alone; repeatable.",
         ),
     ),
-    "track": _published,
     "track-sweep": _published,
     "sweep-designs": (
         click.option("--first", type=click.IntRange(min=0), required=True, help="First design, from 0 on."),

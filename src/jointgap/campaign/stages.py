@@ -5,7 +5,6 @@ alone does not wait for the compiled dynamics."""
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jointgap import tables
@@ -49,6 +48,9 @@ if TYPE_CHECKING:
 
 CAMPAIGN_STAGES = Stages()
 
+PUBLISHED = "track/published.json"
+"""Place of what was published where."""
+
 _MEASURED = (MEASURED, REMARKS, CONTRADICTIONS, CONFIG_SNAPSHOT)
 
 
@@ -56,7 +58,9 @@ def _of(stage: str, written: tuple[Table, ...]) -> tuple[Table, ...]:
     return tuple(table.at(stage) for table in written)
 
 
-@CAMPAIGN_STAGES.stage(writes=(*_MEASURED, LOOK))
+@CAMPAIGN_STAGES.stage(
+    writes=(*_MEASURED, LOOK), does="read and look at the data", memory=1500, minutes=20
+)
 def measure(state: "CampaignState", pictures: bool = True) -> str:
     """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter."""
     import pandas as pd
@@ -86,7 +90,12 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     return "\n".join([*remarks, f"figures and tables: {folder.path / 'measure'}"])
 
 
-@CAMPAIGN_STAGES.stage(writes=(DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES))
+@CAMPAIGN_STAGES.stage(
+    writes=(DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES),
+    does="what can be detected and told apart",
+    memory=1500,
+    minutes=20,
+)
 def preflight(state: "CampaignState", advice: bool = True) -> str:
     """Say before anything is measured what CAMPAIGN will be able to show.
 
@@ -111,7 +120,13 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     return preflight_in_words(*(frames[table.name] for table in told)) if advice else ""
 
 
-@CAMPAIGN_STAGES.stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES))
+@CAMPAIGN_STAGES.stage(
+    reads=_MEASURED,
+    writes=_of("noise", NOISE_TABLES),
+    does="find the noise, re-fit uncertain parameters",
+    memory=1500,
+    job="recalibrate",
+)
 def noise(state: "CampaignState", anyway: bool = False) -> None:
     """Find the noise of every channel of every run, from what does not repeat."""
     from jointgap.identification.noise import noise_of_model
@@ -129,6 +144,8 @@ def noise(state: "CampaignState", anyway: bool = False) -> None:
         *_of("recalibrate/nominal", FIT_TABLES),
         *_of("recalibrate/base", FIT_TABLES),
     ),
+    does="find the noise, re-fit uncertain parameters",
+    memory=1500,
 )
 def recalibrate(state: "CampaignState") -> None:
     """Fit the parameters that are not known exactly within their ranges."""
@@ -148,7 +165,13 @@ def recalibrate(state: "CampaignState") -> None:
 _BASELINE = (*_MEASURED, *CAMPAIGN_STAGES.written_by("noise", "recalibrate"))
 
 
-@CAMPAIGN_STAGES.stage(reads=_BASELINE, writes=(SIGNATURES, SIGNATURE_SHAPES, SCREENED, THRESHOLDS))
+@CAMPAIGN_STAGES.stage(
+    reads=_BASELINE,
+    writes=(SIGNATURES, SIGNATURE_SHAPES, SCREENED, THRESHOLDS),
+    does="screen the candidates",
+    memory=1500,
+    minutes=20,
+)
 def screen(state: "CampaignState") -> None:
     """Simulate every effect that could be missing at a small size, and choose what is worth a fit."""
     import pandas as pd
@@ -168,7 +191,9 @@ def screen(state: "CampaignState") -> None:
 _SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
 
 
-@CAMPAIGN_STAGES.stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES))
+@CAMPAIGN_STAGES.stage(
+    reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES), does="fit candidates, part {part}", memory=1500, minutes=120
+)
 def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     """Fit the chosen effects by forward simulation."""
     from jointgap.identification.hypothesis_fits import fit_singles
@@ -178,7 +203,13 @@ def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     state.write_fits(fits, f"fit/{part}", seconds)
 
 
-@CAMPAIGN_STAGES.stage(reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit")), writes=_of("pair/{part}", FIT_TABLES))
+@CAMPAIGN_STAGES.stage(
+    reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit")),
+    writes=_of("pair/{part}", FIT_TABLES),
+    does="fit pairs, part {part}",
+    memory=1500,
+    minutes=120,
+)
 def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     """Fit the pairs of effects that are worth it by forward simulation.
 
@@ -196,6 +227,9 @@ def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
 @CAMPAIGN_STAGES.stage(
     reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit", "pair")),
     writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES), LAW_FAMILIES),
+    does="weigh the fits, map the disagreement, predict the held-out runs, write the augmented mechanism",
+    memory=1500,
+    minutes=90,
 )
 def decide(state: "CampaignState", parts: int = 1) -> None:
     """Weigh the fits: what is missing, or why it cannot be told, and what else of a law's family fits."""
@@ -219,7 +253,12 @@ def decide(state: "CampaignState", parts: int = 1) -> None:
 _DECIDED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("decide"))
 
 
-@CAMPAIGN_STAGES.stage(reads=_DECIDED, writes=(MAP_BINS, MAP_WINDOWS, MAP_TESTS, MAP_ORDERS, MAP_STANDOUT, MAP_SCALING))
+@CAMPAIGN_STAGES.stage(
+    reads=_DECIDED,
+    writes=(MAP_BINS, MAP_WINDOWS, MAP_TESTS, MAP_ORDERS, MAP_STANDOUT, MAP_SCALING),
+    does="see decide",
+    job="decide",
+)
 def locate(state: "CampaignState") -> None:
     """Map where the recalibrated model disagrees with the measurement: run, channel, crank angle."""
     from jointgap.campaign.fits_on_disk import map_as_read
@@ -235,7 +274,12 @@ def locate(state: "CampaignState") -> None:
     state.folder.write(MAP_SCALING, disagreement.scaling)
 
 
-@CAMPAIGN_STAGES.stage(reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")), writes=_of("regress", OUTCOME_TABLES))
+@CAMPAIGN_STAGES.stage(
+    reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")),
+    writes=_of("regress", OUTCOME_TABLES),
+    does="see decide",
+    job="decide",
+)
 def regress(state: "CampaignState") -> None:
     """Where no effect explains what is missing: look for a force law as a formula."""
     from jointgap.campaign.fits_on_disk import outcome_with_law
@@ -255,7 +299,12 @@ def regress(state: "CampaignState") -> None:
 _REGRESSED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("regress"))
 
 
-@CAMPAIGN_STAGES.stage(reads=_REGRESSED, writes=(RESIDUALS, CHANNEL_ERRORS, GAPS, *_of("verdict", OUTCOME_TABLES)))
+@CAMPAIGN_STAGES.stage(
+    reads=_REGRESSED,
+    writes=(RESIDUALS, CHANNEL_ERRORS, GAPS, *_of("verdict", OUTCOME_TABLES)),
+    does="see decide",
+    job="decide",
+)
 def confirm(state: "CampaignState") -> None:
     """Predict the held-out runs with and without what was found, and come to the final verdict."""
     from jointgap.campaign.fits_on_disk import channel_errors, residuals_as_read, with_places
@@ -285,7 +334,7 @@ def confirm(state: "CampaignState") -> None:
 _CONFIRMED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("confirm"))
 
 
-@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(MISSING_FORCE,), files=(MECHANISM,))
+@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(MISSING_FORCE,), files=(MECHANISM,), does="see decide", job="decide")
 def augment(state: "CampaignState") -> None:
     """Write the mechanism file with what was found, for every other stage."""
     from jointgap.campaign.augment import augment as augmented
@@ -296,7 +345,7 @@ def augment(state: "CampaignState") -> None:
     state.folder.write(MISSING_FORCE, force)
 
 
-@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(OPTIMUM,))
+@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(OPTIMUM,), does="optimise again, before and after", minutes=60)
 def reoptimise(state: "CampaignState") -> None:
     """Optimise the link lengths for the model before and after: does the missing effect move the optimum?
 
@@ -330,6 +379,8 @@ def reoptimise(state: "CampaignState") -> None:
         *CAMPAIGN_STAGES.written_by("preflight", "locate", "augment", "reoptimise"),
     ),
     files=(VERDICT, *SUMMARIES, "figures/gaps.png"),
+    does="verdict, summary and figures",
+    minutes=20,
 )
 def conclude(state: "CampaignState") -> None:
     """Write verdict.json, the one-page summary and the figures."""
@@ -339,11 +390,19 @@ def conclude(state: "CampaignState") -> None:
     concluding.show(state)
 
 
-@CAMPAIGN_STAGES.stage(reads=(*_of("verdict", OUTCOME_TABLES), GAPS, RESIDUALS))
-def track_campaign(state: "CampaignState", store: Path, published: Path) -> None:
+@CAMPAIGN_STAGES.stage(
+    reads=(*_of("verdict", OUTCOME_TABLES), GAPS, RESIDUALS),
+    files=(PUBLISHED,),
+    does="publish to MLflow",
+    after=("conclude",),
+    minutes=20,
+    publishes=True,
+)
+def track_campaign(state: "CampaignState") -> None:
     """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
     from jointgap.campaign.mlflow_runs import DESCRIPTION, records
     from jointgap.track.publish import publish_records
 
-    summary = publish_records(state.campaign.name, DESCRIPTION, records(state.folder.path), None, store)
-    tables.write_text(published, json.dumps(summary, indent=2) + "\n")
+    folder = state.folder.path
+    summary = publish_records(state.campaign.name, DESCRIPTION, records(folder), None, folder.resolve().parents[1])
+    tables.write_text(folder / PUBLISHED, json.dumps(summary, indent=2) + "\n")

@@ -126,19 +126,28 @@ def _exists(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of a scenario or of a campaign."""
+    """A stage of a scenario or of a campaign; its command, its rule and its line in the docs follow from it."""
 
-    name: str  # Of the subcommand, and of the folder of its results
+    name: str  # of the subcommand
     function: Callable[..., str | None]
-    reads: tuple[Table, ...] = ()  # Each with its place in the folder of results
-    writes: tuple[Table, ...] = ()  # Each with its place in the folder of results
-    files: tuple[str, ...] = ()  # What it writes besides tables, or the first of many files in a folder
-    sections: tuple[str, ...] = ()  # The sections of a scenario that it depends on
+    reads: tuple[Table, ...] = ()  # each with its place in the folder of results
+    writes: tuple[Table, ...] = ()
+    files: tuple[str, ...] = ()  # what it writes besides tables, or the first of many files in a folder
+    sections: tuple[
+        str, ...
+    ] = ()  # the sections of a scenario that it depends on; a change elsewhere does not rerun it
+    does: str = ""  # what the workflow says of its job
+    after: tuple[str, ...] = ()  # stages whose files it takes in too
+    job: str = ""  # the stage in whose job it runs, in the same process; its own when empty
+    memory: int = 2000  # of its job [MB]
+    minutes: int = 30
+    threads: int = 1
+    publishes: bool = False  # to MLflow, one job after the other
 
     @property
     def help(self) -> str:
-        """What it does: the docstring of its function, without its section of parameters."""
-        return (inspect.getdoc(self.function) or "").partition("\n\nParameters\n")[0]
+        """What it does: the docstring of its function."""
+        return inspect.getdoc(self.function) or ""
 
     @property
     def description(self) -> str:
@@ -162,21 +171,23 @@ class Stage:
 class Stages(dict[str, Stage]):
     """Stages by name, in the order in which they follow each other."""
 
-    def stage(
-        self,
-        reads: tuple[Table, ...] = (),
-        writes: tuple[Table, ...] = (),
-        files: tuple[str, ...] = (),
-        sections: tuple[str, ...] = (),
-    ) -> Callable[[Callable[..., str | None]], Callable[..., str | None]]:
-        """A decorator that records a function as the next stage."""
+    def stage(self, **record: Any) -> Callable[[Callable[..., str | None]], Callable[..., str | None]]:
+        """A decorator that records a function as the next stage; `record` holds attributes of `Stage`."""
 
-        def record(function: Callable[..., str | None]) -> Callable[..., str | None]:
+        def keep(function: Callable[..., str | None]) -> Callable[..., str | None]:
             name = function.__name__.replace("_", "-")
-            self[name] = Stage(name, function, reads, writes, files, sections)
+            self[name] = Stage(name, function, **record)
             return function
 
-        return record
+        return keep
+
+    def jobs(self) -> dict[str, list[Stage]]:
+        """The stages that the workflow runs, by the job that they run in."""
+        jobs: dict[str, list[Stage]] = {}
+        for stage in self.values():
+            if stage.does:
+                jobs.setdefault(stage.job or stage.name, []).append(stage)
+        return jobs
 
     def needed_for(self, name: str) -> list[str]:
         """The stage `name` and all whose tables it is made from, in their order; the others only add to it."""

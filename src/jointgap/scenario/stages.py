@@ -56,6 +56,9 @@ if TYPE_CHECKING:
 
 SCENARIO_STAGES = Stages()
 
+PUBLISHED = "track/published.json"
+"""Place of what was published where."""
+
 IMPACTS_PAGE = "figures/impacts.html"
 """Place of the page to zoom into the impacts, in the folder of a scenario."""
 
@@ -64,7 +67,7 @@ _LEARNING = (*_MOTION, "surrogate")
 _OPTIMUM = (*_LEARNING, "optimise")
 
 
-@SCENARIO_STAGES.stage(writes=(TRAJECTORY, EVENTS), sections=_MOTION)
+@SCENARIO_STAGES.stage(writes=(TRAJECTORY, EVENTS), sections=_MOTION, does="simulate the contact")
 def simulate(results: "ScenarioResults") -> None:
     """Simulate the slider-crank: each joint loose or ideal, with contact, friction and the effects that are listed.
 
@@ -93,7 +96,13 @@ def simulate(results: "ScenarioResults") -> None:
     results.write(TRAJECTORY, run.samples)
 
 
-@SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(FIT, FIT_HISTORY, FIT_ERRORS), sections=_LEARNING)
+@SCENARIO_STAGES.stage(
+    reads=(TRAJECTORY,),
+    writes=(FIT, FIT_HISTORY, FIT_ERRORS),
+    sections=_LEARNING,
+    does="train the networks of {output}",
+    minutes=60,
+)
 def surrogate(results: "ScenarioResults", output: str) -> None:
     """Train the networks of one output with Levenberg-Marquardt: the paper's, and a regularised one whose errors
     hold.
@@ -127,7 +136,14 @@ def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
     return simulated(scenario.mechanism, finer).samples
 
 
-@SCENARIO_STAGES.stage(reads=(TRAJECTORY,), writes=(CLEARANCE_FIT, FIT_ERRORS.at("clearance")), sections=_LEARNING)
+@SCENARIO_STAGES.stage(
+    reads=(TRAJECTORY,),
+    writes=(CLEARANCE_FIT, FIT_ERRORS.at("clearance")),
+    sections=_LEARNING,
+    does="train the second surrogate",
+    memory=3000,
+    minutes=20,
+)
 def clearance(results: "ScenarioResults") -> None:
     """Train the second surrogate: one network per loose joint for the clearance vector, all outputs from it."""
     from jointgap.networks.clearance import train_clearance
@@ -145,7 +161,10 @@ _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
 
 
 @SCENARIO_STAGES.stage(
-    reads=_TRAINED, writes=(KINEMATICS, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS), sections=_LEARNING
+    reads=_TRAINED,
+    writes=(KINEMATICS, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS),
+    sections=_LEARNING,
+    does="kinematics from networks and simulation",
 )
 def kinematics(results: "ScenarioResults") -> None:
     """Feed the paper's equations by networks and by the simulation, and hold them against the simulation."""
@@ -169,6 +188,7 @@ def kinematics(results: "ScenarioResults") -> None:
     reads=_TRAINED,
     writes=(OPTIMA, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR, RESIMULATED, WORTH, LOADS),
     sections=_OPTIMUM,
+    does="optimise the link lengths",
 )
 def optimise(results: "ScenarioResults") -> None:
     """Search the link lengths for the transmission angle, and simulate again what was found."""
@@ -191,7 +211,7 @@ def optimise(results: "ScenarioResults") -> None:
 _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
 
 
-@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"))
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"), does="draw the figures")
 def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path | None = None) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
     from jointgap.networks.trained import trained_surrogates
@@ -206,7 +226,17 @@ def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path 
     draw_all(frames, results.scenario, folder or results.path / "figures", wanted)
 
 
-@SCENARIO_STAGES.stage(reads=(TRAJECTORY, EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION)
+@SCENARIO_STAGES.stage(
+    reads=(TRAJECTORY,), files=("figures/animation.gif",), sections=(*_OPTIMUM, "figures"), does="animate"
+)
+def animate(results: "ScenarioResults") -> None:
+    """Draw the animation of the motion, a GIF, and the plotted data beside it."""
+    figures(results, ("animation",))
+
+
+@SCENARIO_STAGES.stage(
+    reads=(TRAJECTORY, EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION, does="a page to zoom into the impacts"
+)
 def explore(results: "ScenarioResults") -> None:
     """Write figures/impacts.html, to zoom into the impacts: gaps, contact forces and modes over the crank angle.
 
@@ -223,6 +253,7 @@ def explore(results: "ScenarioResults") -> None:
     writes=(COMPARISON,),
     files=("comparison.md", "comparison.html"),
     sections=("description", *_OPTIMUM),
+    does="compare with the paper",
 )
 def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"]) -> None:
     """Put every number and claim of the paper beside ours."""
@@ -244,6 +275,8 @@ def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"
     reads=_COMPUTED,
     files=("summary.json", "summary.md", "summary.html"),
     sections=("description", *_OPTIMUM),
+    does="put what came out on one page",
+    after=("figures", "animate"),
 )
 def summarise(results: "ScenarioResults") -> str:
     """Put the outcome on one page: lengths, gain, price and remarks, for whoever designs the mechanism.
@@ -296,8 +329,16 @@ def report(
     tables.write_text(file, to_html(page(scenarios, campaigns, folder), folder))
 
 
-@SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
-def track(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
+@SCENARIO_STAGES.stage(
+    reads=(*_COMPUTED, COMPARISON),
+    files=(PUBLISHED,),
+    sections=("description", *_OPTIMUM),
+    does="publish to MLflow",
+    after=("figures", "animate"),
+    minutes=20,
+    publishes=True,
+)
+def track(results: "ScenarioResults") -> None:
     """Publish a scenario's tables and figures to MLflow; nothing twice."""
     from jointgap.core.errors import InputError
     from jointgap.track.publish import publish
@@ -307,8 +348,9 @@ def track(results: "ScenarioResults", name: str, store: Path, published: Path) -
     pictures = (path for path in (results.path / "figures").glob("*") if path.suffix in (".svg", ".png", ".gif"))
     costs = sorted((results.path / "benchmarks").rglob("*.tsv"))
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
-    summary = publish(name, results.scenario, sections, files, sorted(pictures), costs, None, store)
-    tables.write_text(published, json.dumps(summary, indent=2) + "\n")
+    folder = results.path.resolve()
+    summary = publish(folder.name, results.scenario, sections, files, sorted(pictures), costs, None, folder.parent)
+    tables.write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")
 
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))

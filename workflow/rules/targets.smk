@@ -1,0 +1,126 @@
+# What people ask for: everything, campaigns alone, the report; and what is said at the end of a run.
+
+from snakemake.exceptions import WorkflowError
+from snakemake.logging import logger
+
+from jointgap.core.results_folder import ResultsFolder
+
+
+def made_of_scenario(name):
+    """Every file of a scenario; of one whose joints are all ideal, its simulation and animation."""
+    # A sweep goes without what learning and optimising need.
+    try:
+        check_whole(SCENARIOS[name], name)
+    except InputError as error:
+        refuse(error)
+    wanted = [one for (one,) in SCENARIO_STAGES.jobs().values() if name in LOOSE or one.name in ("simulate", "animate")]
+    return of_scenario(name, made_by(wanted))
+
+
+def made_of_campaign(name):
+    """Every file of a campaign."""
+    return of_campaign(name, made_by(stage for stages in CAMPAIGN_STAGES.jobs().values() for stage in stages))
+
+
+def every_scenario(wildcards=None):
+    overview = ["results/overview.parquet"] if len(LOOSE) > 1 else []
+    return whole([*(path for name in SCENARIOS for path in made_of_scenario(name)), *overview])
+
+
+def every_campaign(wildcards=None):
+    return whole(path for name in CAMPAIGNS for path in made_of_campaign(name))
+
+
+CAMPAIGNS_SHOWN = [text for name in CAMPAIGNS for text in ("--campaign", name)]
+
+
+rule overview:
+    input:
+        lambda wildcards: [
+            f"results/{name}/{path}"
+            for name in LOOSE
+            for path in ("comparison.parquet", "figures/resimulation.png")
+        ],
+    output:
+        [f"results/{path}" for path in SCENARIO_STAGES["overview"].outputs()],
+    log:
+        "results/logs/overview.log",
+    conda:
+        "../envs/jointgap.yaml"
+    params:
+        scenarios=lambda wildcards: named_options("--scenario", LOOSE, "overview"),
+        code=digest_of("overview"),
+    message:
+        "put the scenarios side by side"
+    shell:
+        "jointgap overview --results results {params.scenarios:q} > {log:q} 2>&1"
+
+
+rule whole_report:
+    input:
+        every_scenario,
+        every_campaign,
+    output:
+        "results/{kind}report.html",
+    log:
+        "results/logs/{kind}report.log",
+    wildcard_constraints:
+        kind="|smoke-",
+    conda:
+        "../envs/jointgap.yaml"
+    params:
+        shown=lambda wildcards: [*named_options("--scenario", SCENARIOS, "report"), *CAMPAIGNS_SHOWN],
+        code=digest_of("report"),
+    message:
+        "write {output}"
+    shell:
+        "jointgap report --results results --report {output:q} {params.shown:q} > {log:q} 2>&1"
+
+
+use rule whole_report as campaign_report with:
+    input:
+        every_campaign,
+    output:
+        "results/campaign-report.html",
+    log:
+        "results/logs/campaign-report.log",
+    params:
+        shown=CAMPAIGNS_SHOWN,
+        code=digest_of("report"),
+
+
+rule campaigned:
+    input:
+        every_campaign,
+    message:
+        "every campaign has its verdict"
+
+
+rule all:
+    default_target: True
+    input:
+        every_scenario,
+        every_campaign,
+    message:
+        "every scenario is complete"
+
+
+# What could not be made beside a verdict makes the run a failed one, though all is there.
+onsuccess:
+    from jointgap.app.report import optimum_lines, verdict_lines
+    from jointgap.campaign.campaign_files import failures
+
+    asked = {(job.rule.name, *job.wildcards) for job in workflow.dag.jobs}
+    failed = []
+    lines = optimum_lines([name for name in SCENARIOS if ("summarise", name) in asked], Path("results"))
+    for name in CAMPAIGNS:
+        if ("campaign_conclude", name) in asked:
+            folder = Path("results/campaigns", name)
+            lines += ["", *verdict_lines(folder)]
+            failed += [
+                f"campaign {name}: {what}: {why}" for what, why in failures(ResultsFolder(folder)).items()
+            ]
+    if lines:
+        logger.info("\n".join(["", *lines, ""]))
+    if failed:
+        raise WorkflowError("could not be made: " + "; ".join(failed))
