@@ -2,22 +2,24 @@
 
 import json
 import sys
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
-from snakemake.logging import logger
 
 from jointgap.campaign.campaign_files import campaigns
+from jointgap.campaign.figures_catalogue import CATALOGUE as CAMPAIGN_FIGURES
+from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.paper.compare import looseness_variants
-from jointgap.config import Constraints, check_whole, resolve
+from jointgap.config import Constraints, Scenario, check_whole, resolve
+from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.progress import parts
 from jointgap.scenario.figures_catalogue import FIGURES
-from jointgap.scenario.results import parts_of
-from jointgap.scenario.stages import IMPACTS_PAGE, SCENARIO_STAGES
-from jointgap.tables import INFERRED_DESIGNS_PATH, INFERRED_SETTINGS, SENSITIVITY_TABLES, outputs, write_text
+from jointgap.scenario.stages import SCENARIO_STAGES
+from jointgap.tables import RESIMULATED, outputs, write_text
 
 # Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.
 FOLDERS = (
@@ -60,20 +62,6 @@ def options_file(scenario, stage):
     return kept_options(scenario, SCENARIO_STAGES[stage].options(SCENARIOS[scenario]))
 
 
-def check_as_its_job(stage, name, check):
-    """End here where a stage cannot do what a scenario asks, by the function `check` of what its job reads: sections that are left
-    to their defaults have to go with the others too.
-    """
-    from jointgap.config import Scenario
-    from jointgap.config.load import validate
-
-    try:
-        read = json.loads(SCENARIO_STAGES[stage].options(SCENARIOS[name]))
-        check(validate(Scenario, read, "its configuration"))
-    except InputError as error:
-        refuse(f"scenario {name}: {error}")
-
-
 def kept_options(scenario, text):
     """`text`, JSON, as a file of that name."""
     path = Path(".snakemake", "options", f"{scenario}-{sha256(text.encode()).hexdigest()[:12]}.json")
@@ -99,6 +87,11 @@ def digest_of(stage):
     return lambda wildcards: SCENARIO_STAGES[stage].digest
 
 
+def digests_of(stages):
+    """The same of the stages of one job of a campaign."""
+    return lambda wildcards: [stage.digest for stage in stages]
+
+
 def named_options(flag, scenarios, stage):
     """For params: scenarios, each with the file of its options, as arguments."""
     return [text for name in scenarios for text in (flag, name, options_file(name, stage))]
@@ -109,63 +102,220 @@ def siblings(scenario):
     return [name for name in looseness_variants(scenario, SCENARIOS) if name != scenario]
 
 
-def place(table):
-    """Where a table of a scenario lies."""
-    return f"results/{{scenario}}/{table.path}"
+PICTURES = {
+    "figures": [f"figures/{name}.{ending}" for name in FIGURES for ending in ("png", "svg", "parquet")],
+    "conclude": [
+        f"figures/{name}.{ending}" for name in CAMPAIGN_FIGURES for ending in ("png", "svg", "parquet")
+    ],
+    "animate": ["figures/animation.gif", "figures/animation.parquet"],
+}
 
 
-def written_by(stage):
-    """For output: the tables that a stage writes, by name."""
-    return {table.name: place(table) for table in SCENARIO_STAGES[stage].writes}
+def made_by(stages):
+    """Paths that stages write, in the folder of a scenario or a campaign."""
+    paths = [path for stage in stages for path in (*stage.outputs("{part}"), *PICTURES.get(stage.name, ()))]
+    return list(dict.fromkeys(paths))
 
 
-def read_by(stage):
-    """For input: the tables that a stage reads, by name; of one of which each output has its own, all of them."""
-    tables = {}
-    for table in SCENARIO_STAGES[stage].reads:
-        tables.setdefault(table.name, of_each_output(table) if "{output}" in table.path else place(table))
-    return tables
+def in_scenario(paths):
+    return [f"results/{{scenario}}/{path}" for path in paths]
 
 
-def of_each_output(table):
-    """For input: the files of a table of which there is one for each output."""
+def in_campaign(paths):
+    return [f"results/campaigns/{{campaign}}/{path}" for path in paths]
+
+
+def of_scenario(name, paths):
+    """`paths` of a scenario; of those of which each output has its own, all."""
+    outputs_there = outputs(SCENARIOS[name].mechanism.applied().loose)
+    return [
+        file
+        for path in in_scenario(paths)
+        for file in expand(path, scenario=name, output=outputs_there if "{output}" in path else "")
+    ]
+
+
+def of_campaign(name, paths):
+    """`paths` of a campaign; of those of which each part of the fits has its own, all."""
+    return list(
+        dict.fromkeys(
+            file
+            for path in in_campaign(paths)
+            for file in expand(path, campaign=name, part=range(CAMPAIGNS[name].parts))
+        )
+    )
+
+
+def read_by_scenario(stage):
+    """For input: what a stage of a scenario reads."""
+    others = [SCENARIO_STAGES[name] for name in stage.after]
+    paths = [*(table.path for table in stage.reads), *made_by(others)]
 
     def files(wildcards):
-        outputs = parts_of(table, SCENARIOS[wildcards.scenario].mechanism)
-        return expand(place(table), scenario=wildcards.scenario, output=outputs)
+        beside = siblings(wildcards.scenario) if stage.name == "compare" else ()
+        return [
+            *of_scenario(wildcards.scenario, paths),
+            *(f"results/{name}/{RESIMULATED.path}" for name in beside),
+        ]
 
     return files
 
 
+def read_by_campaign(stages):
+    """For input: the campaign file, its mechanism, what the stages of a job read and do not write, and the measured runs."""
+    others = [CAMPAIGN_STAGES[name] for stage in stages for name in stage.after]
+    own = made_by(stages)
+    paths = [*(table.path for stage in stages for table in stage.reads), *made_by(others)]
+    paths = [path for path in paths if path not in own]
+
+    def files(wildcards):
+        campaign = CAMPAIGNS[wildcards.campaign]
+        data = campaign.data if stages[0].name in ("measure", "preflight") else ()
+        return [*campaign.plan, *data, *of_campaign(wildcards.campaign, paths)]
+
+    return files
+
+
+def arguments_of_scenario(stage):
+    """For params: what the command is told besides options and results."""
+
+    def arguments(wildcards):
+        if stage.name == "surrogate":
+            return ["--output-name", wildcards.output]
+        if stage.name == "compare":
+            return named_options("--beside", siblings(wildcards.scenario), "compare")
+        return []
+
+    return arguments
+
+
+def arguments_of_campaign(stages):
+    """For params: the further stages of a job, and its part of the fits."""
+    names = [stage.name for stage in stages]
+    then = [text for name in names[1:] for text in ("--then", name)]
+    adding = names[0] in ("preflight", "decide", "reoptimise", "conclude")
+
+    def arguments(wildcards):
+        more = ["--go-on"] if adding else []
+        if names[0] in ("fit", "pair"):
+            more += ["--part", wildcards.part]
+        if names[0] in ("fit", "pair", "decide"):
+            more += ["--parts", CAMPAIGNS[wildcards.campaign].parts]
+        if names[0] == "noise" and config.get("anyway"):
+            more.append("--anyway")
+        return [*more, *then]
+
+    return arguments
+
+
+@cache
+def designs_of_sweep(name):
+    """The designs of a scenario's sweep, first design and number of designs of each job; none where it names no parameters."""
+    if not SCENARIOS[name].sweep.parameters:
+        return {}
+    from jointgap.designs.run import check_folder  # loads scipy
+    from jointgap.designs.sampling import designs_of
+
+    sweep = SCENARIOS[name].sweep
+    try:
+        check_folder(
+            designs_of(SCENARIOS[name]), Path("results", name, "sweep/designs"), sweep.designs_per_job
+        )
+    except InputError as error:
+        refuse(f"scenario {name}: {error}")
+    return parts(sweep.designs, sweep.designs_per_job)
+
+
+def datasets(name):
+    return [f"results/{name}/sweep/designs/{part}.parquet" for part in designs_of_sweep(name)]
+
+
+@cache
+def asked(name):
+    """The stages on many designs that a scenario asks for; what is asked has to be possible, before anything runs."""
+    scenario, swept = SCENARIOS[name], bool(designs_of_sweep(name))
+    stages = ["sweep"] if swept else []
+    if swept and scenario.sensitivity is not None:
+        stages.append("sensitivity")
+    try:
+        if scenario.infer_settings is not None:
+            from jointgap.designs.infer_settings import check_infer_settings
+
+            check_infer_settings(scenario)
+            stages.append("infer-settings")
+        if scenario.optimise_robust.uncertain:
+            from jointgap.designs.robust import check_robust
+
+            # of what its job reads: sections that are left to their defaults have to go with the others too
+            read = json.loads(SCENARIO_STAGES["optimise-robust"].options(scenario))
+            check_robust(validate(Scenario, read, "its configuration"))
+            stages.append("optimise-robust")
+    except InputError as error:
+        refuse(f"scenario {name}: {error}")
+    return stages
+
+
+def made_of_designs(name):
+    """Every file that a scenario asks of many designs."""
+    stages = asked(name)
+    files = of_scenario(name, made_by(SCENARIO_STAGES[stage] for stage in stages))
+    return [*(datasets(name) if "sweep" in stages else []), *files]
+
+
+def part_options(wildcards):
+    """What a job depends on, as a file: how many designs there are is no part of it where a sequence can be grown."""
+    options = json.loads(SCENARIO_STAGES["sweep-designs"].options(SCENARIOS[wildcards.scenario]))
+    options["sweep"].pop("designs_per_job")
+    if options["sweep"]["design"] == "sobol":
+        options["sweep"].pop("number")
+    return kept_options(wildcards.scenario, json.dumps(options))
+
+
+def published_options(wildcards):
+    """What is published of a scenario's configuration, as a file: sections that nothing was made of need not go with the others."""
+    sections = {one for stage in asked(wildcards.scenario) for one in SCENARIO_STAGES[stage].sections}
+    wanted = {"description", *sections}
+    return kept_options(
+        wildcards.scenario, SCENARIOS[wildcards.scenario].model_dump_json(include=wanted, by_alias=True)
+    )
+
+
+def made_of_sweeps(wildcards):
+    """Every file that the scenarios ask of many designs, and what says that it is published; one at least has to ask for some."""
+    asking = [name for name in SCENARIOS if asked(name)]
+    if not asking:
+        refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
+    published = [f"results/{name}/track_sweep/published.json" for name in asking]
+    return whole([*(file for name in asking for file in made_of_designs(name)), *published])
+
+
 def made_of_scenario(name):
-    """Every file that rules make of a scenario; of one whose joints are all ideal, its simulation and animation."""
+    """Every file of a scenario; of one whose joints are all ideal, its simulation and animation."""
     # A sweep goes without what learning and optimising need.
     try:
         check_whole(SCENARIOS[name], name)
     except InputError as error:
         refuse(error)
-    learned = outputs(SCENARIOS[name].mechanism.applied().loose)
-    made = [rules.simulate, rules.animation]
-    if name in LOOSE:
-        made += [
-            rules.surrogate,
-            rules.clearance,
-            rules.kinematics,
-            rules.optimise,
-            rules.figures,
-            rules.explore,
-            rules.compare,
-            rules.summarise,
-            rules.track,
-        ]
-    paths = [str(path) for rule in made for path in rule.output]
-    return [
-        file
-        for path in paths
-        for file in expand(path, scenario=name, output=learned if "{output}" in path else "")
+    wanted = [
+        one
+        for (one,) in SCENARIO_STAGES.jobs().values()
+        if name in LOOSE or one.name in ("simulate", "animate")
     ]
+    return of_scenario(name, made_by(wanted))
 
 
-def drawn(name, ending):
-    """For output: where a figure of a scenario lies."""
-    return f"results/{{scenario}}/figures/{name}.{ending}"
+def made_of_campaign(name):
+    """Every file of a campaign."""
+    return of_campaign(name, made_by(stage for stages in CAMPAIGN_STAGES.jobs().values() for stage in stages))
+
+
+def every_scenario(wildcards=None):
+    overview = ["results/overview.parquet"] if len(LOOSE) > 1 else []
+    return whole([*(path for name in SCENARIOS for path in made_of_scenario(name)), *overview])
+
+
+def every_campaign(wildcards=None):
+    return whole(path for name in CAMPAIGNS for path in made_of_campaign(name))
+
+
+CAMPAIGNS_SHOWN = [text for name in CAMPAIGNS for text in ("--campaign", name)]

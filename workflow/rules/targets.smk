@@ -6,34 +6,6 @@ from snakemake.logging import logger
 from jointgap.core.results_folder import ResultsFolder
 
 
-def made_of_scenario(name):
-    """Every file of a scenario; of one whose joints are all ideal, its simulation and animation."""
-    # A sweep goes without what learning and optimising need.
-    try:
-        check_whole(SCENARIOS[name], name)
-    except InputError as error:
-        refuse(error)
-    wanted = [one for (one,) in SCENARIO_STAGES.jobs().values() if name in LOOSE or one.name in ("simulate", "animate")]
-    return of_scenario(name, made_by(wanted))
-
-
-def made_of_campaign(name):
-    """Every file of a campaign."""
-    return of_campaign(name, made_by(stage for stages in CAMPAIGN_STAGES.jobs().values() for stage in stages))
-
-
-def every_scenario(wildcards=None):
-    overview = ["results/overview.parquet"] if len(LOOSE) > 1 else []
-    return whole([*(path for name in SCENARIOS for path in made_of_scenario(name)), *overview])
-
-
-def every_campaign(wildcards=None):
-    return whole(path for name in CAMPAIGNS for path in made_of_campaign(name))
-
-
-CAMPAIGNS_SHOWN = [text for name in CAMPAIGNS for text in ("--campaign", name)]
-
-
 rule overview:
     input:
         lambda wildcards: [
@@ -110,11 +82,11 @@ onsuccess:
     from jointgap.app.report import optimum_lines, verdict_lines
     from jointgap.campaign.campaign_files import failures
 
-    asked = {(job.rule.name, *job.wildcards) for job in workflow.dag.jobs}
+    made = {(job.rule.name, *job.wildcards) for job in workflow.dag.jobs}
     failed = []
-    lines = optimum_lines([name for name in SCENARIOS if ("summarise", name) in asked], Path("results"))
+    lines = optimum_lines([name for name in SCENARIOS if ("summarise", name) in made], Path("results"))
     for name in CAMPAIGNS:
-        if ("campaign_conclude", name) in asked:
+        if ("campaign_conclude", name) in made:
             folder = Path("results/campaigns", name)
             lines += ["", *verdict_lines(folder)]
             failed += [

@@ -486,13 +486,6 @@ def _quantity(option: str, text: str, unit: str) -> float:
 _scenario = click.option(
     "--scenario", "scenarios", nargs=2, multiple=True, required=True, help="Name and options of a scenario, repeatable."
 )
-_published = (
-    click.option(
-        "--scenario", "name", required=True, help="Name of the scenario: with stage and output it identifies a run."
-    ),
-    need("--store", "Folder of the store.", FOLDER),
-    need("--published", "JSON file to write: what was published where."),
-)
 _stage_commands_OPTIONS = {
     "surrogate": (
         click.option(
@@ -515,7 +508,6 @@ _stage_commands_OPTIONS = {
             "alone; repeatable.",
         ),
     ),
-    "track-sweep": _published,
     "sweep-designs": (
         click.option("--first", type=click.IntRange(min=0), required=True, help="First design, from 0 on."),
         click.option("--number", type=click.IntRange(min=1), required=True, help="How many designs."),

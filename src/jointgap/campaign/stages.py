@@ -58,9 +58,7 @@ def _of(stage: str, written: tuple[Table, ...]) -> tuple[Table, ...]:
     return tuple(table.at(stage) for table in written)
 
 
-@CAMPAIGN_STAGES.stage(
-    writes=(*_MEASURED, LOOK), does="read and look at the data", memory=1500, minutes=20
-)
+@CAMPAIGN_STAGES.stage(writes=(*_MEASURED, LOOK), does="read and look at the data", memory=1500, minutes=20)
 def measure(state: "CampaignState", pictures: bool = True) -> str:
     """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter."""
     import pandas as pd

@@ -28,6 +28,8 @@ from jointgap.tables import (
     FIT_ERRORS,
     FIT_HISTORY,
     FLOOR,
+    INFERRED_DESIGNS_PATH,
+    INFERRED_SETTINGS,
     KINEMATICS,
     KINEMATICS_CONTRADICTIONS,
     KINEMATICS_ERRORS,
@@ -42,6 +44,7 @@ from jointgap.tables import (
     ROBUST_FRESH_PATH,
     ROBUST_GAINS,
     ROBUST_LENGTHS,
+    SENSITIVITY_TABLES,
     TOLERANCE,
     TRAJECTORY,
     VALLEY,
@@ -362,7 +365,7 @@ def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, 
     write_designs(designs_of(scenario), first, number, designs, SCENARIO_STAGES["sweep-designs"].digest, workers)
 
 
-@SCENARIO_STAGES.stage(files=("summary.md", "summary.html"), sections=(*_MOTION, "sweep"))
+@SCENARIO_STAGES.stage(files=("sweep/summary.md", "sweep/summary.html"), sections=(*_MOTION, "sweep"))
 def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     """Simulate and measure many designs: parameters with ranges, distributions or lists, drawn or on a grid.
 
@@ -405,7 +408,11 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     return text
 
 
-@SCENARIO_STAGES.stage(files=("summary.md", "summary.html"), sections=(*_MOTION, "sweep", "sensitivity"))
+@SCENARIO_STAGES.stage(
+    writes=SENSITIVITY_TABLES,
+    files=("sensitivity/summary.md", "sensitivity/summary.html"),
+    sections=(*_MOTION, "sweep", "sensitivity"),
+)
 def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
     """Tell which parameter of a sweep decides which measure: Sobol indices from a surrogate of each.
 
@@ -431,7 +438,14 @@ def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
 
 
 @SCENARIO_STAGES.stage(
-    files=("summary.md", "summary.html", "nearest_scenario.yaml"), sections=(*_MOTION, "sweep", "infer_settings")
+    writes=(INFERRED_SETTINGS,),
+    files=(
+        "infer_settings/summary.md",
+        "infer_settings/summary.html",
+        "infer_settings/nearest_scenario.yaml",
+        INFERRED_DESIGNS_PATH,
+    ),
+    sections=(*_MOTION, "sweep", "infer_settings"),
 )
 def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
     """Infer the paper's unreported settings from its printed numbers (rejection sampling).
@@ -626,20 +640,17 @@ _MANY_DESIGNS = (
 
 @SCENARIO_STAGES.stage(
     reads=SCENARIO_STAGES.written_by(*_MANY_DESIGNS),
+    files=("track_sweep/published.json",),
     sections=tuple(
         dict.fromkeys(["description", *(one for name in _MANY_DESIGNS for one in SCENARIO_STAGES[name].sections)])
     ),
 )
-def track_sweep(results: "ScenarioResults", name: str, store: Path, published: Path) -> None:
-    """Publish what a scenario asks of many designs to MLflow, all of them as one run; nothing twice.
-
-    That is its sweep, what decides, the settings that the paper did not print, robust lengths, networks that know the
-    design, and the comparison of searches: those of them that its options ask for.
-    """
+def track_sweep(results: "ScenarioResults") -> None:
+    """Publish what a scenario asks of many designs to MLflow, all of them as one run; nothing twice."""
     from jointgap.track.publish import publish_records
     from jointgap.track.sweep_runs import sweep_record
 
-    scenario = results.scenario
+    scenario, folder = results.scenario, results.path.resolve()
     content = [sweep_record(scenario, results.path)]
-    summary = publish_records(name, scenario.description, content, None, store)
-    tables.write_text(published, json.dumps(summary, indent=2) + "\n")
+    summary = publish_records(folder.name, scenario.description, content, None, folder.parent)
+    tables.write_text(results.path / "track_sweep/published.json", json.dumps(summary, indent=2) + "\n")
