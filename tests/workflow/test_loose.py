@@ -46,9 +46,9 @@ def test_there_is_a_network_for_each_output_of_each_loose_joint(tmp_path, name):
 
 def test_a_scenario_without_loose_joints_is_simulated_and_animated_and_holds_up_no_other(tmp_path):
     alone = planned(tmp_path, "none")
-    assert alone["simulate"] == alone["animation"] == 1 and set(alone) <= {
+    assert alone["simulate"] == alone["animate"] == 1 and set(alone) <= {
         "simulate",
-        "animation",
+        "animate",
         "everything",
         "total",
     }

@@ -3,7 +3,8 @@
 
 
 for name, (stage,) in SCENARIO_STAGES.jobs().items():
-    place = "surrogate/{output}" if name == "surrogate" else name
+    place = {"surrogate": "surrogate/{output}", "clearance": "surrogate/clearance"}.get(name, name)
+    cost = "track/benchmark" if stage.publishes else f"benchmarks/{place}"
 
     rule:
         name:
@@ -15,7 +16,7 @@ for name, (stage,) in SCENARIO_STAGES.jobs().items():
         log:
             f"results/{{scenario}}/logs/{place}.log",
         benchmark:
-            f"results/{{scenario}}/benchmarks/{place}.tsv"
+            f"results/{{scenario}}/{cost}.tsv"
         conda:
             "../envs/jointgap.yaml"
         resources:
@@ -34,6 +35,7 @@ for name, (stage,) in SCENARIO_STAGES.jobs().items():
 
 for name, stages in CAMPAIGN_STAGES.jobs().items():
     place = f"{name}_{{part}}" if name in ("fit", "pair") else name
+    cost = "track/benchmark" if stages[0].publishes else f"benchmarks/{place}"
 
     rule:
         name:
@@ -45,7 +47,7 @@ for name, stages in CAMPAIGN_STAGES.jobs().items():
         log:
             f"results/campaigns/{{campaign}}/logs/{place}.log",
         benchmark:
-            f"results/campaigns/{{campaign}}/benchmarks/{place}.tsv"
+            f"results/campaigns/{{campaign}}/{cost}.tsv"
         conda:
             "../envs/jointgap.yaml"
         resources:

@@ -553,8 +553,9 @@ def _results_command(stage: Stage) -> None:
         stored = open_results(options, results or Path(), places)
         if "siblings" in given:
             given["siblings"] = {name: open_results(more, results.parent / name) for name, more in given["siblings"]}
-        written = [stored.place(table, given.get("output", "")) for table in stage.writes]
-        tables.check_writable(*written, *(stored.path / file for file in stage.files))
+        if stage.writes:
+            written = [stored.place(table, given.get("output", "")) for table in stage.writes]
+            tables.check_writable(*written, *(stored.path / file for file in stage.files))
         return stage.function(stored, **given)
 
     folder = click.option(
