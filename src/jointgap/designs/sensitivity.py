@@ -1,9 +1,10 @@
 """Sobol indices and main effects of the measures of a sweep, read from a surrogate of each.
 
-A surrogate is a sum of orthonormal terms of the parameters: a polynomial chaos expansion (Blatman and Sudret, J. Comput.
-Phys. 230 (2011) 2345) or a Gaussian process whose mean is written in such terms; the one that predicts validation
-designs better is taken. The variance of each term belongs to the parameters in it (Sudret, Reliab. Eng. Syst. Saf. 93
-(2008) 964). What the surrogate misses, 1 - Q2, belongs to parameters that nobody knows, so an interval runs from
+A surrogate is a sum of orthonormal terms of the parameters: a polynomial chaos expansion (Blatman and Sudret, J.
+Comput. Phys. 230 (2011) 2345) or a Gaussian process whose mean is written in such terms; the one that predicts
+validation designs better is taken. The variance of each term belongs to the parameters in it (Sudret, Reliab. Eng.
+Syst. Saf. 93 (2008) 964). What the surrogate misses, 1 - Q2, belongs to parameters that nobody knows, so an
+interval runs from
 
     Q2 S  to  Q2 S + 1 - Q2,
 
