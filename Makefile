@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke sweep paper campaign blind report test test-slow test-cluster test-wheel lint docs bench drill dashboard clean set-up
+.PHONY: help run smoke sweep paper campaign blind report test test-integration test-slow test-cluster test-wheel lint docs bench drill dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -61,6 +61,10 @@ test: ## the fast tests
 	@scripts/set-up test peers
 	@scripts/get-browser
 	@scripts/in-venv python -m pytest -n 2 --dist loadgroup $(ARGS)
+
+test-integration: ## chains of several stages
+	@scripts/set-up test peers
+	@scripts/in-venv python -m pytest -m integration $(ARGS)
 
 test-slow: ## the slow tests
 	@scripts/set-up test peers

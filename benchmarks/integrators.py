@@ -16,7 +16,6 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from benchmarks.compiled_lsoda import compiled_lsoda
-from benchmarks.exudyn_model import SliderCrank
 from benchmarks.right_hand_side import right_hand_side
 from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.compile_mechanism import parameters
@@ -24,6 +23,7 @@ from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.parallel import rod_and_slider
 from jointgap.dynamics.parameters import Parameters
 from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from validation.exudyn import NativeContacts
 
 Code = Callable[[float, float], tuple[np.ndarray, float]]
 
@@ -38,7 +38,7 @@ def codes(mechanism: Mechanism, speed: float) -> dict[str, Code | None]:
     except ImportError:
         found["compiled LSODA"] = None
     try:
-        SliderCrank(mechanism, speed)
+        NativeContacts(mechanism, speed)
         found["Exudyn"] = exudyn(mechanism, speed)
     except ImportError:
         found["Exudyn"] = None
@@ -85,7 +85,7 @@ def exudyn(mechanism: Mechanism, speed: float) -> Code:
     """
 
     def run(end, tolerance):
-        model = SliderCrank(mechanism, speed)
+        model = NativeContacts(mechanism, speed)
         begin = time.process_time()
         found = model.advance(end, tolerance)
         return found[[0, 1, 3]], time.process_time() - begin

@@ -69,7 +69,7 @@ FIT = """
 import math
 import numpy as np
 from jointgap.slider_crank import build_model
-from jointgap.trials.injected_effects import LISTED
+from validation.effects import LISTED
 from jointgap.campaign.sentences import effect_in_words
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 

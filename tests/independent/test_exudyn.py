@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 
-from benchmarks.exudyn_model import SliderCrank
 from tests.independent.cases import JOURNALS, SPEED, friction, mechanism, positions
+from validation.exudyn import NativeContacts
 
 QUARTERS = (90, 180, 270, 360)
 SUBSETS = [
@@ -25,7 +25,7 @@ ON_THE_OTHER_BODY = {"crank_pivot": "crank", "crank_pin": "rod", "piston_pin": "
 def differences(made, tolerance, **start) -> dict[int, float]:
     """Largest difference [m, rad] of the two codes' positions at quarters of the first revolution, by degrees."""
     ours = positions(made, start.get("start_angle", 0.0), _in_a_row(start.get("perturbation")))
-    peer = SliderCrank(made, SPEED, **start)
+    peer = NativeContacts(made, SPEED, **start)
     return {
         degrees: float(np.abs(peer.advance(math.radians(degrees) / SPEED, tolerance) - ours[degrees]).max())
         for degrees in QUARTERS
@@ -50,19 +50,6 @@ def test_without_friction_the_motion_agrees_for_a_revolution(loose):
 def test_on_an_offset_slide_too(loose):
     found = differences(mechanism(loose, offset=0.03), 1e-12)
     assert max(found[90], found[180]) < 1e-10
-
-
-# Exudyn calls Python at every stage: seconds for two loose pins, a quarter of a minute and more for the rest.
-@pytest.mark.parametrize(
-    "loose", [SUBSETS[0], *(pytest.param(other, marks=pytest.mark.slow) for other in SUBSETS[1:])], ids=" ".join
-)
-def test_a_contact_that_forgets_its_impact_moves_alike_with_that_law_as_a_user_function(loose):
-    fading = mechanism(loose, memory="fading", reference_approach_speed=0.01)
-    found = differences(fading, 1e-12)
-    assert max(found[90], found[180]) < 1e-11
-    assert max(found.values()) < 1e-10
-    forgotten = np.abs(positions(fading) - positions(mechanism(loose)))[[90, 180]].max()
-    assert forgotten > 1e-8  # what the two forms differ by
 
 
 @pytest.mark.parametrize("loose", SUBSETS, ids=" ".join)

@@ -11,10 +11,10 @@ import pytest
 
 pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 
-from benchmarks.exudyn_model import SliderCrank
 from jointgap.core.joints import PINS
 from jointgap.dynamics.simulate import simulate
 from tests.independent.cases import SPEED, mechanism, options
+from validation.exudyn import NativeContacts
 
 RUNS, REVOLUTIONS = 24, 2  # after a first revolution, in which all runs are still alike
 STEP = math.radians(5)
@@ -56,7 +56,7 @@ def ours(perturbation) -> dict[str, float]:
 
 def exudyns(perturbation) -> dict[str, float]:
     start = {"crank_pin": perturbation[:2], "piston_pin": perturbation[2:]}
-    peer = SliderCrank(mechanism(), SPEED, perturbation=start, recorded=True)
+    peer = NativeContacts(mechanism(), SPEED, perturbation=start, recorded=True)
     peer.advance(2 * math.pi / SPEED, 1e-8)
     angles = 2 * math.pi + STEP * np.arange(round(2 * math.pi * REVOLUTIONS / STEP) + 1)
     rod_angles, records = [peer.positions()[2]], []
@@ -64,10 +64,10 @@ def exudyns(perturbation) -> dict[str, float]:
         rod_angles.append(peer.advance(angle / SPEED, 1e-8)[2])
         records.append(peer.record())
     found = {"error": error(angles[:-1], np.array(rod_angles[:-1]))}
-    time = np.concatenate([record.time for record in records])
+    time = np.concatenate([one for one, _, _ in records])
     for joint in PINS:
-        inside = np.concatenate([record.penetration[joint] for record in records]) > 0
-        force = np.concatenate([record.force[joint] for record in records])
+        inside = np.concatenate([penetration[joint] for _, penetration, _ in records]) > 0
+        force = np.concatenate([force[joint] for _, _, force in records])
         lasting = np.diff(time)
         found[f"{joint} in contact"] = float(lasting[inside[1:] & inside[:-1]].sum() / lasting.sum())
         statistics = force_statistics(time[:-1] * SPEED, force[:-1])

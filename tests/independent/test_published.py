@@ -95,12 +95,12 @@ def test_the_faster_the_crank_the_larger_the_peaks():
 
 def test_exudyn_gives_the_same_motion():
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
-    from benchmarks.exudyn_model import SliderCrank
     from jointgap.config import Simulate
     from jointgap.dynamics.simulate import simulate
     from tests.independent.cases import POSITIONS
+    from validation.exudyn import NativeContacts
 
-    made, peer = mechanism(), SliderCrank(mechanism(), SPEED)
+    made, peer = mechanism(), NativeContacts(mechanism(), SPEED)
     options = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=4, tolerance=1e-15)
     ours = simulate(made, options).samples[POSITIONS].to_numpy()
     for quarter, bound in ((1, 1e-11), (2, 1e-10)):

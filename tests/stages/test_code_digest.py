@@ -7,10 +7,8 @@ import pytest
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.core.stage import closure, code_digest, code_of
 from jointgap.scenario.stages import SCENARIO_STAGES
-from jointgap.trials.trial_stages import TRIAL_STAGES
 
-PRODUCT = {**SCENARIO_STAGES, **CAMPAIGN_STAGES}
-ALL = {**PRODUCT, **TRIAL_STAGES}
+ALL = {**SCENARIO_STAGES, **CAMPAIGN_STAGES}
 
 
 def modules_of(stage):
@@ -55,11 +53,6 @@ def test_figures_that_are_imported_by_name_count():
 def test_the_dynamics_do_not_depend_on_what_stands_above_them():
     rooms = {name.partition(".")[0] for name in closure("dynamics.simulate")}
     assert not rooms & {"campaign", "scenario", "paper", "networks", "lengths", "rig", "designs", "app"}
-
-
-def test_nothing_of_the_product_imports_the_trials():
-    names = {name for stage in PRODUCT for name in modules_of(stage)}
-    assert not {name for name in names if name.startswith("trials")}
 
 
 def test_a_digest_is_short_and_stable_and_differs_between_stages():

@@ -105,11 +105,12 @@ def cli() -> None:
     """
 
 
-cli.removed = dict.fromkeys(("study", "study-points"), "use `jointgap sweep` with sweep.design: grid")
+cli.removed = dict.fromkeys(("study", "study-points"), "use `jointgap sweep` with sweep.design: grid") | {
+    f"blind-{verb}": f"use `make blind`, or in a clone `python -m validation {verb}`"
+    for verb in ("conceal", "analyse", "score", "track")
+}
 
-OF_SCENARIO, OF_CAMPAIGN, OF_TRIALS = (
-    f"Workflow: {part}" for part in ("stages of a scenario", "stages of a campaign", "blind trials")
-)
+OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 """Headings of the subcommands that the workflow calls."""
 
 cli.sections = {
@@ -117,7 +118,7 @@ cli.sections = {
     "Your measurement": ["preflight", "analyse", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
-    **{heading: [] for heading in (OF_SCENARIO, OF_CAMPAIGN, OF_TRIALS)},
+    **{heading: [] for heading in (OF_SCENARIO, OF_CAMPAIGN)},
 }
 
 
@@ -819,9 +820,6 @@ def _started() -> Any:
     progress = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=sys.stdout.isatty())
     progress.start()
     return progress
-
-
-from jointgap.cli import trial_commands as _trial_commands  # noqa: E402, F401
 
 
 def main() -> None:

@@ -114,7 +114,7 @@ class TrialContext(NamedTuple):
 
     Attributes
     ----------
-    rig : jointgap.trials.injected_effects.RigScales
+    rig : validation.effects.RigScales
         Its `force`, `velocity` and `stroke` say how large the motion is.
     rng : numpy.random.Generator
     site : str

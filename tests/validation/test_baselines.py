@@ -1,0 +1,66 @@
+"""Sparse regression names what stands alone in a clean balance of power, and nothing where nothing is missing."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+pytest.importorskip("pysindy", reason="needs pysindy: scripts/set-up peers")
+
+from jointgap.config.load import load_campaign
+from jointgap.rig.read_files import read_measurements
+from validation.analyse import sparse_names
+from validation.hide import make_trial
+from validation.plan import TrialPlan
+
+
+def residuals(folder, missing) -> pd.DataFrame:
+    """Residuals of the crank torque as though a force `missing` of the slider's velocity were not in the model."""
+    campaign = load_campaign(folder / "campaign.yaml")
+    parts = []
+    for run, recording in read_measurements(campaign).runs.items():
+        speed = next(one.speed for one in campaign.runs if one.id == run)
+        angle = speed * recording.time
+        links = campaign.mechanism.crank.length, campaign.mechanism.rod.length, campaign.mechanism.slider.offset
+        sine = (links[2] - links[0] * np.sin(angle)) / links[1]
+        v = speed * links[0] * (-np.sin(angle) + np.cos(angle) * sine / np.sqrt(1 - sine**2))
+        torque = -missing(v) * v / speed + np.random.default_rng(0).normal(0.0, 1e-3, v.size)
+        parts.append(
+            pd.DataFrame(
+                {
+                    "run": run, "channel": "crank_torque", "sample": np.arange(v.size), "crank_angle": angle,
+                    "held_out": recording.held_out, "measured": torque, "base": 0.0,
+                }
+            )
+        )  # fmt: skip
+    return pd.concat(parts, ignore_index=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("campaign")
+    make_trial(TrialPlan("0123456789ab", 3, "nothing", "ideal", 0.0, ()), 5, place)
+    return place
+
+
+@pytest.mark.parametrize(
+    ("name", "force"),
+    [
+        ("slider_coulomb_friction", lambda v: -5.0 * np.sign(v)),
+        ("slider_viscous_friction", lambda v: -3.0 * v),
+        ("slider_quadratic_drag", lambda v: -3.0 * v * np.abs(v)),
+        ("slider_constant_force", lambda v: np.full_like(v, 20.0)),
+    ],
+)
+def test_one_force_is_named(folder, name, force):
+    assert sparse_names(folder / "campaign.yaml", residuals(folder, force)) == [name]
+
+
+def test_nothing_is_named_in_noise(folder):
+    assert sparse_names(folder / "campaign.yaml", residuals(folder, np.zeros_like)) == []
+
+
+def test_without_a_channel_that_serves_it_says_nothing(folder):
+    found = residuals(folder, np.zeros_like).assign(channel="guide_force", measured=math.pi)
+    assert sparse_names(folder / "campaign.yaml", found) is None

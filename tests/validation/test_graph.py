@@ -1,0 +1,75 @@
+"""On the workflow's own graph only the scoring takes what was sealed."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+pytestmark = pytest.mark.integration
+
+ROOT = Path(__file__).parents[2]
+
+
+class Files(NamedTuple):
+    """What a rule takes and makes."""
+
+    inputs: set[str]
+    outputs: set[str]
+
+
+@pytest.fixture(scope="module")
+def rules() -> dict[str, Files]:
+    """Every rule with its files, as Snakemake draws them."""
+    command = [sys.executable, "-m", "snakemake", "--snakefile", "workflow/blind/Snakefile", "--config", "set=small"]
+    run = subprocess.run(
+        [*command, "--filegraph", "--forceall", "--nolock"],
+        cwd=ROOT, capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    found = {}
+    for node in re.findall(r"label=<<table.*?</table>>", run.stdout, re.DOTALL):
+        inputs, _, outputs = node.partition("output &rarr;")
+        paths = (set(re.findall(r'"monospace">(results/[^<]*)<', part)) for part in (inputs, outputs))
+        name = re.search(r'point-size="18">(\w+)<', node)[1]
+        found[name] = Files(*({re.sub(r",[^}]*", "", path) for path in part} for part in paths))  # no constraints
+    return found
+
+
+def test_a_part_of_a_set_says_so_in_its_score():
+    printed = dry_run("trials=2").stdout
+    assert printed.count("validation conceal") == 2
+    assert "score --set 'small, the first 2 of 6 trials' " in printed
+    assert "give `--config trials=N` for the first N trials" in dry_run("batches=1").stderr
+
+
+def dry_run(choice: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "snakemake", "--snakefile", "workflow/blind/Snakefile", "--config", "set=small"]
+    command += [choice, "--dry-run", "--printshellcmds", "--forceall", "--nolock"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+
+
+def test_the_rules_are_those_we_think_of(rules):
+    assert set(rules) == {"conceal", "analyse", "score", "track", "blind"}
+
+
+def test_only_the_scoring_takes_the_sealed_truth(rules):
+    assert {name for name, files in rules.items() if any("sealed" in path for path in files.inputs)} == {"score"}
+
+
+def test_only_the_concealing_writes_it(rules):
+    assert {name for name, files in rules.items() if any("sealed" in path for path in files.outputs)} == {"conceal"}
+
+
+def test_the_analysis_takes_the_campaign_alone(rules):
+    assert rules["analyse"] == Files(
+        {"results/blind/{set}/campaigns/{trial}"}, {"results/blind/{set}/verdicts/{trial}.json"}
+    )
+
+
+def test_the_analysis_does_not_name_the_seals_in_its_command_either():
+    text = (ROOT / "workflow/blind/Snakefile").read_text()
+    analyse = text[text.index("rule analyse") : text.index("rule score")].lower()
+    assert "seal" not in analyse
+    assert "truth" not in analyse

@@ -1,0 +1,59 @@
+"""Scores of blind trials in the dashboard."""
+
+import json
+
+import numpy as np
+import pandas as pd
+from click.testing import CliRunner
+from mlflow.tracking import MlflowClient
+
+from jointgap.track.dashboard import addresses
+from validation.__main__ import cli
+from validation.report import mlflow_records, rates, write_score
+from validation.score import BASELINES
+
+
+def made_up(right: int, count: int = 4) -> pd.DataFrame:
+    """Trials with one effect each, of which the first `right` were named right, and one with nothing hidden."""
+    rows = [{"kind": "single", "hidden": "gravity", "outcome": "right" if i < right else "wrong"} for i in range(count)]
+    rows.append({"kind": "nothing", "hidden": "nothing", "outcome": "right"})
+    numbers = ["error", "gap_caused", "gap_before", "gap_after", "closed", "nuisances"]
+    numbers += [f"{name}covered_{level}" for name in ("", "nuisances_") for level in (50, 90, 99)]
+    text = dict.fromkeys(("verdict", "named", "reason", *BASELINES), "-") | {"drive": "constant_speed"}
+    frame = pd.DataFrame([text | dict.fromkeys(numbers, 1.0) | {"numerics_gap": np.nan} | row for row in rows])
+    flags = {"told": False, "foreseen": False, "idle": False, "detectable": frame["kind"] == "single"}
+    names = [f"trial{i}" for i in frame.index]
+    return frame.assign(id=names, base="ideal", size=5.0, seconds=2.0, **flags)
+
+
+def published(results, name: str, right: int) -> dict:
+    folder = results / "blind" / name / "score"
+    write_score(name, made_up(right), folder)
+    file = folder / "published.json"
+    given = ["--set", name, "--folder", folder, "--store", results, "--published", file]
+    CliRunner().invoke(cli, ["track", *map(str, given)], catch_exceptions=False)
+    return json.loads(file.read_text())
+
+
+def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(tmp_path):
+    write_score("small", made_up(3), tmp_path)
+    (record,) = mlflow_records(tmp_path)
+    assert record.metrics["right name/all"] == 0.75
+    assert record.metrics["right name/gap 5"] == 0.75
+    assert record.metrics["trials/single"] == 4
+    assert record.costs == {"seconds/median/base ideal": 2.0, "seconds/of 90 percent at most/base ideal": 2.0}
+    assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2  # and two kinds counted
+    assert set(record.files) == {"summary.md", "trials.csv", "rates.csv", "figures/rates.svg", "figures/rates.png"}
+
+
+def test_sets_stand_side_by_side_and_a_new_score_supersedes_the_old(tmp_path):
+    results = tmp_path
+    runs = {name: published(results, name, right)["runs"]["blind"] for name, right in (("small", 2), ("large", 4))}
+    assert published(results, "small", 2)["runs"]["blind"] == runs["small"] | {"state": "kept"}
+    client = MlflowClient(tracking_uri=f"sqlite:///{results / 'mlflow.db'}")
+    found = {name: client.get_run(run["run_id"]).data.metrics for name, run in runs.items()}
+    assert {name: metrics["right name/all"] for name, metrics in found.items()} == {"small": 0.5, "large": 1.0}
+    address = addresses(f"sqlite:///{results / 'mlflow.db'}", "http://here")["scores of all blind trials"]
+    (experiment,) = {client.get_run(run["run_id"]).info.experiment_id for run in runs.values()}
+    assert f"experiments/{experiment}/" in address
+    assert published(results, "small", 3)["deleted"] == 1
