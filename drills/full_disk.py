@@ -10,7 +10,7 @@ from pathlib import Path
 
 from drills.harness import Complaint, Drill, Failure, Row, Sitting, unclear
 from drills.names import crashed_in
-from drills.pieces import MAKE_STORE, write_inputs
+from drills.pieces import write_inputs
 from drills.project import clean_folder, digests, emptied, run
 
 _SIZE = 64 * 2**20
@@ -21,13 +21,12 @@ COMMANDS = {
     "simulate": ["jointgap", "simulate", "--options", _OPTIONS, "--results", "disk/results"],
     "measure": ["jointgap", "measure", "small/small.json", "--folder", "disk/results"],
     "analyse": ["jointgap", "analyse", "small/small.json", "--folder", "disk/results"],
-    "store": ["python", "-c", MAKE_STORE, "disk/results"],
     "sweep": ["jointgap", "sweep", "--options", "sweep.json", "--folder", "disk/results", "--workers", "1"],
     "schema": ["jointgap", "schema", "--write", "disk/results/schema.json"],
 }
 """What is run, by the name of its row."""
 
-_COUNTS = {"simulate": 6, "measure": 4, "store": 6, "schema": 2, "analyse": 2, "sweep": 4}
+_COUNTS = {"simulate": 6, "measure": 4, "schema": 2, "analyse": 2, "sweep": 4}
 
 
 def can_mount() -> bool:

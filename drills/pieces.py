@@ -3,7 +3,6 @@
 import csv
 import json
 import shutil
-import sqlite3
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,18 +59,6 @@ _CAMPAIGN = {
     },
 }
 
-MAKE_STORE = """
-import sys
-from pathlib import Path
-from jointgap.core.errors import InputError
-from jointgap.track.mlflow_store import default_address, opened
-try:
-    with opened(default_address(Path(sys.argv[1])), Path(sys.argv[1])):
-        pass
-except InputError as error:
-    sys.exit(f"jointgap: error: {error}")
-"""
-
 
 def write_inputs(folder: Path) -> None:
     """The configurations ``tiny.json`` and ``sweeps.json``, the options ``sweep.json``, the campaign
@@ -121,19 +108,6 @@ def _dataset(folder: Path) -> dict[str, str]:
     return _results(folder) | {path: digest for path, digest in found.items() if Path(path).parent.name == "designs"}
 
 
-def _store(folder: Path) -> dict[str, str]:
-    """Schema of the store, its version and its experiments; SQLite's own bytes depend on what was written when."""
-    with sqlite3.connect(folder / "results/mlflow.db") as database:
-        tables = database.execute("select name, sql from sqlite_master order by name").fetchall()
-        # MLflow writes the constraints of a table in another order each time
-        left = {name: str(sorted(line.strip(" \t,") for line in str(sql).splitlines())) for name, sql in tables}
-        left["version"] = str(database.execute("select * from alembic_version").fetchall())
-        left["experiments"] = str(database.execute("select name from experiments order by name").fetchall())
-        left["integrity"] = str(database.execute("pragma integrity_check").fetchall())
-    database.close()
-    return left
-
-
 def _workflow(*targets: str) -> Callable[[int], list[str]]:
     return lambda cores: snakemake_command("--configfile", "tiny.json", "--quiet", "all", "--", *targets, cores=cores)
 
@@ -156,7 +130,6 @@ def start_over(folder: Path) -> None:
         shutil.rmtree(folder / name, ignore_errors=True)
 
 
-STORE = Piece("the making of the MLflow store", lambda _: ["python", "-c", MAKE_STORE, "results"], _store)
 NETWORK = Piece("a scenario up to a network", _workflow("results/tiny/surrogate/r2/errors.parquet"), _results)
 SCENARIO = Piece(
     "a scenario up to its optimum",

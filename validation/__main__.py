@@ -74,7 +74,7 @@ def score(name: str, sealed: Path, verdicts: Path, trials: tuple[str, ...], fold
 @click.option("--published", type=FILE, required=True, help="JSON file to write: what was published where.")
 def track(name: str, folder: Path, store: Path, published: Path) -> None:
     """Publish the score of a set to MLflow; nothing twice."""
-    from jointgap.track.publish import publish_records
+    from jointgap.core.publish import publish_records
     from validation.report import DESCRIPTION, mlflow_records
 
     _write(published, publish_records(name, DESCRIPTION, mlflow_records(folder), None, store))

@@ -11,8 +11,8 @@ from jointgap.campaign.figures import list_rows
 from jointgap.core import plot
 from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, to_html, to_markdown, written_today
 from jointgap.core.plot import Quantity, Sheet
+from jointgap.core.publish import Record
 from jointgap.identification.fit import LEVELS
-from jointgap.track.run_record import Record
 from validation.calibrate import GAP_TOLERANCE
 from validation.plan import CLEARANCES
 from validation.rig import BASES

@@ -3,9 +3,6 @@
 import base64
 import json
 import math
-import sqlite3
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -16,9 +13,7 @@ from drills.harness import Sitting
 from drills.kills import other
 from drills.names import crashed_in
 from drills.pages import live
-from drills.pieces import MAKE_STORE
 from drills.plain_quantities import read
-from drills.publishers import lost_or_twice
 from jointgap.rig.recording import Recording
 
 READ = configurations.load
@@ -229,31 +224,3 @@ def test_a_half_written_file_is_found(tmp_path):
     (tmp_path / "mine.json").unlink()
     (tmp_path / ".mine-x1.json").touch()
     assert half_written(tmp_path, {}) == ".mine-x1.json"
-
-
-def test_the_piece_that_makes_a_store_makes_one(tmp_path):
-    subprocess.run([sys.executable, "-c", MAKE_STORE, tmp_path], check=True, timeout=100)
-    assert (tmp_path / "mlflow.db").exists()
-
-
-def test_a_run_that_is_lost_or_there_twice_is_found(tmp_path):
-    rows = [("one", 1), ("one", 2), ("one nested", 2)]
-    for more, kind in (([], None), ([("one", 1)], "twice"), ([("two", 1)], "nobody published")):
-        assert told_of(tmp_path, [*rows, *more]) == kind if kind is None else kind in told_of(tmp_path, [*rows, *more])
-    assert "lost" in told_of(tmp_path, rows[:2])
-
-
-def told_of(folder, rows):
-    """What is told of a store that holds `rows` of names and experiments."""
-    store = folder / "mlflow.db"
-    store.unlink(missing_ok=True)
-    with sqlite3.connect(store) as database:
-        database.execute("create table experiments (experiment_id, name)")
-        database.execute("create table runs (name, experiment_id, status, lifecycle_stage)")
-        database.executemany(
-            "insert into experiments values (?, ?)", [(1, "jointgap-simulate"), (2, "jointgap-optimise")]
-        )
-        database.executemany("insert into runs values (?, ?, 'FINISHED', 'active')", rows)
-    database.close()
-    complaint = lost_or_twice(store, {"one"})
-    return None if complaint is None else complaint.kind

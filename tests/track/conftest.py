@@ -1,14 +1,14 @@
-"""A fresh store for each test, copied from one that was migrated once; scenarios to publish into it."""
+"""A fresh store for each test, copied from one that was made once; scenarios to publish into it."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pytest
 
-from jointgap.track.experiment_views import View
-from jointgap.track.mlflow_store import default_address, opened
-from jointgap.track.publish import publish
+from jointgap.config import Scenario
+from jointgap.core.publish import opened, publish_records, store_address
+from jointgap.scenario.mlflow_runs import scenario_records
 from tests.track import synthetic
 
 
@@ -24,7 +24,7 @@ def _no_server():
 def new_results(tmp_path_factory) -> Callable[[], Path]:
     """Makes results folders, with a space in their names, that hold an empty store."""
     first = tmp_path_factory.mktemp("empty store")
-    with opened(default_address(first), first):
+    with opened(store_address(first)):
         pass
 
     def make() -> Path:
@@ -36,18 +36,13 @@ def new_results(tmp_path_factory) -> Callable[[], Path]:
 
 
 @pytest.fixture(scope="session")
-def two_scenarios(new_results) -> dict[str, dict]:
-    """Two finished scenarios, published into one store: by name, what `publish` took and the runs it made.
-
-    For tests that only look.
-    """
+def two_scenarios(new_results) -> Path:
+    """A results folder with two finished scenarios that are published; for tests that only look."""
     results = new_results()
-    found = {}
     for salt, name in enumerate(("paper", "frictionless")):
         options = synthetic.scenario(simulate={"revolutions": 4 + salt})
-        given = arguments(results, synthetic.finished(results / name, salt), name) | {"options": options}
-        found[name] = {"given": given, "runs": publish(**given)["runs"]}
-    return found
+        publish(results, synthetic.finished(results / name, salt), name, options)
+    return results
 
 
 @pytest.fixture
@@ -66,48 +61,30 @@ def client_of(results: Path):
     """MLflow's own view of the store in `results`."""
     from mlflow.tracking import MlflowClient
 
-    return MlflowClient(tracking_uri=default_address(results))
+    return MlflowClient(tracking_uri=store_address(results))
 
 
-def not_held(view: View, run) -> set[str]:
-    """Columns, and what charts show, of a `view` that the `run` does not hold."""
-    held = {f"metrics.{name}" for name in run.data.metrics} | {f"params.{name}" for name in run.data.params}
-    held |= {f"tags.{name}" for name in run.data.tags}
-    params, metrics = view.parallel
-    shown = {f"metrics.{metric}" for section in view.sections for metric in section.metrics}
-    shown |= {f"params.{name}" for name in params} | {f"metrics.{name}" for name in metrics}
-    return (shown | set(view.columns)) - held
+def runs_of(client) -> dict:
+    """All runs of a store by the name of their experiment and their own."""
+    names = {found.experiment_id: found.name for found in client.search_experiments()}
+    found = client.search_runs(list(names), max_results=5000)
+    runs = {f"{names[run.info.experiment_id]}/{run.info.run_name}": run for run in found}
+    assert len(runs) == len(found)
+    return runs
 
 
-def arguments(results: Path, files: dict[str, Path], name: str = "made_up") -> dict:
-    """What `publish` takes."""
-    figure = results / name / "figures/figure 5.png"
-    figure.parent.mkdir(parents=True)
-    figure.write_bytes(b"a picture")
-    benchmarks = results / name / "benchmarks"
-    return {
-        "scenario_name": name,
-        "options": synthetic.scenario(),
-        "sections": synthetic.SECTIONS,
-        "tables": files,
-        "figures": [figure],
-        "benchmarks": [
-            synthetic.benchmark(benchmarks / "simulate.tsv", 3.5),
-            synthetic.benchmark(benchmarks / "surrogate/r2.tsv", 10.0),
-            synthetic.benchmark(benchmarks / "surrogate/gamma2.tsv", 20.0),
-        ],
-        "tracking_uri": None,
-        "results_folder": results,
-    }
-
-
-@pytest.fixture
-def simulated(results: Path) -> dict:
-    """What `publish` takes, for a scenario of which only the simulation is done."""
-    return arguments(results, synthetic.simulated(results / "made_up"))
-
-
-@pytest.fixture
-def learned(results: Path) -> dict:
-    """What `publish` takes, for a scenario of which the simulation and two networks are done."""
-    return arguments(results, synthetic.learned(results / "made_up"))
+def publish(
+    results: Path,
+    files: Mapping[str, Path],
+    name: str = "made_up",
+    options: Scenario | None = None,
+    address: str | None = None,
+) -> dict:
+    """Publish the tables of a scenario, with a figure and the costs of three jobs."""
+    options, folder = options or synthetic.scenario(), results / name
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    (folder / "figures/figure 5.png").write_bytes(b"a picture")
+    for job, seconds in (("simulate", 3.5), ("surrogate/r2", 10.0), ("surrogate/gamma2", 20.0)):
+        synthetic.benchmark(folder / f"benchmarks/{job}.tsv", seconds)
+    content = scenario_records(options, synthetic.SECTIONS, files, folder)
+    return publish_records(name, "made up", content, address, results)

@@ -5,36 +5,33 @@ import json
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jointgap import tables
+from jointgap.core.publish import thinned
 from jointgap.networks.clearance import ClearanceNetwork
 from jointgap.tables import OUTPUTS
-from jointgap.track import network_files as weights
-from jointgap.track.run_record import Curve
-from tests.track.conftest import client_of
+from tests.track.conftest import client_of, runs_of
 from tests.track.synthetic import ITERATIONS, fit
 
 
 @pytest.fixture
-def finished(two_scenarios) -> dict:
-    """What was published."""
-    return two_scenarios["paper"]["given"]
+def client(two_scenarios):
+    return client_of(two_scenarios)
 
 
 @pytest.fixture
-def client(finished):
-    return client_of(finished["results_folder"])
+def published(client):
+    """The runs of a scenario by stage and output, as MLflow shows them."""
+    runs = {
+        run.data.tags["jointgap.stage"] + "/" + run.data.tags["jointgap.output"]: run for run in named(client, "paper")
+    }
+    return {name.removesuffix("/"): run for name, run in runs.items()}
 
 
-@pytest.fixture
-def published(two_scenarios, client):
-    """The runs of a scenario by their key, as MLflow shows them."""
-    return runs_of(two_scenarios["paper"], client)
-
-
-def runs_of(scenario: dict, client) -> dict:
-    return {name: client.get_run(run["run_id"]) for name, run in scenario["runs"].items()}
+def named(client, scenario: str) -> list:
+    return [run for run in runs_of(client).values() if run.data.tags["jointgap.scenario"] == scenario]
 
 
 def test_results_costs_and_configuration_of_the_simulation_are_logged(published, client):
@@ -42,14 +39,8 @@ def test_results_costs_and_configuration_of_the_simulation_are_logged(published,
     metrics, params = run.data.metrics, run.data.params
     assert metrics["seconds"] == 3.5 and metrics["peak_memory_mb"] == 123.4
     assert metrics["crank_pin_impacts"] == 2 and metrics["piston_pin_impacts"] == 1
-    assert params == {
-        "loose": "crank pin, piston pin",
-        "clearance_mm": "1",
-        "restitution": "0.46",
-        "friction": "0.05",
-        "drive": "constant",
-        "speed_rpm": "600",
-    }
+    assert params["simulate.revolutions"] == "4" and params["mechanism.crank.length"] == "0.15"
+    assert params["mechanism.joints.crank_pin.contact.friction"] == "0.05"
     with open(client.download_artifacts(run.info.run_id, "options.json")) as file:
         assert json.load(file)["simulate"]["revolutions"] == 4
 
@@ -99,17 +90,10 @@ def test_both_recipes_have_curves_of_their_training_and_of_their_held_out_errors
 
 @pytest.mark.parametrize("count", [1, 2, 299, 300, 301, 1000, 20_001])
 def test_thinning_keeps_short_curves_whole_and_cuts_long_ones(count):
-    thin = Curve(np.arange(count), np.arange(count) * 2.0).thinned(300)
-    assert len(thin.steps) == count if count <= 300 else 280 <= len(thin.steps) <= 300
-    assert thin.steps[0] == 0 and thin.steps[-1] == count - 1 and np.all(np.diff(thin.steps) > 0)
-    np.testing.assert_array_equal(thin.values, 2 * thin.steps)
-
-
-def test_published_weights_give_back_the_networks_outputs(published, client):
-    folder = client.download_artifacts(published["surrogate/r2"].info.run_id, "network")
-    network = weights.load(folder)
-    angle = np.linspace(0, 2 * np.pi, 50)
-    np.testing.assert_allclose(network.values(angle), _by_hand(fit(0), 7, angle), rtol=1e-13)
+    thin = thinned(pd.Series(np.arange(count) * 2.0), 300)
+    assert len(thin) == count if count <= 300 else 280 <= len(thin) <= 300
+    assert thin.index[0] == 0 and thin.index[-1] == count - 1 and thin.index.is_monotonic_increasing
+    np.testing.assert_array_equal(thin, 2 * thin.index)
 
 
 def _by_hand(frame, seed: int, angle: np.ndarray) -> np.ndarray:
@@ -140,12 +124,14 @@ def test_torch_loads_published_weights_without_pickle(published, client):
     chain.load_state_dict({name: torch.from_numpy(arrays[name]) for name in arrays})
     angle = np.linspace(0, 2 * np.pi, 9)
     scaled = torch.from_numpy(angle / (2 * np.pi))[:, None]
-    ours = (weights.load(folder).values(angle) + 3.0) / 8.0
-    np.testing.assert_allclose(chain(scaled).detach().numpy()[:, 0], ours, rtol=1e-12)
+    values = 8.0 * chain(scaled).detach().numpy()[:, 0] - 3.0
+    np.testing.assert_allclose(values, _by_hand(fit(OUTPUTS.index("gamma2")), 7, angle), rtol=1e-12)
 
 
 @pytest.mark.parametrize("joint", [2, 3])
-def test_torch_loads_the_second_surrogate_and_its_description_says_how_to_use_it(published, finished, client, joint):
+def test_torch_loads_the_second_surrogate_and_its_description_says_how_to_use_it(
+    published, two_scenarios, client, joint
+):
     import torch
 
     folder = client.download_artifacts(published[f"surrogate/clearance gamma{joint}"].info.run_id, "network")
@@ -157,7 +143,8 @@ def test_torch_loads_the_second_surrogate_and_its_description_says_how_to_use_it
     angle = np.linspace(0.01, 2 * np.pi, 200)
     x, y = chain(torch.from_numpy(angle)[:, None]).detach().numpy().T
     s = 1.0 if about["settling"] is None else np.tanh((angle - about["start_angle"]) / about["settling"]) ** 2
-    theirs = ClearanceNetwork.from_frame(tables.read(tables.CLEARANCE_FIT, finished["tables"]["clearance_fit"]), joint)
+    table = tables.read(tables.CLEARANCE_FIT, two_scenarios / "paper/clearance_fit.parquet")
+    theirs = ClearanceNetwork.from_frame(table, joint)
     np.testing.assert_allclose(s * np.hypot(x, y), theirs.output(f"r{joint}", angle)[0], rtol=1e-9)
     turn = np.exp(1j * theirs.output(f"gamma{joint}", angle)[0])
     np.testing.assert_allclose((x + 1j * y) / np.hypot(x, y), turn, atol=1e-9)
@@ -171,11 +158,11 @@ def test_the_second_surrogate_is_compared_under_the_same_names(published):
     assert whole["clearance_outputs"] == whole["network_outputs"] == 8
 
 
-def test_dataset_inputs_carry_the_digest_of_their_file(published, finished):
+def test_dataset_inputs_carry_the_digest_of_their_file(published, two_scenarios):
     inputs = {found.dataset.name: found for found in published["surrogate/r2"].inputs.dataset_inputs}
     assert set(inputs) == {"trajectory", "fit/r2", "fit_errors/r2", "fit_history/r2"}
     for name, found in inputs.items():
-        path = finished["tables"][name]
+        path = two_scenarios / "paper" / f"{name}.parquet"
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         tags = {tag.key: tag.value for tag in found.tags}
         assert tags["jointgap.sha256"] == digest and digest.startswith(found.dataset.digest)
@@ -194,7 +181,7 @@ def test_the_optimum_of_the_paper_s_way_stands_for_the_scenario(published):
     assert published["optimise"].data.tags["jointgap.point"] == "networks_paper_genetic"
     assert metrics["crank_length_mm"] == pytest.approx(149.0)
     assert metrics["crank_length_change_um"] == pytest.approx(-1000.0)
-    assert published["optimise"].data.params["window_deg"] == "0 to 360"
+    assert published["optimise"].data.params["optimise.window"] == f"[0.0, {2 * np.pi}]"
     assert metrics == published["optimise/networks_paper_genetic"].data.metrics
     assert published["optimise/simulation_wide_local"].data.metrics["crank_length_mm"] == pytest.approx(148.0)
 
@@ -228,9 +215,8 @@ def test_verdicts_on_the_paper_are_counted_and_the_text_is_kept(published, clien
         assert file.read() == "in words"
 
 
-def test_names_of_metrics_and_parameters_are_the_same_in_every_scenario(published, two_scenarios, client):
-    other = runs_of(two_scenarios["frictionless"], client)
-    assert set(other) == set(published)
-    for name, run in other.items():
-        assert set(run.data.metrics) == set(published[name].data.metrics)
-        assert set(run.data.params) == set(published[name].data.params)
+def test_names_of_metrics_and_parameters_are_the_same_in_every_scenario(published, client):
+    for run in named(client, "frictionless"):
+        other = published[f"{run.data.tags['jointgap.stage']}/{run.data.tags['jointgap.output']}".removesuffix("/")]
+        assert set(run.data.metrics) == set(other.data.metrics)
+        assert set(run.data.params) == set(other.data.params)

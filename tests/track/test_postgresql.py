@@ -1,4 +1,4 @@
-"""Many writers at once, on PostgreSQL and on a server of MLflow that stands on it: nothing is lost, nothing twice.
+"""Publishing to PostgreSQL, and to a server of MLflow that stands on it.
 
 Needs PostgreSQL, which scripts/services starts: `make test-cluster`.
 """
@@ -12,22 +12,23 @@ import tempfile
 import time
 import urllib.request
 import uuid
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
+from jointgap.app.dashboard import free_port
 from jointgap.core.errors import InputError
-from jointgap.track.dashboard import free_port
-from jointgap.track.store_check import check
-from tests.track.writers import KINDS
+from jointgap.core.publish import Dataset, Record, check_store, publish_records
+from tests.track.conftest import runs_of
+from tests.track.synthetic import simulated
 
 pytestmark = pytest.mark.cluster
 
-WRITERS = 16
 PATIENCE = 600  # seconds until something that has to happen is given up: a machine may be busy with other things
 SERVICES = ROOT / "scripts/services"
 
@@ -122,85 +123,52 @@ def store(request) -> str:
     return request.getfixturevalue({"a database": "database", "a server of MLflow": "mlflow_server"}[request.param])
 
 
-def published_by_all(address: str, folder: Path, kind: str, writers: int = WRITERS) -> None:
-    """So many `writers` publish at once, each a process, and none of them fails."""
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.track.writers", address, folder, str(writers), kind],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr
+def published(address: str, name: str, folder: Path) -> dict:
+    """What became of a run, and of one nested in it, that are published to the store at `address`."""
+    files = simulated(folder / name)
+    datasets = tuple(Dataset(table, path, "result") for table, path in files.items())
+    curve = pd.Series(1.0 / (1 + np.arange(1000)))
+    own = Record("simulate", metrics={"a": 1.0}, curves={"c": curve}, datasets=datasets, files={"note.md": b"words"})
+    nested = Record("simulate", "nested", metrics={"b": 2.0}, datasets=datasets)
+    return publish_records(name, "made up", [own, nested], address, folder)
 
 
-def runs_of(address: str) -> list:
+def client_of(address: str):
     from mlflow.tracking import MlflowClient
 
-    client = MlflowClient(tracking_uri=address)
-    return client.search_runs([found.experiment_id for found in client.search_experiments()])
+    return MlflowClient(tracking_uri=address)
 
 
-def names_of(runs: list) -> Counter:
-    return Counter(run.info.run_name for run in runs)
-
-
-def test_writers_of_different_runs_lose_nothing_and_write_nothing_twice(store, tmp_path):
-    published_by_all(store, tmp_path, "different")
-    runs = runs_of(store)
-    wanted = Counter(f"writer_{n}{end}" for n in range(WRITERS) for end in ("", " nested"))
-    assert names_of(runs) == wanted and {run.info.status for run in runs} == {"FINISHED"}
-    assert {run.data.tags["jointgap.stage"] for run in runs} == set(KINDS)
-    assert all(len(run.inputs.dataset_inputs) == 2 for run in runs)
-
-
-def test_writers_of_the_same_runs_leave_one_of_each(store, tmp_path):
-    published_by_all(store, tmp_path, "same")
-    runs = {run.info.run_name: run for run in runs_of(store)}
-    assert names_of(runs_of(store)) == {"same": 1, "same nested": 1}
-    assert runs["same nested"].data.tags["mlflow.parentRunId"] == runs["same"].info.run_id
-
-
-HOLD = """
-import sys, time
-from jointgap.track.store_lock import locked
-with locked(sys.argv[1]):
-    print("held", flush=True)
-    time.sleep(600)
-"""
-
-
-def test_a_writer_that_is_killed_lets_the_next_one_in(database):
-    command = [sys.executable, "-c", HOLD, database]
-    waiting = "SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND NOT granted"
-    first = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert first.stdout.readline() == "held\n"
-    second = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        wait_until(lambda: said_by(database, waiting) == [(1,)])
-        first.kill()
-        assert second.stdout.readline() == "held\n"
-    finally:
-        for process in (first, second):
-            process.kill()
-            process.communicate()
+def test_scenarios_are_published_once_each(store, tmp_path):
+    check_store(store)
+    first, _ = (published(store, name, tmp_path) for name in ("one", "other"))
+    again = published(store, "one", tmp_path)
+    assert {run["state"] for run in first["runs"].values()} == {"written"}
+    assert {run["state"] for run in again["runs"].values()} == {"kept"} and again["deleted"] == 0
+    client = client_of(store)
+    runs = runs_of(client)
+    assert set(runs) == {f"jointgap-simulate/{name}{end}" for name in ("one", "other") for end in ("", " nested")}
+    assert {run.info.status for run in runs.values()} == {"FINISHED"}
+    assert all(len(run.inputs.dataset_inputs) == 2 for run in runs.values())
+    own, nested = runs["jointgap-simulate/one"], runs["jointgap-simulate/one nested"]
+    assert nested.data.tags["mlflow.parentRunId"] == own.info.run_id
+    assert 280 <= len(client.get_metric_history(own.info.run_id, "c")) <= 300
 
 
 def test_artifacts_of_a_database_lie_in_the_results_folder(database, tmp_path):
-    published_by_all(database, tmp_path, "same", writers=1)
-    (note,) = (tmp_path / "results").rglob("note.md")
-    assert note.is_relative_to(tmp_path / "results/mlflow-artifacts/simulate")
+    published(database, "one", tmp_path)
+    (note,) = tmp_path.rglob("note.md")
+    assert note.is_relative_to(tmp_path / "mlflow-artifacts/simulate")
 
 
 @pytest.mark.parametrize(("changed", "into"), [(":{password}@", ":wrong@"), ("/{name}", "/no_such_database")])
 def test_a_wrong_password_and_a_database_that_is_not_there_are_told_at_once(database, changed, into):
     password, name = database.partition("@")[0].rpartition(":")[2], database.rpartition("/")[2]
     wrong = database.replace(changed.format(password=password, name=name), into)
-    check(database)  # loads what it needs
+    check_store(database)  # loads what it needs
     begun = time.monotonic()
-    with pytest.raises(InputError, match=r"cannot be reached or refuses .*FATAL") as refused:
-        check(wrong)
+    with pytest.raises(InputError, match=r"cannot be reached or used .*FATAL") as refused:
+        check_store(wrong)
     assert time.monotonic() - begun < 60 and password not in str(refused.value)  # MLflow itself: 100 s
 
 
@@ -215,7 +183,7 @@ def test_a_crashed_server_leaves_no_process_and_keeps_its_address():
         service("stop", folder)
         assert not [place for place in Path("/proc").glob("[0-9]*/cwd") if reads(place) == str(data)]
         assert address_in(folder) == address
-        check(address)
+        check_store(address)
     finally:
         service("stop", folder)
         shutil.rmtree(folder)

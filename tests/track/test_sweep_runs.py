@@ -11,16 +11,13 @@ from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.core.errors import InputError
 from jointgap.designs.infer_settings import NUMBERS
+from jointgap.designs.mlflow_run import DESIGNS, sweep_record
 from jointgap.designs.run import write_dataset
 from jointgap.designs.sampling import designs_of
 from jointgap.scenario.results import ScenarioResults
-from jointgap.scenario.stages import SCENARIO_STAGES, track_sweep
+from jointgap.scenario.stages import track_sweep
 from jointgap.tables import robust_fresh
-from jointgap.track.experiment_views import VIEWS
-from jointgap.track.sweep_run_parts import DESIGNS
-from jointgap.track.sweep_runs import sweep_record
 from tests.dynamics.cases import mechanism, options
-from tests.track.conftest import not_held
 from tests.track.synthetic import numbers
 
 SWEPT = {"clearance": {"from": "0.2 mm", "to": "0.4 mm"}, "mechanism.joints.crank_pin.journal": ["crank", "rod"]}
@@ -87,31 +84,6 @@ def inferred(folder: Path) -> None:
     (folder / "infer_settings/nearest_scenario.yaml").write_text("run: [nearest]")
 
 
-def networks(folder: Path) -> None:
-    """Two held-out designs, of which the network knows one better than the frozen motion does."""
-    errors = {"output": ["RMS error"] * 2, "unit": ["rad"] * 2, "network": [3e-6, -4e-6], "frozen": [1e-6, 5e-6]}
-    frames = {
-        tables.DESIGN_NETWORKS_ERRORS: errors,
-        tables.DESIGN_NETWORKS_COSTS: {"step": ["simulate", "train"], "cpu_time": [3.0, 7.0]},
-        tables.DESIGN_NETWORKS_TRAINING: {"step": [1]},
-        tables.DESIGN_NETWORKS_WEIGHTS: {"layer": [0]},
-    }
-    _write({table: numbers(table, len(next(iter(of.values()))), **of) for table, of in frames.items()}, folder)
-
-
-def searched(folder: Path) -> None:
-    """Two ways at one budget; networks pay from 2 ms a simulation on."""
-    pays = {"way": "networks", "budget": 0.5, "repetition": [0, 1], "against": "simulation", "optima": 4, "gain": 0.1}
-    frames = {
-        tables.COMPARE_SEARCHES_SUMMARY: {"way": ["frozen", "networks"], "budget": [np.nan, 0.5], "gain": [0.05, 0.1]},
-        tables.COMPARE_SEARCHES_BREAK_EVEN: {"cost": [1e-3, 3e-3]} | pays,
-        tables.COMPARE_SEARCHES_OPTIMA: {"way": ["frozen"]},
-        tables.COMPARE_SEARCHES_WANTED: {"parameter": ["friction"]},
-        tables.COMPARE_SEARCHES_PROGRESS: {"gain": [0.1]},
-    }
-    _write({table: numbers(table, len(next(iter(of.values()))), **of) for table, of in frames.items()}, folder)
-
-
 def _write(frames: dict, folder: Path) -> None:
     for table, frame in frames.items():
         tables.write(table, frame, folder / table.path)
@@ -125,7 +97,7 @@ def folder(results) -> Path:
 def published(asked: Scenario, folder: Path) -> dict:
     """What the stage says that it did."""
     file = folder / "track_sweep/published.json"
-    track_sweep(ScenarioResults(folder, asked), "made_up", folder.parent, file)
+    track_sweep(ScenarioResults(folder, asked))
     return json.loads(file.read_text())
 
 
@@ -149,8 +121,7 @@ def test_a_sweep_is_one_run_with_its_dataset_parameters_and_measures(folder, cli
     assert json.loads(dataset.source) == {"uri": str(folder / DESIGNS)}
     assert [column["name"] for column in json.loads(dataset.schema)["mlflow_colspec"]] == list(frame.columns)
     params, metrics = run.data.params, run.data.metrics
-    assert params["sweep/clearance"] == "uniform, from 0.2 mm, to 0.4 mm" and "clearance_mm" not in params
-    assert params["sweep/mechanism.joints.crank_pin.journal"] == "crank, rod" and params["design"] == "sobol"
+    assert params["sweep.parameters.clearance.from"] == "0.2 mm" and params["sweep.design"] == "sobol"
     assert (metrics["designs"], metrics["failed_percent"]) == (8, 0)
     error = 1e3 * np.rad2deg(frame["angle_error_rms"])
     assert metrics["angle_error_rms_mdeg/mean"] == pytest.approx(error.mean())
@@ -210,7 +181,7 @@ def test_a_scenario_that_asks_for_robust_lengths_alone_has_a_run_too(folder, cli
     robust(folder)
     published(asked, folder)
     run = the_run(client)
-    assert run.data.params["uncertain/friction"] == "uniform, from 0.0, to 0.2" and "designs" not in run.data.metrics
+    assert run.data.params["optimise_robust.uncertain.friction.to"] == "0.2" and "designs" not in run.data.metrics
     assert run.data.metrics["robust/crank_length_mm"] == pytest.approx(149)
     assert run.data.metrics["robust beside original/probability_percent"] == 87.5
     assert "robust keeps stroke/probability_low_percent" in run.data.metrics
@@ -230,36 +201,6 @@ def test_settings_that_the_paper_did_not_print_belong_to_the_run_with_the_shares
     assert files == {"infer_settings/nearest_scenario.yaml"}
     names = {one.dataset.name for one in run.inputs.dataset_inputs}
     assert names == {"sweep_designs", "infer_settings_designs", "infer_settings_settings"}
-
-
-def test_networks_and_searches_are_one_run_with_their_main_numbers(folder, client):
-    asked = scenario(swept={}, design_networks={"parameters": UNCERTAIN}, compare_searches={"optima": 4})
-    networks(folder)
-    searched(folder)
-    published(asked, folder)
-    run = the_run(client)
-    params, metrics = run.data.params, run.data.metrics
-    assert params["design_networks/friction"] == "uniform, from 0.0, to 0.2" and "friction" not in params
-    assert metrics["network misses/RMS_error_mdeg"] == pytest.approx(1e3 * np.rad2deg(np.sqrt(12.5e-12)))
-    assert metrics["network beside frozen motion/nearer_in_designs_percent"] == 50
-    assert metrics["network/train_cpu_time_s"] == 7
-    assert (metrics["gain_percent/frozen"], metrics["gain_percent/networks_0.5s"]) == (5, 10)
-    pays = "pays_from_ms_of_a_simulation"
-    assert metrics[f"{pays}/networks_against_simulation"] == pytest.approx(2)
-    assert not [name for name in metrics if name.endswith("against_frozen")]  # it never does
-    stages = ("design-networks", "compare-searches")
-    names = {one.dataset.name for one in run.inputs.dataset_inputs}
-    assert names == {table.name for stage in stages for table in SCENARIO_STAGES[stage].writes}
-
-
-def test_a_run_of_all_that_can_be_asked_holds_what_the_view_shows(folder, client):
-    more = {"design_networks": {"parameters": UNCERTAIN}, "compare_searches": {}, "infer_settings": {}}
-    asked = scenario(sensitivity={}, optimise_robust={"uncertain": UNCERTAIN}, **more)
-    simulated(asked, folder)
-    for made in (decided, robust, inferred, networks, searched):
-        made(folder)
-    published(asked, folder)
-    assert not_held(VIEWS["sweep"], the_run(client)) == set()
 
 
 def test_a_dataset_that_lacks_designs_is_not_published(folder):

@@ -7,7 +7,7 @@ import pandas as pd
 from click.testing import CliRunner
 from mlflow.tracking import MlflowClient
 
-from jointgap.track.dashboard import addresses
+from jointgap.app.dashboard import addresses
 from validation.__main__ import cli
 from validation.report import mlflow_records, rates, write_score
 from validation.score import BASELINES
@@ -55,5 +55,5 @@ def test_sets_stand_side_by_side_and_a_new_score_supersedes_the_old(tmp_path):
     assert {name: metrics["right name/all"] for name, metrics in found.items()} == {"small": 0.5, "large": 1.0}
     address = addresses(f"sqlite:///{results / 'mlflow.db'}", "http://here")["scores of all blind trials"]
     (experiment,) = {client.get_run(run["run_id"]).info.experiment_id for run in runs.values()}
-    assert f"experiments/{experiment}/" in address
+    assert f"experiments=%5B%22{experiment}%22%5D" in address
     assert published(results, "small", 3)["deleted"] == 1

@@ -228,7 +228,7 @@ def test_a_store_that_does_not_answer_ends_a_run_before_its_first_job(tmp_path, 
     (tmp_path / "Snakefile").write_text(
         BEFORE_ANY_JOB + "rule track:\n    input: 'table'\n    output: 'published'\n    resources: mlflow_store=1\n"
         "    shell: 'touch {output}'\n"
-        "rule simulate:\n    output: 'table'\n    shell: 'touch {output}'\n"
+        "rule simulate:\n    output: 'table'\n    resources: mlflow_store=0\n    shell: 'touch {output}'\n"
     )
     asked = {"cwd": tmp_path, "env": environment() | {"MLFLOW_TRACKING_URI": address}, "check": False}
     refused = subprocess.run(["snakemake", "--cores", "1"], capture_output=True, text=True, **asked)

@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from benchmarks.project import SMOKE_REPORT, copy_project, environment, in_venv, run, smoke_command
+from benchmarks.project import ROOT, SMOKE_REPORT, copy_project, environment, in_venv, run, smoke_command
 
 STAGES = ("simulate", "surrogate", "kinematics", "optimise")
 
@@ -36,6 +36,44 @@ def test_smoke_runs_end_to_end_in_a_path_with_a_space_and_without_a_home(smoke):
     assert (smoke.folder / SMOKE_REPORT).stat().st_size > 0
     for stage in STAGES:
         assert list((results / "smoke" / stage).rglob("*.parquet")), stage
+
+
+def test_the_runs_in_mlflow_are_those_of_the_golden_list(smoke):
+    """Names, parents, metrics, lengths of curves and artifacts, as they were before the package was halved."""
+    wanted = {
+        name: {key: value for key, value in group.items() if key != "runs"}
+        for group in json.loads((ROOT / "tests/golden/smoke_runs.json").read_text())
+        for name in group["runs"]
+    }
+    found = published(f"sqlite:///{smoke.folder / 'results/mlflow.db'}")
+    assert set(found) == set(wanted)
+    for name, held in found.items():
+        assert held == wanted[name], name
+
+
+def published(store: str) -> dict[str, dict]:
+    """What the runs of a store hold, by the names of their experiment and their own."""
+    from mlflow.tracking import MlflowClient
+
+    client = MlflowClient(tracking_uri=store)
+    experiments = {found.experiment_id: found.name for found in client.search_experiments()}
+    runs = client.search_runs(list(experiments), max_results=1000)
+    names = {one.info.run_id: one.info.run_name for one in runs}
+
+    def artifacts(run_id: str, folder: str | None = None) -> list[str]:
+        listed = client.list_artifacts(run_id, folder)
+        return [path for file in listed for path in (artifacts(run_id, file.path) if file.is_dir else [file.path])]
+
+    held = {}
+    for one in runs:
+        lengths = {name: len(client.get_metric_history(one.info.run_id, name)) for name in one.data.metrics}
+        held[f"{experiments[one.info.experiment_id]}/{one.info.run_name}"] = {
+            "parent": names.get(one.data.tags.get("mlflow.parentRunId")),
+            "metrics": sorted(name for name, length in lengths.items() if length == 1),
+            "curves": {name: length for name, length in lengths.items() if length > 1},
+            "artifacts": sorted(artifacts(one.info.run_id)),
+        }
+    return held
 
 
 def test_a_dry_run_says_what_would_be_done_and_writes_no_report(fresh_project):

@@ -10,14 +10,18 @@ def check_mlflow_store():
     """End here where MLFLOW_TRACKING_URI names a store that does not answer, and a job is to publish to it."""
     if not os.environ.get("MLFLOW_TRACKING_URI"):
         return
-    if not any("mlflow_store" in job.rule.resources for job in workflow.dag.needrun_jobs()):
+    asked = [
+        job.rule.resources["mlflow_store"]
+        for job in workflow.dag.needrun_jobs()
+        if "mlflow_store" in job.rule.resources
+    ]
+    if not any(resource.value for resource in asked):
         return
     from jointgap.core.errors import InputError
-    from jointgap.track.mlflow_store import address_for
-    from jointgap.track.store_check import check  # loads mlflow
+    from jointgap.core.publish import check_store, store_address
 
     try:
-        check(address_for(Path("results")))
+        check_store(store_address(Path("results")))
     except InputError as error:
         sys.exit(f"jointgap: error: {error}")
 

@@ -658,7 +658,7 @@ for _stage in SCENARIO_STAGES.values():
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the comparison in the browser.")
 def dashboard(results: Path, port: int, browser: bool) -> None:
     """Serve MLflow's pages on this machine, open the comparison of the scenarios, and print its address."""
-    from jointgap.track.dashboard import dashboard
+    from jointgap.app.dashboard import dashboard
 
     dashboard(results, port, say=click.echo, browse=browser)
 

@@ -11,8 +11,8 @@ import pandas as pd
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
 from jointgap.campaign.fits_on_disk import JOINED
 from jointgap.campaign.verdict_json import read
+from jointgap.core.publish import Dataset, Record
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.track.run_record import Dataset, Record
 
 DESCRIPTION = "What is missing in the model of a rig"
 

@@ -399,7 +399,7 @@ def conclude(state: "CampaignState") -> None:
 def track_campaign(state: "CampaignState") -> None:
     """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
     from jointgap.campaign.mlflow_runs import DESCRIPTION, records
-    from jointgap.track.publish import publish_records
+    from jointgap.core.publish import publish_records
 
     folder = state.folder.path
     summary = publish_records(state.campaign.name, DESCRIPTION, records(folder), None, folder.resolve().parents[1])

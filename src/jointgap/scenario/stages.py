@@ -344,15 +344,14 @@ def report(
 def track(results: "ScenarioResults") -> None:
     """Publish a scenario's tables and figures to MLflow; nothing twice."""
     from jointgap.core.errors import InputError
-    from jointgap.track.publish import publish
+    from jointgap.core.publish import publish_records
+    from jointgap.scenario.mlflow_runs import scenario_records
 
     if not (files := results.files(SCENARIO_STAGES["track"].reads)):
         raise InputError(f"{results.path}: holds no tables, so there is nothing to publish; give a scenario's folder")
-    pictures = (path for path in (results.path / "figures").glob("*") if path.suffix in (".svg", ".png", ".gif"))
-    costs = sorted((results.path / "benchmarks").rglob("*.tsv"))
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
-    folder = results.path.resolve()
-    summary = publish(folder.name, results.scenario, sections, files, sorted(pictures), costs, None, folder.parent)
+    content, folder = scenario_records(results.scenario, sections, files, results.path), results.path.resolve()
+    summary = publish_records(folder.name, results.scenario.description, content, None, folder.parent)
     tables.write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")
 
 
@@ -647,8 +646,8 @@ _MANY_DESIGNS = (
 )
 def track_sweep(results: "ScenarioResults") -> None:
     """Publish what a scenario asks of many designs to MLflow, all of them as one run; nothing twice."""
-    from jointgap.track.publish import publish_records
-    from jointgap.track.sweep_runs import sweep_record
+    from jointgap.core.publish import publish_records
+    from jointgap.designs.mlflow_run import sweep_record
 
     scenario, folder = results.scenario, results.path.resolve()
     content = [sweep_record(scenario, results.path)]

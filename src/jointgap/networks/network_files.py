@@ -9,13 +9,11 @@ torch loads them without jointgap::
 
 import io
 import json
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from jointgap.core.errors import InputError
-from jointgap.networks.network import Layout, Network, Scaling
+from jointgap.networks.network import Network
 
 
 def to_files(network: Network, output: str) -> dict[str, bytes]:
@@ -70,22 +68,3 @@ def _pack(layers: list[tuple[np.ndarray, np.ndarray]], description: dict) -> dic
     }
     text = json.dumps(description | shape, indent=2) + "\n"
     return {"network.json": text.encode(), "weights.npz": packed.getvalue()}
-
-
-def load(folder: Path | str) -> Network:
-    """The network of one output in a folder that holds `network.json` and `weights.npz`."""
-    folder = Path(folder)
-    try:
-        description = json.loads((folder / "network.json").read_text(encoding="utf-8"))
-        neurons = description["neurons"]
-        with np.load(folder / "weights.npz", allow_pickle=False) as arrays:
-            matrices = [
-                np.column_stack([arrays[f"{2 * layer}.weight"], arrays[f"{2 * layer}.bias"]])
-                for layer in range(len(neurons) - 1)
-            ]
-        ranges = (Scaling(*description[key]) for key in ("input_range", "output_range"))
-        return Network(Layout(tuple(neurons[1:-1])), np.concatenate([matrix.ravel() for matrix in matrices]), *ranges)
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(
-            f"{folder}: holds no network ({error}); give a folder with network.json and weights.npz"
-        ) from error

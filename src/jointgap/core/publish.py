@@ -1,0 +1,373 @@
+"""Publishes results to MLflow: a `Record` says what a run holds, `publish_records` writes it, none twice.
+
+A run is known by scenario, stage, output and the digest of what it holds. A run that is there unchanged is kept; a
+changed one is replaced; an incomplete one is deleted and made again.
+"""
+
+import getpass
+import hashlib
+import json
+import logging
+import os
+import re
+import subprocess
+import tempfile
+import warnings
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from jointgap import __version__
+from jointgap.core.errors import InputError, needs
+from jointgap.core.parquet import read_footer
+from jointgap.core.words import reading_unit
+from jointgap.tables.columns import Column, Table
+
+if TYPE_CHECKING:  # take seconds to load
+    from mlflow.tracking import MlflowClient
+    from pydantic import BaseModel
+
+for _name, _value in {
+    "MLFLOW_DISABLE_TELEMETRY": "true",  # no network but the tracking server's
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",  # the default, 7, hides a wrong address for four minutes
+    "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
+    "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
+    "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
+    "GIT_PYTHON_REFRESH": "quiet",  # mlflow looks for git; where there is none it would warn
+    "PGCONNECT_TIMEOUT": "5",  # seconds until a server of PostgreSQL has to answer
+}.items():
+    os.environ.setdefault(_name, _value)  # read when mlflow is imported or first used; what the user has set stays
+
+EXPERIMENT = "jointgap-"
+"""Before the name of a stage: the name of its experiment."""
+SCENARIO, STAGE, OUTPUT, DIGEST = (f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest"))
+PARENT = "mlflow.parentRunId"
+
+_SQLITE = "sqlite:///"
+_DATABASE = re.compile(r"(postgresql|mysql|mssql|sqlite)(\+\w+)?://")
+"""Stores without a server of MLflow, which would know where artifacts lie."""
+_MOST_METRICS, _MOST_PARAMS, _MOST_RUNS = 1000, 100, 10_000  # of one request
+
+CURVE_POINTS = 300
+"""Points published of a curve; MLflow draws at most 320. The whole curve stays in its table."""
+
+_LONGEST_VALUE = 500  # characters of a parameter; options.json holds the whole value
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A table that a run read or wrote."""
+
+    name: str
+    path: Path  # a Parquet file, or a folder of Parquet files that are one table
+    context: str  # ``'input'`` or ``'result'``
+
+    @property
+    def files(self) -> list[Path]:
+        """Its Parquet files, by name."""
+        return sorted(self.path.glob("[!.]*.parquet")) if self.path.is_dir() else [self.path]
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the file; of a folder that of its files' names and digests."""
+        if not self.path.is_dir():
+            return sha256(self.path)
+        return sha256("".join(f"{sha256(path)}  {path.name}\n" for path in self.files).encode())
+
+
+@dataclass(frozen=True)
+class Record:
+    """One run."""
+
+    stage: str  # the run belongs to the experiment of this stage
+    output: str = ""  # which nested run it is; empty for the run of the whole stage
+    params: Mapping[str, str] = field(default_factory=dict)
+    metrics: Mapping[str, float] = field(default_factory=dict)  # values that are not finite are left out
+    curves: Mapping[str, pd.Series] = field(default_factory=dict)  # values by iteration
+    datasets: tuple[Dataset, ...] = ()
+    files: Mapping[str, Path | bytes] = field(default_factory=dict)  # artifacts by their path in the run
+    costs: Mapping[str, float] = field(default_factory=dict)  # metrics that do not count for the digest
+    notes: Mapping[str, str] = field(default_factory=dict)  # tags
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all that the run holds but its costs."""
+        metrics = {name: float(value) for name, value in self.metrics.items()}
+        curves = {name: [curve.index.tolist(), curve.tolist()] for name, curve in self.curves.items()}
+        datasets = sorted([dataset.name, dataset.context, dataset.sha256] for dataset in self.datasets)
+        files = {name: sha256(source) for name, source in self.files.items()}
+        held = [dict(self.params), metrics, curves, datasets, files, dict(self.notes)]
+        return sha256(json.dumps(held, sort_keys=True).encode())
+
+    def points(self) -> list[tuple[str, float, int]]:
+        """Every metric as (name, value, step); single numbers at step 0."""
+        single = [(name, float(value), 0) for name, value in {**self.metrics, **self.costs}.items()]
+        curves = ((name, thinned(curve)) for name, curve in self.curves.items())
+        along = [(name, float(value), int(step)) for name, curve in curves for step, value in curve.items()]
+        return [point for point in single + along if np.isfinite(point[1])]
+
+
+def sha256(source: Path | bytes) -> str:
+    """SHA-256 of a file or of bytes, 64 hexadecimal digits."""
+    return hashlib.sha256(source if isinstance(source, bytes) else source.read_bytes()).hexdigest()
+
+
+def thinned(curve: pd.Series, points: int = CURVE_POINTS) -> pd.Series:
+    """At most `points` of a curve, evenly spaced on a logarithmic axis, with the first and the last."""
+    count = len(curve)
+    if count <= points:
+        return curve
+
+    def spaced(number: int) -> np.ndarray:
+        return np.unique(np.geomspace(1, count, number).round().astype(int)) - 1
+
+    # early places coincide after rounding, so more are asked for than wanted
+    numbers = range(points, int(points * np.log(count)) + 2)
+    return curve.iloc[spaced(numbers[bisect_right(numbers, points, key=lambda number: len(spaced(number))) - 1])]
+
+
+def configuration(options: "BaseModel", sections: set[str]) -> dict[str, Any]:
+    """Parameters, flattened from the `sections` of a configuration, and the file that holds these whole."""
+    given = options.model_dump(mode="json", by_alias=True, include=sections, exclude_none=True)
+    flat = pd.json_normalize(given).iloc[0].to_dict()
+    params = {re.sub(r"[^\w\-./ ]", "_", key): str(value)[:_LONGEST_VALUE] for key, value in flat.items()}
+    text = options.model_dump_json(include=sections, by_alias=True, indent=2) + "\n"
+    return {"params": params, "files": {"options.json": text.encode()}}
+
+
+def costs(benchmarks: list[Path]) -> dict[str, float]:
+    """Seconds in all and the largest peak of memory, of Snakemake's benchmark files."""
+    files = [pd.read_csv(path, sep="\t", na_values="-")[["s", "max_rss"]].mean() for path in benchmarks]
+    measured = pd.DataFrame(files, columns=["s", "max_rss"])
+    return {} if measured.empty else {"seconds": measured["s"].sum(), "peak_memory_mb": measured["max_rss"].max()}
+
+
+def name_and_factor(column: Column) -> tuple[str, float]:
+    """Name of a metric, with its unit, and how many of these one SI unit is; errors of an angle in mdeg."""
+    unit, factor = reading_unit(column.unit)
+    if unit == "deg" and "error" in column.name:
+        unit, factor = "mdeg", 1e3 * np.rad2deg(1.0)
+    ending = re.sub(r"[*/]", "_", unit).replace("^", "")
+    return (column.name if ending in ("1", "") else f"{column.name}_{ending}"), factor
+
+
+def numbers(table: Table, row: Mapping[str, Any], *names: str, section: str = "") -> dict[str, float]:
+    """The numbers of a row of `table`, or those of the columns `names`; shares in percent."""
+    metrics = {}
+    for column in table.columns:
+        if column.kind not in ("int", "float") or (names and column.name not in names) or pd.isna(row[column.name]):
+            continue
+        is_share = column.kind == "float" and column.unit == "1"
+        name, factor = (f"{column.name}_percent", 100) if is_share else name_and_factor(column)
+        metrics[section + name] = factor * row[column.name]
+    return metrics
+
+
+def store_address(results: Path, tracking_uri: str | None = None) -> str:
+    """The store to use: `tracking_uri`, else ``MLFLOW_TRACKING_URI``, else the SQLite file in the folder `results`."""
+    address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or f"{_SQLITE}{results / 'mlflow.db'}"
+    return f"{_SQLITE}{file.resolve()}" if (file := sqlite_file(address)) else address
+
+
+def sqlite_file(address: str) -> Path | None:
+    """The file of a SQLite store."""
+    return Path(address.removeprefix(_SQLITE)) if address.startswith(_SQLITE) else None
+
+
+def artifact_folder(address: str, results: Path) -> Path | None:
+    """The folder of artifacts: beside a SQLite file, in `results` for other databases; a server knows its own."""
+    file = sqlite_file(address)
+    folder = results if file is None else file.parent
+    return folder.resolve() / "mlflow-artifacts" if _DATABASE.match(address) else None
+
+
+@contextmanager
+def opened(address: str) -> Iterator["MlflowClient"]:
+    """A client of the store at `address`, which has answered; all that the store refuses becomes one error."""
+    try:
+        with needs("publishing to MLflow", "workflow"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import sqlalchemy
+            from mlflow.tracking import MlflowClient
+        logging.getLogger("mlflow").setLevel(logging.WARNING)
+        logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)  # what it raises says enough
+        if (file := sqlite_file(address)) is not None and not file.exists():
+            _make(file)
+        elif _DATABASE.match(address):
+            with sqlalchemy.create_engine(address, poolclass=sqlalchemy.NullPool).connect():
+                pass  # once, where MLflow tries for minutes
+        client = MlflowClient(tracking_uri=address)
+        client.search_experiments(max_results=1)
+        yield client
+    except InputError:
+        raise
+    except Exception as error:
+        kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
+        if not (isinstance(error, OSError | ImportError) or kinds & {"mlflow", "sqlalchemy", "alembic", "sqlite3"}):
+            raise
+        said = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
+        mend = "check the file, permission and space, or move it away to publish from nothing"
+        if sqlite_file(address) is None:
+            mend = (
+                "start the server, correct its address, user or password, install its driver (pip install "
+                "'jointgap[cluster]'), or unset MLFLOW_TRACKING_URI to use the store in the results folder"
+            )
+        raise InputError(
+            f"MLflow store {without_password(address)} cannot be reached or used ({said}); {mend}"
+        ) from error
+
+
+def _make(file: Path) -> None:
+    """Make a SQLite store beside its place, then rename it: one whose making was interrupted can never be used."""
+    from mlflow.tracking import MlflowClient
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".mlflow-", dir=file.parent) as folder:
+        new = Path(folder, file.name)
+        MlflowClient(tracking_uri=f"{_SQLITE}{new}").search_experiments(max_results=1)
+        new.rename(file)
+
+
+def without_password(address: str) -> str:
+    """The `address` of a store as it may be shown."""
+    return re.sub(r"(?<=://)([^/@]*):[^/]*@", r"\1:***@", address)
+
+
+def check_store(address: str) -> None:
+    """Whether the store at `address` answers; a SQLite file is made when it is first needed."""
+    if sqlite_file(address) is None:
+        with opened(address):
+            pass
+
+
+def publish_records(
+    name: str, description: str, content: Sequence[Record], tracking_uri: str | None, results: Path
+) -> dict:
+    """Publish the `content` of a scenario, a sweep or a campaign, each stage's own run before those nested in it.
+
+    Returns the store, what became of each run, and how many old ones were deleted.
+    """
+    address = store_address(results, tracking_uri)
+    shared = {
+        SCENARIO: name,
+        "jointgap.version": __version__,
+        "mlflow.source.name": "jointgap track",
+        "mlflow.source.type": "LOCAL",
+        "mlflow.source.git.commit": commit(),
+        "mlflow.user": getpass.getuser(),
+        "mlflow.note.content": description,
+    }
+    done, deleted = {}, 0
+    with opened(address) as client:
+        for stage in dict.fromkeys(record.stage for record in content):
+            experiment = _experiment(client, stage, address, results)
+            found = client.search_runs([experiment], f"tags.`{SCENARIO}` = '{name}'", max_results=_MOST_RUNS)
+            whole = {
+                (run.data.tags.get(OUTPUT), run.data.tags.get(DIGEST)): run
+                for run in reversed(found)
+                if run.info.status == "FINISHED"
+            }
+            parent, kept = None, set()
+            for record in (record for record in content if record.stage == stage):
+                own = {STAGE: stage, OUTPUT: record.output, DIGEST: record.digest}
+                own |= {PARENT: parent} if record.output else {}
+                present = whole.get((record.output, record.digest))
+                if present is None:
+                    notes = {f"jointgap.{key}": text for key, text in record.notes.items()}
+                    run_id = _write(client, experiment, f"{name} {record.output}".strip(), record, shared | notes | own)
+                else:
+                    run_id = present.info.run_id
+                    if record.output and present.data.tags.get(PARENT) != parent:
+                        client.set_tag(run_id, PARENT, parent)
+                parent = parent if record.output else run_id
+                kept.add(run_id)
+                key = f"{stage}/{record.output}" if record.output else stage
+                state = "kept" if present else "written"
+                done[key] = {"run_id": run_id, "digest": record.digest, "state": state}
+            gone = [run.info.run_id for run in found if run.info.run_id not in kept]
+            for run_id in gone:
+                client.delete_run(run_id)
+            deleted += len(gone)
+    return {"store": without_password(address), "scenario": name, "runs": done, "deleted": deleted}
+
+
+def _experiment(client: "MlflowClient", stage: str, address: str, results: Path) -> str:
+    """Id of the experiment of a `stage`, made or restored where it is missing."""
+    folder = artifact_folder(address, results)
+    place = None if folder is None else (folder / stage).as_uri()
+    experiment = client.get_experiment_by_name(EXPERIMENT + stage)
+    if experiment is None:
+        # the kind makes the pages show charts of metrics, not traces of language models
+        tags = {"mlflow.experimentKind": "custom_model_development"}
+        return client.create_experiment(EXPERIMENT + stage, artifact_location=place, tags=tags)
+    if sqlite_file(address) and experiment.artifact_location != place:
+        raise InputError(
+            f"MLflow store {address} was made elsewhere: its artifacts lie in {experiment.artifact_location}, not in "
+            f"{place}; put it back there, or move the file away and publish again (make run ARGS='--forcerun track')"
+        )
+    if experiment.lifecycle_stage == "deleted":
+        client.restore_experiment(experiment.experiment_id)
+    return experiment.experiment_id
+
+
+def _write(client: "MlflowClient", experiment: str, name: str, record: Record, tags: dict[str, str]) -> str:
+    """Log a `record`; the run is finished last."""
+    from mlflow.entities import Metric, Param
+
+    run_id = client.create_run(experiment, tags=tags, run_name=name).info.run_id
+    metrics = [Metric(key, value, 0, step) for key, value, step in record.points()]
+    params = [Param(key, value) for key, value in record.params.items()]
+    for first in range(0, len(metrics), _MOST_METRICS):
+        client.log_batch(run_id, metrics=metrics[first : first + _MOST_METRICS])
+    for first in range(0, len(params), _MOST_PARAMS):
+        client.log_batch(run_id, params=params[first : first + _MOST_PARAMS])
+    if record.datasets:
+        client.log_inputs(run_id, [_input(dataset) for dataset in record.datasets])
+    with tempfile.TemporaryDirectory(prefix="jointgap-") as folder:
+        for target, source in record.files.items():
+            place = Path(folder, target)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            if isinstance(source, bytes):
+                place.write_bytes(source)
+            else:
+                place.symlink_to(source.resolve())
+        if record.files:
+            client.log_artifacts(run_id, folder)
+    client.set_terminated(run_id, "FINISHED")
+    return run_id
+
+
+def _input(dataset: Dataset):
+    """A table as MLflow's dataset: its digest (36 digits fit), the whole digest as a tag."""
+    from mlflow import entities
+
+    footers = [read_footer(path) for path in dataset.files]
+    columns = [{"name": one.name, "type": str(one.type)} for one in footers[0].schema.to_arrow_schema()]
+    source, schema = {"uri": str(dataset.path.resolve())}, {"mlflow_colspec": columns}
+    profile = {"num_rows": sum(footer.num_rows for footer in footers)}
+    described = (json.dumps(part) for part in (source, schema, profile))
+    tags = {"mlflow.data.context": dataset.context, "jointgap.sha256": dataset.sha256}
+    return entities.DatasetInput(
+        entities.Dataset(dataset.name, dataset.sha256[:36], "local", *described),
+        [entities.InputTag(key, value) for key, value in tags.items()],
+    )
+
+
+def commit() -> str:
+    """The commit that this code is checked out at, with ``-changed`` where it differs; ``unknown`` outside git."""
+    # the folder may belong to another user; it is only read
+    words = ["describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=-changed"]
+    command = ["git", "-C", str(Path(__file__).parent), "-c", "safe.directory=*", *words]
+    try:
+        return (
+            subprocess.run(command, capture_output=True, text=True, timeout=20, check=False).stdout.strip() or "unknown"
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return "unknown"
