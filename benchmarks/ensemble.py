@@ -3,16 +3,13 @@
 Each measurement runs in a process of its own, for memory only ever grows in one.
 """
 
-import json
-import os
-import subprocess
 import sys
 import tempfile
 import time
 
 import numpy as np
 
-from benchmarks.project import ROOT
+from benchmarks.project import apart, row
 
 REACH_S = 3.0
 CORES = 2
@@ -62,43 +59,21 @@ def peak_memory() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
-def apart(function: str, argument: int) -> dict[str, float]:
-    """Result of one of the functions above in a new process."""
-    code = f"import json; from benchmarks.ensemble import {function}; print(json.dumps({function}({argument})))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=os.environ, stdout=subprocess.PIPE, text=True, check=True
-    )
-    return json.loads(done.stdout)
-
-
 def exponent(numbers, seconds) -> float:
     """Power of the number that the seconds grow with: 1 is linear."""
     return float(np.polyfit(np.log(numbers), np.log(seconds), 1)[0])
 
 
 def measure() -> list[dict]:
-    """Rows of what, reach, measured, unit and peers."""
-
-    def row(what, reach, measured, unit, **peers):
-        return {"what": f"ensemble: {what}", "reach": reach, "measured": measured, "unit": unit, "peers": peers}
-
-    written = {runs: apart("ensemble", runs) for runs in RUNS}
-    turned = {number: apart("revolutions", number)["seconds"] for number in REVOLUTIONS}
+    written = {runs: apart("ensemble", "ensemble", runs) for runs in RUNS}
     seconds = {runs: found["seconds"] for runs, found in written.items()}
     memory = {runs: found["mebibytes"] for runs, found in written.items()}
-    rows = [row(f"1000 revolutions to Parquet, {CORES} cores", REACH_S, seconds[1000], "s")]
-    for what, numbers, costs in (("revolutions", REVOLUTIONS, turned), ("runs", RUNS, seconds)):
-        peers = {f"{number} {what} [s]": costs[number] for number in numbers}
-        grows = exponent(numbers, [costs[number] for number in numbers])
-        rows.append(row(f"power of the number of {what} that time grows with", 1.1, grows, "1", **peers))
+    turned = {number: apart("ensemble", "revolutions", number)["seconds"] for number in REVOLUTIONS}
+    rows = [row(f"ensemble: 1000 revolutions to Parquet, {CORES} cores", REACH_S, seconds[1000], "s")]
+    for what, costs in (("revolutions", turned), ("runs", seconds)):
+        peers = {f"{number} {what} [s]": cost for number, cost in costs.items()}
+        words = f"ensemble: power of the number of {what} that time grows with"
+        rows.append(row(words, 1.1, exponent(list(costs), list(costs.values())), "1", **peers))
     peers = {f"{runs} runs [MiB]": memory[runs] for runs in RUNS}
-    rows.append(
-        row(
-            f"peak memory of {RUNS[-1]} runs over that of {RUNS[0]}",
-            1.2,
-            memory[RUNS[-1]] / memory[RUNS[0]],
-            "1",
-            **peers,
-        )
-    )
-    return rows
+    share = memory[RUNS[-1]] / memory[RUNS[0]]
+    return [*rows, row(f"ensemble: peak memory of {RUNS[-1]} runs over that of {RUNS[0]}", 1.2, share, "1", **peers)]

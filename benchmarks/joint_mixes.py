@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 
+from benchmarks.project import row
 from benchmarks.simulate import SPEED, case, distance
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import JOINTS, PINS
@@ -80,7 +81,7 @@ def measure() -> list[dict]:
             (FORCES, ", forces on the slider", WITH_SLIDER_FORCES if reach == IDEAL else None),
         ):
             stage, revolution = nanoseconds_and_milliseconds(mix(loose, effects))
-            rows.append({"what": f"one stage, {words}{with_forces}", "reach": bound, "measured": stage, "unit": "ns"})
+            rows.append(row(f"one stage, {words}{with_forces}", bound, stage, "ns"))
             what = f"one revolution, error at most {ERROR:g} m at 90 deg, {words}{with_forces}"
-            rows.append({"what": what, "reach": None, "measured": revolution, "unit": "ms"})
+            rows.append(row(what, None, revolution, "ms"))
     return rows

@@ -1,22 +1,18 @@
 """One Levenberg-Marquardt iteration on the paper's network at 361 points, ours beside others, on one core.
 
-Everybody gets the same points, the same network and, where it can be given, the same start and the same Jacobian.
-`pip install torch-levenberg-marquardt pytorch-lightning pyrenn` adds two more peers; they are named absent otherwise.
+Everybody gets the same points, the same network, start and Jacobian.
 """
 
-import contextlib
-import io
 import json
 import os
 import statistics
 import subprocess
 import sys
 import time
-from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.project import ROOT
+from benchmarks.project import ROOT, row
 
 REACH_MS = 2.0
 ITERATIONS = 40
@@ -94,26 +90,9 @@ def rows() -> list[dict]:
         "MINPACK, our Jacobian": per_iteration(lambda: scipy("lm").nfev),
         "plain torch (vmap, jacrev)": per_iteration(lambda: plain_torch(layout, inputs, targets, start)),
     }
-    for name, run in (("torch-levenberg-marquardt", torch_levenberg_marquardt), ("pyrenn", pyrenn)):
-        try:
-            peers[name] = per_iteration(lambda run=run: run(inputs, targets))
-        except ImportError:
-            peers[f"{name} (not installed)"] = None
     found = [
-        {
-            "what": "one Levenberg-Marquardt iteration",
-            "reach": REACH_MS,
-            "measured": per_iteration(ours),
-            "unit": "ms",
-            "peers": peers,
-        },
-        {
-            "what": "the same in a batch of five, per member",
-            "reach": None,
-            "measured": per_iteration(lambda: ours(members=5)),
-            "unit": "ms",
-            "peers": {},
-        },
+        row("one Levenberg-Marquardt iteration", REACH_MS, per_iteration(ours), "ms", **peers),
+        row("the same in a batch of five, per member", None, per_iteration(lambda: ours(members=5)), "ms"),
     ]
     begin = time.perf_counter()
     (result,) = minimise(model, targets, start, Settings(iterations=LIMIT))
@@ -125,15 +104,9 @@ def rows() -> list[dict]:
         peer = scipy(method, 1000)
         error = 2 * peer.cost / len(inputs)
         others[f"{name}: mean square error {error:.1e} after {peer.nfev} evaluations,"] = time.perf_counter() - begin
-    found.append(
-        {
-            "what": f"training to a mean square error of {GOAL:g} ({steps} iterations)",
-            "reach": None,
-            "measured": steps * seconds if steps <= result.iterations else None,
-            "unit": "s",
-            "peers": others,
-        }
-    )
+    measured = steps * seconds if steps <= result.iterations else None
+    what = f"training to a mean square error of {GOAL:g} ({steps} iterations)"
+    found.append(row(what, None, measured, "s", **others))
     return found
 
 
@@ -168,31 +141,6 @@ def plain_torch(layout, inputs, targets, start, iterations=ITERATIONS) -> int:
             parameters, residual, damping = trial, trial_residual, damping / 10
         else:
             damping *= 10
-    return iterations
-
-
-def torch_levenberg_marquardt(inputs, targets, iterations=ITERATIONS) -> int:
-    import torch
-    from torch_levenberg_marquardt.training import LevenbergMarquardtModule
-
-    torch.manual_seed(0)
-    sizes = (1, 10, 10, 10, 10, 1)
-    layers = [torch.nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(sizes)]
-    parts = [part for layer in layers[:-1] for part in (layer, torch.nn.Tanh())] + [layers[-1]]
-    module = LevenbergMarquardtModule(torch.nn.Sequential(*parts), attempts_per_step=1, solve_method="cholesky")
-    x, y = torch.tensor(inputs)[:, None], torch.tensor(targets)[:, None]
-    for _ in range(iterations):
-        module.training_step(x, y)
-    return iterations
-
-
-def pyrenn(inputs, targets, iterations=10) -> int:
-    import pyrenn as package
-
-    np.random.seed(0)
-    network = package.CreateNN([1, 10, 10, 10, 10, 1])
-    with contextlib.redirect_stdout(io.StringIO()):
-        package.train_LM(inputs[None], targets[None], network, k_max=iterations, E_stop=0.0)
     return iterations
 
 

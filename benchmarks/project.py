@@ -1,5 +1,6 @@
-"""A clean copy of the project, to run the workflow from nothing without touching the results at hand."""
+"""What measurements and tests share: rows, functions in processes of their own, a clean copy of the project."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -39,6 +40,19 @@ def run(folder: Path, *command: str, **more_environment: str) -> subprocess.Comp
         text=True,
         check=False,
     )
+
+
+def row(what: str, reach: float | None, measured: float | None, unit: str, **peers: float | None) -> dict:
+    """A row of the table."""
+    return {"what": what, "reach": reach, "measured": measured, "unit": unit, "peers": peers}
+
+
+def apart(module: str, function: str, *given: object) -> dict[str, float]:
+    """Result of a function of a module of this folder in a new process: memory only ever grows in one."""
+    code = f"import json; from benchmarks.{module} import {function}; print(json.dumps({function}(*{given!r})))"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=ROOT, env=environment(), stdout=subprocess.PIPE, text=True, check=True)
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def workflow_command(report: str, *options: str) -> list[str]:

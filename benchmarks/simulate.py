@@ -8,7 +8,6 @@ to do. The whole table goes to results/work_precision.parquet; `python -m benchm
 """
 
 import contextlib
-import json
 import os
 import subprocess
 import sys
@@ -20,7 +19,7 @@ import pandas as pd
 
 from benchmarks.extended import Extended
 from benchmarks.integrators import Code, codes
-from benchmarks.project import ROOT
+from benchmarks.project import ROOT, row
 from jointgap.config import Mechanism, Simulate, load_mechanism
 from jointgap.dynamics.compile_mechanism import parameters
 
@@ -117,36 +116,23 @@ def measure() -> list[dict]:
     mechanism = case()
     exact = exact_positions(mechanism, 1e-17)
     table, absent = work_precision(mechanism, exact)
-    ours = table[table["code"] == "jointgap"]
-    rows = [
-        {
-            "what": "simulate: least error at 90 deg",
-            "reach": None,
-            "measured": float(ours["error_m"].min()),
-            "unit": "m",
-            "peers": {
-                "80-bit code against itself at a tighter tolerance": distance(exact_positions(mechanism, 1e-18), exact)
-            },
-        }
-    ]
+    itself = distance(exact_positions(mechanism, 1e-18), exact)
+    least = float(table.loc[table["code"] == "jointgap", "error_m"].min())
+    peers = {"80-bit code against itself at a tighter tolerance": itself}
+    rows = [row("simulate: least error at 90 deg", None, least, "m", **peers)]
     for target, reach in TARGETS.items():
         costs = {name: cost(table, name, target) for name in SCANS if name not in absent}
         measured = costs.pop("jointgap")
         peers = {name if value else f"{name} (never)": value for name, value in costs.items()}
         peers |= {f"{name} (not installed)": None for name in absent}
         what = f"simulate: one revolution, error at most {target:g} m at 90 deg"
-        rows.append({"what": what, "reach": reach, "measured": measured, "unit": "ms", "peers": peers})
+        rows.append(row(what, reach, measured, "ms", **peers))
         for peer, bound in (("Exudyn", EXUDYN), ("scipy", SCIPY), ("compiled LSODA", None)):
             times = [value for name, value in costs.items() if name.startswith(peer) and value]
             share = measured / min(times) if times and measured else None
             what = f"simulate: our time over {peer}'s, error at most {target:g} m"
-            rows.append({"what": what, "reach": bound, "measured": share, "unit": "1", "peers": {}})
+            rows.append(row(what, bound, share, "1"))
     first, later = first_and_later_call()
     for what, reach, seconds in (("first", 30.0, first), ("later", 1.0, later)):
-        row = {"what": f"simulate: {what} call after installation", "reach": reach, "measured": seconds}
-        rows.append({**row, "unit": "s", "peers": {}})
+        rows.append(row(f"simulate: {what} call after installation", reach, seconds, "s"))
     return rows
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure(), indent=2))

@@ -11,7 +11,6 @@ import argparse
 import json
 import resource
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -20,7 +19,7 @@ from pathlib import Path
 import yaml
 
 from benchmarks.ensemble import exponent, peak_memory
-from benchmarks.project import ROOT, copy_project, environment, in_venv, run
+from benchmarks.project import ROOT, apart, copy_project, in_venv, row, run
 from benchmarks.services import slurm as slurm_of_this_machine
 
 DESIGNS, CORES = 1000, 2
@@ -93,15 +92,6 @@ def read_and_filtered(reader: str, folder: str) -> dict[str, float]:
     return {"seconds": time.perf_counter() - began}
 
 
-def apart(function: str, *given: object) -> dict[str, float]:
-    """Result of one of the functions above in a new process."""
-    code = f"import json; from benchmarks.sweep import {function}; print(json.dumps({function}(*{given!r})))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env=environment(), stdout=subprocess.PIPE, text=True, check=True
-    )
-    return json.loads(done.stdout.splitlines()[-1])
-
-
 def of_workflow(designs: int, cores: int) -> dict[str, float]:
     """Wall and processor seconds of the same sweep as jobs of the workflow."""
     with tempfile.TemporaryDirectory() as folder:
@@ -134,41 +124,47 @@ def of_slurm(designs: int, cores: int, jobs: int = SLURM_JOBS) -> dict[str, floa
 
 
 def measure(designs: int = DESIGNS, cores: int = CORES, workflow: bool = False, slurm: bool = False) -> list[dict]:
-    """Rows of what, reach, measured, unit and peers."""
-
-    def row(what, reach, measured, unit, **peers):
-        return {"what": f"sweep: {what}", "reach": reach, "measured": measured, "unit": unit, "peers": peers}
-
     with tempfile.TemporaryDirectory() as folder:
         numbers = sorted({min(FEW, designs // 10), round((min(FEW, designs // 10) * designs) ** 0.5), designs})
-        found = {number: apart("swept", number, cores, f"{folder}/{number}") for number in numbers}
+        found = {number: apart("sweep", "swept", number, cores, f"{folder}/{number}") for number in numbers}
         most = found[designs]
-        few = found.get(FEW) or apart("swept", FEW, cores, f"{folder}/few")
+        few = found.get(FEW) or apart("sweep", "swept", FEW, cores, f"{folder}/few")
         dataset = f"{folder}/{designs}/designs"
-        read = {reader: apart("read_and_filtered", reader, dataset)["seconds"] for reader in READERS}
+        read = {reader: apart("sweep", "read_and_filtered", reader, dataset)["seconds"] for reader in READERS}
     reach = REACH_S * designs / OF_REACH
     simulations = {"its simulations alone, processor": most["alone"], "all, processor": most["processor"]}
+    grows = exponent(numbers, [found[number]["processor"] for number in numbers])
     rows = [
-        row(f"{designs} designs on {cores} cores", reach, most["wall"], "s", **simulations),
-        row("processor time over that of its simulations", RATIO, most["processor"] / most["alone"], "1"),
-        row("time x cores over its simulations", RATIO, cores * most["wall"] / most["alone"], "1"),
-        row(f"peak memory, {designs} designs over {FEW}", MEMORY, most["mebibytes"] / few["mebibytes"], "1",
-            **{f"MiB of {designs}": most["mebibytes"]}),
-        row(f"growth of processor time, {numbers[0]} to {designs} designs: power", POWER,
-            exponent(numbers, [found[number]["processor"] for number in numbers]), "1"),
-        row(f"rows of {designs} designs read and filtered, slowest program", READ_S, max(read.values()), "s", **read),
-    ]  # fmt: skip
+        row(f"sweep: {designs} designs on {cores} cores", reach, most["wall"], "s", **simulations),
+        row("sweep: processor time over that of its simulations", RATIO, most["processor"] / most["alone"], "1"),
+        row("sweep: time x cores over its simulations", RATIO, cores * most["wall"] / most["alone"], "1"),
+        row(
+            f"sweep: peak memory, {designs} designs over {FEW}",
+            MEMORY,
+            most["mebibytes"] / few["mebibytes"],
+            "1",
+            **{f"MiB of {designs}": most["mebibytes"]},
+        ),
+        row(f"sweep: growth of processor time, {numbers[0]} to {designs} designs: power", POWER, grows, "1"),
+        row(
+            f"sweep: rows of {designs} designs read and filtered, slowest program",
+            READ_S,
+            max(read.values()),
+            "s",
+            **read,
+        ),
+    ]
     if workflow:
         jobs = of_workflow(designs, cores)
         spent = {"processor s": jobs["processor"]}
-        rows.append(row(f"{designs} designs by make sweep on {cores} cores", reach, jobs["wall"], "s", **spent))
+        rows.append(row(f"sweep: {designs} designs by make sweep on {cores} cores", reach, jobs["wall"], "s", **spent))
         rows.append(
-            row("make sweep, processor time over the simulations", RATIO, jobs["processor"] / most["alone"], "1")
+            row("sweep: make sweep, processor time over the simulations", RATIO, jobs["processor"] / most["alone"], "1")
         )
     if slurm:
         queued = of_slurm(designs, cores)["wall"]
         seconds = {"without SLURM, s": most["wall"], "on SLURM, s": queued}
-        what = f"{designs} designs by {SLURM_JOBS} SLURM jobs on a node of {cores} cores, time over that without"
+        what = f"sweep: {designs} designs by {SLURM_JOBS} SLURM jobs on a node of {cores} cores, time over that without"
         rows.append(row(what, SLURM_RATIO, queued / most["wall"], "1", **seconds))
     return rows
 

@@ -6,7 +6,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.project import REPORT, ROOT, copy_project, run, smoke_command, workflow_command
+from benchmarks.project import REPORT, ROOT, copy_project, row, run, smoke_command, workflow_command
 
 # The whole run takes long enough that it is measured only when asked for: JOINTGAP_BENCH_WHOLE_RUN=1 make bench
 WHOLE_RUN = "JOINTGAP_BENCH_WHOLE_RUN"
@@ -25,9 +25,6 @@ def seconds(action, repeats: int = 1) -> float:
 
 
 def measure() -> list[dict]:
-    def row(what, reach, measured, **peers):
-        return {"what": what, "reach": reach, "measured": measured, "unit": "s", "peers": peers}
-
     def again():
         return run(ROOT, *workflow_command(REPORT))
 
@@ -36,17 +33,18 @@ def measure() -> list[dict]:
             "jointgap --help",
             0.3,
             seconds(lambda: run(ROOT, "jointgap", "--help"), repeats=9),
+            "s",
             python=seconds(lambda: run(ROOT, "python", "-c", "pass"), repeats=9),
             snakemake=seconds(lambda: run(ROOT, "snakemake", "--help"), repeats=3),
         )
     ]
     with tempfile.TemporaryDirectory() as folder:
         copy = copy_project(Path(folder) / "project")
-        rows.append(row("make smoke", 60, seconds(lambda: run(copy, *smoke_command("--cores", "2")))))
+        rows.append(row("make smoke", 60, seconds(lambda: run(copy, *smoke_command("--cores", "2"))), "s"))
         asked = os.environ.get(WHOLE_RUN)
         whole = seconds(lambda: run(copy, *workflow_command(REPORT, "--cores", "2"))) if asked else None
-        rows.append(row(f"make run, 2 cores (with {WHOLE_RUN}=1)", 720, whole))
+        rows.append(row(f"make run, 2 cores (with {WHOLE_RUN}=1)", 720, whole, "s"))
     idle = run(ROOT, "snakemake", "--dry-run", "--quiet", "--cores", "1")
     finished = (ROOT / REPORT).exists() and "Nothing to be done" in idle.stdout + idle.stderr
-    rows.append(row("second make run", 10, seconds(again, repeats=3) if finished else None))
+    rows.append(row("second make run", 10, seconds(again, repeats=3) if finished else None, "s"))
     return rows
