@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke sweep paper campaign blind report test test-integration test-slow test-cluster test-wheel lint docs bench drill dashboard clean set-up
+.PHONY: help run smoke sweep paper campaign blind report test test-integration test-slow test-cluster test-wheel lint docs bench dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -97,9 +97,6 @@ bench: ## measure what the project promises, beside its peers
 	@scripts/set-up peers
 	@scripts/get-lsoda
 	@scripts/in-venv python -m benchmarks $(ARGS)
-
-drill: set-up ## damaged, hostile and interrupted use: twenty minutes; ARGS='names --scale 0.1' for a part
-	@scripts/in-venv python -m drills $(ARGS)
 
 dashboard: set-up ## the runs side by side in the browser
 	@scripts/in-venv jointgap dashboard $(ARGS)

@@ -109,6 +109,9 @@ cli.removed = dict.fromkeys(("study", "study-points"), "use `jointgap sweep` wit
     f"blind-{verb}": f"use `make blind`, or in a clone `python -m validation {verb}`"
     for verb in ("conceal", "analyse", "score", "track")
 }
+cli.removed |= dict.fromkeys(
+    ("design-networks", "compare-searches"), "the frozen motion is as good: docs/how_to/sweep.md"
+)
 
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 """Headings of the subcommands that the workflow calls."""
@@ -516,8 +519,6 @@ _stage_commands_OPTIONS = {
         workers_option,
     ),
     "optimise-robust": (workers_option,),
-    "design-networks": (workers_option,),
-    "compare-searches": (workers_option,),
     "sweep": (
         need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
         workers_option,

@@ -21,7 +21,6 @@ from pydantic import (
 from jointgap.config.infer_settings_config import InferSettings
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import Word
-from jointgap.config.networks_config import CompareSearches, DesignNetworks
 from jointgap.config.robust_config import OptimiseRobust
 from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.config.sweep_config import Sweep
@@ -500,7 +499,10 @@ class DrivenMechanism(Section):
 class Scenario(Section):
     """A mechanism and what is done with it: the input of every stage."""
 
-    removed: ClassVar = {"study": "use sweep with design: grid, as in config/map.yaml"}
+    removed: ClassVar = {
+        "study": "use sweep with design: grid, as in config/map.yaml",
+        **dict.fromkeys(("design_networks", "compare_searches"), "the frozen motion is as good (docs/how_to/sweep.md)"),
+    }
 
     description: str = Field("", max_length=1000, description="one sentence for the report: what this scenario is for")
     mechanism: Mechanism
@@ -513,8 +515,6 @@ class Scenario(Section):
     sensitivity: Sensitivity | None = None
     infer_settings: InferSettings | None = None
     optimise_robust: OptimiseRobust = OptimiseRobust()
-    design_networks: DesignNetworks = DesignNetworks()
-    compare_searches: CompareSearches | None = None
 
     @model_validator(mode="after")
     def _the_mechanism_can_be_simulated_so(self):

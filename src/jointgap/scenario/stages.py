@@ -13,16 +13,7 @@ from jointgap import tables
 from jointgap.core.stage import Stages
 from jointgap.tables import (
     CLEARANCE_FIT,
-    COMPARE_SEARCHES_BREAK_EVEN,
-    COMPARE_SEARCHES_OPTIMA,
-    COMPARE_SEARCHES_PROGRESS,
-    COMPARE_SEARCHES_SUMMARY,
-    COMPARE_SEARCHES_WANTED,
     COMPARISON,
-    DESIGN_NETWORKS_COSTS,
-    DESIGN_NETWORKS_ERRORS,
-    DESIGN_NETWORKS_TRAINING,
-    DESIGN_NETWORKS_WEIGHTS,
     EVENTS,
     FIT,
     FIT_ERRORS,
@@ -523,117 +514,11 @@ def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
     return "\n".join([headline(found), *verdict(found)])
 
 
-@SCENARIO_STAGES.stage(
-    writes=(DESIGN_NETWORKS_WEIGHTS, DESIGN_NETWORKS_ERRORS, DESIGN_NETWORKS_COSTS, DESIGN_NETWORKS_TRAINING),
-    files=("design_networks/summary.md", "design_networks/summary.html"),
-    sections=(*_MOTION, "optimise", "design_networks"),
-)
-def design_networks(results: "ScenarioResults", workers: int | None) -> str:
-    """Train a network that knows the design: from crank angle and design to the motion in the loose joints.
-
-    The scenario's section `design_networks` says what a design varies besides the lengths (clearances, friction,
-    speed), which lie in the first of `optimise.boxes`. The network is judged on designs that it was not trained on,
-    beside the paper's frozen motion.
-
-    \b
-    Example:
-      cat > mine.yaml <<END
-      mechanism: config/mechanisms/erkaya2009.yaml
-      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
-      design_networks:
-        designs: 128
-        steps: 300
-        parameters:
-          clearance: {from: 0.5 mm, to: 1 mm}
-          friction: {from: 0.02, to: 0.2}
-      END
-      jointgap design-networks --options mine.yaml --results results/mine
-    """
-    from jointgap.core import plot
-    from jointgap.core.page import to_html, to_markdown
-    from jointgap.design_networks.design_networks import design_networks as trained
-    from jointgap.design_networks.networks_figures import NAME, draw_errors
-    from jointgap.design_networks.networks_page import page, verdict
-
-    found = trained(results.scenario, workers)
-    folder = results.path / "design_networks"
-    results.write(DESIGN_NETWORKS_TRAINING, found.training)
-    results.write(DESIGN_NETWORKS_COSTS, found.costs)
-    results.write(DESIGN_NETWORKS_ERRORS, found.errors)
-    results.write(DESIGN_NETWORKS_WEIGHTS, found.trained.network.to_frame())
-    plot.save(draw_errors(found.errors), folder / NAME)
-    shown = page(found, results.scenario, results.path.resolve().name)
-    tables.write_text(folder / "summary.html", to_html(shown, folder))
-    tables.write_text(folder / "summary.md", to_markdown(shown, "."))
-    return verdict(found)
-
-
-@SCENARIO_STAGES.stage(
-    writes=(
-        COMPARE_SEARCHES_SUMMARY,
-        COMPARE_SEARCHES_OPTIMA,
-        COMPARE_SEARCHES_WANTED,
-        COMPARE_SEARCHES_PROGRESS,
-        COMPARE_SEARCHES_BREAK_EVEN,
-    ),
-    files=("compare_searches/summary.md", "compare_searches/summary.html"),
-    sections=(*_MOTION, "optimise", "design_networks", "compare_searches"),
-)
-def compare_searches(results: "ScenarioResults", workers: int | None) -> str:
-    """Compare four ways to the best lengths at equal CPU time, and tell when it pays to learn first.
-
-    The ways: the paper's frozen motion; networks that know the design; a surrogate of the error; the simulation itself
-    with CMA-ES. The section `design_networks` says what designs vary, `compare_searches` for how many of them the best
-    lengths are wanted, and what CPU time each may take. Every optimum is simulated again.
-
-    \b
-    Example:
-      cat > mine.yaml <<END
-      mechanism: config/mechanisms/erkaya2009.yaml
-      simulate: {revolutions: 4, samples_per_revolution: 1800, tolerance: 1e-9 m}
-      design_networks:
-        parameters:
-          clearance: {from: 0.5 mm, to: 1 mm}
-          friction: {from: 0.02, to: 0.2}
-      compare_searches: {optima: 4, budgets: [0.5 s], repetitions: 2, held_out: 64}
-      END
-      jointgap compare-searches --options mine.yaml --results results/mine
-    """
-    from jointgap.config.networks_config import CompareSearches
-    from jointgap.core import plot
-    from jointgap.core.page import to_html, to_markdown
-    from jointgap.length_searches.break_even import break_even, summary
-    from jointgap.length_searches.compare_searches import compare_searches as compared
-    from jointgap.length_searches.searches_figures import draw_searches
-    from jointgap.length_searches.searches_page import Shown, page, verdict
-
-    scenario = results.scenario
-    if scenario.compare_searches is None:
-        scenario = scenario.model_copy(update={"compare_searches": CompareSearches()})
-    found = compared(scenario, workers)
-    rows, pays = summary(found), break_even(found, scenario.compare_searches.optima)
-    folder = results.path / "compare_searches"
-    results.write(COMPARE_SEARCHES_WANTED, found.wanted_frame)
-    results.write(COMPARE_SEARCHES_PROGRESS, found.progress)
-    results.write(COMPARE_SEARCHES_OPTIMA, found.searches)
-    results.write(COMPARE_SEARCHES_BREAK_EVEN, pays)
-    results.write(COMPARE_SEARCHES_SUMMARY, rows)
-    for name, drawing in draw_searches(rows, found.progress, pays, found.cost).items():
-        plot.save(drawing, folder / name)
-    shown = Shown(found, rows, pays, scenario)
-    written = page(shown, results.path.resolve().name)
-    tables.write_text(folder / "summary.html", to_html(written, folder))
-    tables.write_text(folder / "summary.md", to_markdown(written, "."))
-    return "\n".join(verdict(shown))
-
-
 _MANY_DESIGNS = (
     "sweep",
     "sensitivity",
     "infer-settings",
     "optimise-robust",
-    "design-networks",
-    "compare-searches",
 )
 
 

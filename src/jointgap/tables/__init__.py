@@ -18,7 +18,6 @@ from jointgap.tables.kinematics_tables import *
 from jointgap.tables.naming_tables import *
 from jointgap.tables.optimise_tables import *
 from jointgap.tables.robust_tables import *
-from jointgap.tables.searches_tables import *
 from jointgap.tables.sensitivity_tables import *
 from jointgap.tables.simulate_tables import *
 from jointgap.tables.statistics_tables import *

@@ -1,1 +1,0 @@
-"""Four ways to the best lengths at equal CPU time: frozen motion, networks, surrogate of the error, simulation."""
