@@ -8,14 +8,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
-from jointgap.config.campaign_file import Campaign
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.core.results_folder import ResultsFolder
-from jointgap.tables import write_text
+
+if TYPE_CHECKING:  # slow to load
+    import pandas as pd
+
+    from jointgap.config.campaign_file import Campaign
+    from jointgap.core.results_folder import ResultsFolder
 
 MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
 SUMMARIES = ("summary.md", "summary.html")
@@ -100,8 +101,10 @@ _FOLDER = "failed"
 
 
 @contextmanager
-def noted(folder: ResultsFolder, what: str) -> Iterator[None]:
+def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
     """Around what only adds to a verdict: an error is noted in the results `folder` as `what`, and the rest goes on."""
+    from jointgap.core.parquet import write_text
+
     place = folder.path / _FOLDER / f"{what}.txt"
     place.unlink(missing_ok=True)
     try:
@@ -113,7 +116,7 @@ def noted(folder: ResultsFolder, what: str) -> Iterator[None]:
         write_text(place, f"{kind}{' '.join(str(error).split())}\n\n{traceback.format_exc()}")
 
 
-def failures(folder: ResultsFolder) -> dict[str, str]:
+def failures(folder: "ResultsFolder") -> dict[str, str]:
     """Why something failed that only adds to the verdict, in a line, by its name."""
     places = sorted((folder.path / _FOLDER).glob("*.txt"))
     return {place.stem: place.read_text(encoding="utf-8").partition("\n")[0] for place in places}
@@ -122,12 +125,14 @@ def failures(folder: ResultsFolder) -> dict[str, str]:
 _SPARE = {"name", "date", "folder"}  # a campaign may be renamed, dated or moved without its data becoming others
 
 
-def config_snapshot(campaign: Campaign) -> pd.DataFrame:
+def config_snapshot(campaign: "Campaign") -> "pd.DataFrame":
     """Table `jointgap.tables.CONFIG_SNAPSHOT`: every key of a campaign and its mechanism, with its value."""
+    import pandas as pd
+
     return pd.DataFrame(_rows(campaign), columns=["key", "value"])
 
 
-def check_unchanged(campaign: Campaign, snapshot: pd.DataFrame) -> None:
+def check_unchanged(campaign: "Campaign", snapshot: "pd.DataFrame") -> None:
     """Make sure that a campaign file says what it did when its data were read.
 
     Fits are kept sample by sample: with a run, a channel or a unit changed they would be taken for those of other data.
@@ -152,7 +157,7 @@ def check_unchanged(campaign: Campaign, snapshot: pd.DataFrame) -> None:
     )
 
 
-def _rows(campaign: Campaign) -> list[tuple[str, str]]:
+def _rows(campaign: "Campaign") -> list[tuple[str, str]]:
     content = campaign.model_dump(mode="json", exclude=_SPARE)
     content["runs"] = {run.pop("id"): run for run in content["runs"]}
     content["nuisance"] = dict(campaign.nuisance)  # to the last digit
