@@ -256,7 +256,7 @@ FIGURES = tuple(CATALOGUE)
 ANIMATION = FigureSpec(
     "The mechanism in motion",
     _CONTACT,
-    "animation:animation",
+    "scenario.animation:animation",
     ("trajectory",),
     "First revolution. Above: the clearances drawn magnified as the title says; rings are bearings, dots are journals, "
     "grey in flight and in their joint's colour in contact; arrows are the forces on the journals, 30 mm longer for "
