@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.campaign.verdict_json import read
 from jointgap.config.load import load_campaign
+from jointgap.core import parquet, schema
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.tables import CONTRADICTIONS
+from jointgap.core.schema import CONTRADICTIONS
 
 _THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, columns and target of length 1
 
@@ -40,7 +40,7 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
         record["doubts"] = _doubts(ResultsFolder(results))
         if "verdict" in record:
             record["greedy"] = greedy_names(_all_fits(results))
-            residuals = tables.read(tables.RESIDUALS, results / "confirm" / "residuals.parquet")
+            residuals = parquet.read(schema.RESIDUALS, results / "confirm" / "residuals.parquet")
             try:
                 record["sparse"] = sparse_names(copy / "campaign.yaml", residuals)
             except Exception as error:  # not installed, or it fails on these data: it counts as not asked
@@ -58,7 +58,7 @@ def _doubts(folder: ResultsFolder) -> list[dict[str, str]]:
 def _all_fits(results: Path) -> pd.DataFrame:
     paths = [results / "recalibrate" / "base" / "fits.parquet"]
     paths += [path for stage in ("fit", "pair") for path in sorted(results.glob(f"{stage}/*/fits.parquet"))]
-    return pd.concat([tables.read(tables.FITS, path) for path in paths], ignore_index=True)
+    return pd.concat([parquet.read(schema.FITS, path) for path in paths], ignore_index=True)
 
 
 def greedy_names(fits: pd.DataFrame) -> list[str]:

@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 from sphinx.application import Sphinx
 
-from jointgap import tables
 from jointgap.campaign import figures_catalogue as campaign_catalogue
+from jointgap.core import schema
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example, parameters_of
 from jointgap.rig.sensors import FAULTS
@@ -223,7 +223,7 @@ def _tables() -> list[str]:
         + ("screen/", "decide/", "trend"),
     }
     lines = []
-    left = dict(tables.TABLES)
+    left = dict(schema.TABLES)
     for title, places in groups.items():
         chosen = {name: one for name, one in left.items() if one.path.startswith(places)}
         left = {name: one for name, one in left.items() if name not in chosen}
@@ -231,7 +231,7 @@ def _tables() -> list[str]:
     return lines + _group("Wherever the command says", left)
 
 
-def _group(title: str, chosen: dict[str, tables.Table]) -> list[str]:
+def _group(title: str, chosen: dict[str, schema.Table]) -> list[str]:
     lines = [f"## {title}", ""]
     for name, one in sorted(chosen.items()):
         rows = [

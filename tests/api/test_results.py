@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import jointgap as jg
-from jointgap import tables
+from jointgap.core import parquet, schema
 from jointgap.dynamics.simulate import simulate
 from tests.campaign.verdicts import VERDICTS
 
@@ -129,7 +129,7 @@ def results(folder, kind):
     (folder / "verdict.json").write_text(json.dumps(document))
     shutil.copy("config/mechanisms/erkaya2009.yaml", folder / "mechanism.yaml")
     remarks = pd.DataFrame({"remark": ["channel x: nothing"]})
-    tables.write(tables.REMARKS, remarks, folder / tables.REMARKS.path)
+    parquet.write(schema.REMARKS, remarks, folder / schema.REMARKS.path)
     return folder
 
 

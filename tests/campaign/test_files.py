@@ -19,8 +19,8 @@ from jointgap.campaign.state import CampaignState
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
+from jointgap.core.parquet import describe
 from jointgap.rig.model import build_model
-from jointgap.tables import describe
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"
 

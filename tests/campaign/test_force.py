@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jointgap import tables
 from jointgap.campaign.augment import missing_force
 from jointgap.config import Mechanism, load_mechanism
+from jointgap.core import parquet, schema
 
 SPEEDS = {"slow": 20.0, "fast": 60.0}
 
@@ -22,7 +22,7 @@ def with_effect(base, name, **parameters):
 
 def test_a_force_follows_its_law_along_each_run(base):
     found = missing_force(base, with_effect(base, "slider_coulomb_friction", force_N=21.0), SPEEDS)
-    tables.to_arrow(tables.MISSING_FORCE, found)
+    parquet.to_arrow(schema.MISSING_FORCE, found)
     assert list(found["run"].unique()) == ["slow", "fast"]
     assert np.allclose(found["slider_force"], -21.0 * np.tanh(found["slider_velocity"] / 0.01))
     assert (found["crank_torque"] == 0.0).all()

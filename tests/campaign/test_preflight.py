@@ -6,10 +6,10 @@ import pytest
 import yaml
 
 from benchmarks.project import ROOT
-from jointgap import tables
 from jointgap.campaign import plan
 from jointgap.campaign.fits_on_disk import undetectable
 from jointgap.config.load import load_campaign
+from jointgap.core import parquet, schema
 from jointgap.identification.preflight import Preflight
 
 FOUND = Preflight(
@@ -40,7 +40,7 @@ COMPARED = pd.DataFrame(
         (PIVOT, PIN, 0.000356, "m", 0.1, True, "frame_force_y, frame_force_x"),
         (PIVOT, PISTON, 0.000356, "m", 0.7, False, ""),
     ],
-    columns=tables.LOOK_ALIKES.names,
+    columns=schema.LOOK_ALIKES.names,
 )
 NO_ALIKES = COMPARED[:0]
 
@@ -50,9 +50,9 @@ def planned(tmp_path, monkeypatch):
     """Tables of `FOUND`, written and read again."""
     monkeypatch.setattr(plan, "preflight", lambda *given: FOUND)
     frames = plan.preflight_tables(load_campaign(ROOT / "config/campaigns/demonstration.yaml"), 0.01)
-    for name, table in (("detectable", tables.DETECTABLE), ("confusability", tables.CONFUSABILITY)):
-        tables.write(table, frames[name], tmp_path / name)
-        frames[name] = tables.read(table, tmp_path / name)
+    for name, table in (("detectable", schema.DETECTABLE), ("confusability", schema.CONFUSABILITY)):
+        parquet.write(table, frames[name], tmp_path / name)
+        frames[name] = parquet.read(table, tmp_path / name)
     return frames
 
 
@@ -89,8 +89,8 @@ def test_the_noise_that_was_assumed_is_printed(planned):
 
 def test_joints_that_look_alike_are_told_with_their_sizes_and_the_channels_that_part_them_at_each(planned, tmp_path):
     def said(compared):
-        tables.write(tables.LOOK_ALIKES, compared, tmp_path / "look_alikes")
-        read = tables.read(tables.LOOK_ALIKES, tmp_path / "look_alikes")
+        parquet.write(schema.LOOK_ALIKES, compared, tmp_path / "look_alikes")
+        read = parquet.read(schema.LOOK_ALIKES, tmp_path / "look_alikes")
         lines = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE, read).splitlines()
         return [line for line in lines if "impacts" in line or "tells these" in line]
 

@@ -9,12 +9,12 @@ import pytest
 from mlflow.utils.validation import _validate_metric_name
 
 from benchmarks.project import ROOT
-from jointgap import tables
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
 from jointgap.campaign.figures_catalogue import CATALOGUE
 from jointgap.campaign.mlflow_runs import records
 from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.core import schema
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.results_folder import ResultsFolder
 
@@ -31,9 +31,9 @@ def concluded(folder, *effects: dict, explanation: str) -> list:
     found |= {"certain": [], "best_known": None}
     found |= {"gap": {"confirm": {"before": 3.0, "after": 1.0}}, "where": [], "equivalent": []}
     (folder / VERDICT).write_text(json.dumps(found))
-    row = {column.name: 1 if column.kind == "int" else 1.0 for column in tables.RANKING.columns}
-    row |= {column.name: "" for column in tables.RANKING.columns if column.kind == "text"}
-    row |= {column.name: True for column in tables.RANKING.columns if column.kind == "bool"}
+    row = {column.name: 1 if column.kind == "int" else 1.0 for column in schema.RANKING.columns}
+    row |= {column.name: "" for column in schema.RANKING.columns if column.kind == "text"}
+    row |= {column.name: True for column in schema.RANKING.columns if column.kind == "bool"}
     ResultsFolder(folder).write("ranking", pd.DataFrame([row | {"explanation": explanation}]), "verdict")
     return records(folder)
 

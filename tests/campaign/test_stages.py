@@ -9,8 +9,8 @@ import pytest
 from jsonschema import validate
 
 from benchmarks.project import ROOT
-from jointgap import tables
 from jointgap.campaign import plan, verdict_json
+from jointgap.campaign.campaign_files import FIT_TABLES, NOISE_TABLES
 from jointgap.campaign.fits_on_disk import (
     confusability_frame,
     confusable_groups,
@@ -35,7 +35,6 @@ from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
-from jointgap.tables import FIT_TABLES, NOISE_TABLES
 from tests.campaign.conftest import TRUTH
 from tests.identification.toy import SPEEDS, candidate_of, stated_noise, toy
 
@@ -296,8 +295,3 @@ def test_a_file_that_is_no_verdict_is_refused(tmp_path):
         place.write_text(text)
         with pytest.raises(InputError, match=r"verdict\.json"):
             verdict_json.read(place)
-
-
-def test_tables_of_a_campaign_are_known_to_the_package_by_their_names():
-    names = [table.name for table in vars(tables).values() if isinstance(table, tables.Table)]
-    assert len(names) == len(set(names))

@@ -16,8 +16,8 @@ from jointgap.campaign.trend import fit_growth
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
 from jointgap.identification.fit import estimate_with_interval
-from jointgap.tables import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
 from tests.campaign.verdicts import COULOMB, NAMED, UNNAMED
 
 DAYS = (0, 31, 59, 90)

@@ -13,10 +13,10 @@ from jointgap.app.cli import cli
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.load import load_campaign
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.schema import TREND, TREND_GROWTH
 from jointgap.dynamics.simulate import simulate
 from jointgap.effects import EFFECTS
 from jointgap.rig import model
-from jointgap.tables import TREND, TREND_GROWTH
 
 pytestmark = pytest.mark.slow  # four campaigns with a loose joint, 30 CPU-seconds each
 

@@ -16,9 +16,9 @@ from jointgap.campaign.state import CampaignState
 from jointgap.config.campaign_file import RESERVED_IDS
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.schema import TABLES
 from jointgap.effects import EFFECTS
 from jointgap.rig import model
-from jointgap.tables import TABLES
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 

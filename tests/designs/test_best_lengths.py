@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import Scenario
+from jointgap.core.schema import BEST_LENGTHS, PRINTED_OPTIMA
 from jointgap.designs.page import measure_in_words
 from jointgap.designs.run import best_crank_length, simulate_designs, table_of
 from jointgap.designs.sampling import designs_of
@@ -13,7 +14,6 @@ from jointgap.designs.sensitivity import decided
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.dynamics.simulate import simulate
 from jointgap.lengths.objective import frozen_objective, objective_of_motion
-from jointgap.tables.sweep_tables import BEST_LENGTHS, PRINTED_OPTIMA
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)
@@ -91,18 +91,18 @@ def test_a_crank_almost_as_long_as_its_rod_has_best_lengths_or_none_but_does_not
 
 
 def test_they_stand_in_the_table_where_they_or_the_printed_numbers_are_asked_for_alone():
-    names = {column.name for column in BEST_LENGTHS}
+    names = set(BEST_LENGTHS.names)
     friction = {"friction": {"from": 0, "to": 0.2}}
     plain, best = (designs_of(asked(friction, best_lengths=given)) for given in (False, True))
     printed = designs_of(asked(friction, best_lengths=False, printed_numbers=True))
     assert not names & set(table_of(plain).names)
     assert names <= set(table_of(best).names) and names <= set(table_of(printed).names)
-    assert not {column.name for column in PRINTED_OPTIMA} & set(table_of(best).names)
+    assert not set(PRINTED_OPTIMA.names) & set(table_of(best).names)
     assert plain.digest != best.digest != printed.digest
 
 
 def test_their_words_tell_the_revolutions_apart():
-    words = [measure_in_words(column.name) for column in BEST_LENGTHS]
+    words = [measure_in_words(name) for name in BEST_LENGTHS.names]
     assert len(set(words)) == len(words)
     assert measure_in_words("best_ratio") == "best ratio of crank to rod by the paper's method, last revolution"
 

@@ -4,13 +4,13 @@ import pytest
 
 from jointgap.config import Scenario
 from jointgap.core.errors import InputError
+from jointgap.core.schema import PRINTED_OPTIMA
 from jointgap.designs.run import best_crank_length, simulate_designs, table_of
 from jointgap.designs.sampling import designs_of
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.dynamics.simulate import simulate
 from jointgap.lengths.objective import frozen_objective
 from jointgap.paper.printed import OPTIMA
-from jointgap.tables.sweep_tables import PRINTED_OPTIMA
 from tests.dynamics.cases import mechanism, options
 
 PAPER = mechanism(friction=0.1)
@@ -54,7 +54,7 @@ def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_it
 
 
 def test_the_table_has_the_printed_numbers_where_they_are_asked_for_alone():
-    names = {column.name for column in PRINTED_OPTIMA}
+    names = set(PRINTED_OPTIMA.names)
     assert names <= set(table_of(designs_of(asked(COUNTED))).names)
     plain = designs_of(asked({"friction": {"from": 0, "to": 0.2}}, printed_numbers=False))
     assert not names & set(table_of(plain).names)

@@ -7,14 +7,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
 from jointgap.config import Scenario
+from jointgap.core import parquet
 from jointgap.core.errors import InputError
+from jointgap.core.schema import MEASURES
 from jointgap.designs.run import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
-from jointgap.designs.sensitivity import SensitivityResult, decided, what_decides
+from jointgap.designs.sensitivity import TABLES_OF_SENSITIVITY, SensitivityResult, decided, what_decides
 from jointgap.scenario.stages import sensitivity
-from jointgap.tables.sweep_tables import MEASURES
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)
@@ -200,9 +200,9 @@ def test_a_main_effect_is_the_mean_where_the_parameter_has_that_value():
 def dataset(drawn: Designs, folder: Path) -> None:
     """A sweep's dataset without a simulation: its stroke is `additive`, nothing else was measured."""
     frame = swept(drawn, additive)
-    blank = {column.name: np.nan for column in MEASURES if column.name != "stroke"}
+    blank = {name: np.nan for name in MEASURES.names if name != "stroke"}
     frame = frame.assign(design=np.arange(len(frame)), steps=1, **blank)
-    tables.write(table_of(drawn), frame, folder / "part_000000.parquet", {DIGEST: drawn.digest})
+    parquet.write(table_of(drawn), frame, folder / "part_000000.parquet", {DIGEST: drawn.digest})
 
 
 def scenario(number: int) -> Scenario:
@@ -218,8 +218,8 @@ def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_pa
     assert "Clearance decides 1 of 1 measures most; in 1 of them that is sure." in text
     assert "noise" not in text  # no design has it
     again = what_decides(drawn, tmp_path / "designs", made.sensitivity)
-    for table, frame in zip(tables.SENSITIVITY_TABLES, (again.surrogates, again.indices, again.effects), strict=True):
-        tables.write(table, frame, written := tmp_path / Path(table.path).name)
+    for table, frame in zip(TABLES_OF_SENSITIVITY, (again.surrogates, again.indices, again.effects), strict=True):
+        parquet.write(table, frame, written := tmp_path / Path(table.path).name)
         assert written.read_bytes() == (folder / written.name).read_bytes()
     assert (folder / "summary.html").exists()
     assert {path.stem for path in (folder / "figures").iterdir()} == {"indices", "main_effects_stroke", "map_stroke"}

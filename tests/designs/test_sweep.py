@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from jointgap import tables
 from jointgap.app.cli import cli
 from jointgap.config import Scenario
+from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.designs import run
 from jointgap.designs.run import check_dataset, high_order_rms, simulate_designs, table_of, write_designs
@@ -401,8 +401,8 @@ def test_the_command_names_the_file_of_what_is_wrong_before_anything_is_simulate
 
 def test_the_table_says_unit_and_meaning_of_each_parameter_and_measure(measured, tmp_path):
     designs, frame = measured
-    tables.write(table_of(designs), frame, path := Path(tmp_path, "designs.parquet"))
-    described = tables.describe(path).set_index("column")
+    parquet.write(table_of(designs), frame, path := Path(tmp_path, "designs.parquet"))
+    described = parquet.describe(path).set_index("column")
     assert described.loc["clearance", "unit"] == "m"
     assert described.loc["angle_error_rms", "unit"] == "rad"
     assert (described["description"] != "").all()

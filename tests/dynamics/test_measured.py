@@ -6,7 +6,7 @@ import pyarrow as pa
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from jointgap import tables
+from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import running_on, smooth_angle
@@ -185,7 +185,7 @@ def test_a_missing_table_is_named(tmp_path):
 def test_a_damaged_parquet_table_drives_no_crank(tmp_path):
     arrow = pa.table({"t": np.linspace(0.0, 1.0, 500), "theta": np.linspace(0.0, 9.0, 500)})
     place = tmp_path / "angle.parquet"
-    with tables.writer(place, arrow.schema, compression="none", use_dictionary=False) as file:
+    with parquet.writer(place, arrow.schema, compression="none", use_dictionary=False) as file:
         file.write_table(arrow)
     content = bytearray(place.read_bytes())
     content[content.index(arrow["theta"].to_numpy().tobytes()) + 3] ^= 1

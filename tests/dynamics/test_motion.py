@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from jointgap import tables
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.dynamics.parallel import simulate_ensemble
 from jointgap.dynamics.simulate import simulate
@@ -84,9 +84,9 @@ def test_directions_are_undefined_only_where_the_centres_coincide():
 
 def test_the_tables_take_what_a_simulation_gives(tmp_path):
     run = simulate(mechanism(friction=0.05), options())
-    for table, frame in ((tables.TRAJECTORY, run.samples), (tables.EVENTS, run.events)):
-        tables.write(table, frame, tmp_path / "table.parquet")
-        assert tables.read(table, tmp_path / "table.parquet").equals(frame)
+    for table, frame in ((schema.TRAJECTORY, run.samples), (schema.EVENTS, run.events)):
+        parquet.write(table, frame, tmp_path / "table.parquet")
+        assert parquet.read(table, tmp_path / "table.parquet").equals(frame)
 
 
 def test_directions_do_not_depend_on_how_often_they_are_looked_at():

@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from jointgap import tables
 from jointgap.app.cli import cli
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from tests.dynamics.cases import mechanism
 
@@ -33,14 +33,14 @@ def test_an_ensemble_is_simulated_and_what_failed_is_told(tmp_path):
     assert set(zip(runs["friction"], runs["simulate.speed"], strict=True)) == {
         (f, w) for f in (0.1, 0.2) for w in (60, 70)
     }
-    units = tables.describe(tmp_path / "samples.parquet").set_index("column")["unit"]
+    units = parquet.describe(tmp_path / "samples.parquet").set_index("column")["unit"]
     assert (units["r2_x"], units["r2_x_dot"]) == ("m", "m/s")
 
 
 def test_growth_prints_its_verdict_and_writes_its_table(tmp_path):
     output = call("growth", "--options", asked(), "--growth", tmp_path / "growth.parquet")
     assert "samples can be compared throughout" in output
-    assert len(tables.read(tables.GROWTH, tmp_path / "growth.parquet")) == 3 * 360 + 1
+    assert len(parquet.read(schema.GROWTH, tmp_path / "growth.parquet")) == 3 * 360 + 1
     for change in ("0 m", "1 s", "much"):
         with pytest.raises(InputError, match="--change"):
             call("growth", "--options", asked(), "--growth", tmp_path / "growth.parquet", "--change", change)
@@ -51,11 +51,11 @@ def test_statistics_of_a_simulated_motion_are_printed_and_written(tmp_path):
     call("simulate", "--options", asked(), *motion)
     output = call("cycles", "--options", asked(), *motion, "--folder", tmp_path / "cycles", "--angle", "90 deg")
     assert "from revolution 2 on: " in output and "crank_pin: flight" in output
-    section = tables.read(tables.POINCARE_SECTION, tmp_path / "cycles/section.parquet")
+    section = parquet.read(schema.POINCARE_SECTION, tmp_path / "cycles/section.parquet")
     assert list(section["revolution"]) == [2, 3, 2, 3]
     for table, name in (
-        (tables.JOINT_REVOLUTIONS, "revolutions"),
-        (tables.IMPACT_DISTRIBUTION, "impacts"),
-        (tables.ECCENTRICITY, "eccentricity"),
+        (schema.JOINT_REVOLUTIONS, "revolutions"),
+        (schema.IMPACT_DISTRIBUTION, "impacts"),
+        (schema.ECCENTRICITY, "eccentricity"),
     ):
-        assert len(tables.read(table, tmp_path / f"cycles/{name}.parquet")) > 0
+        assert len(parquet.read(table, tmp_path / f"cycles/{name}.parquet")) > 0

@@ -7,8 +7,8 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from jointgap import tables
 from jointgap.config import Runs, Scenario
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.designs.ensemble import ensemble_runs, write_ensemble
 from jointgap.designs.statistics import clearance_vectors
@@ -44,8 +44,8 @@ def test_an_ensemble_holds_the_motion_of_each_of_its_starts():
 )
 def test_the_files_hold_what_a_simulation_alone_gives(tmp_path, made, wanted):
     write_ensemble([Run(made, wanted), Run(made, wanted, starts(1)[0])], tmp_path)
-    samples = tables.read(tables.ENSEMBLE_SAMPLES, tmp_path / "samples.parquet")
-    events = tables.read(tables.ENSEMBLE_EVENTS, tmp_path / "events.parquet")
+    samples = parquet.read(schema.ENSEMBLE_SAMPLES, tmp_path / "samples.parquet")
+    events = parquet.read(schema.ENSEMBLE_EVENTS, tmp_path / "events.parquet")
     for number, start in enumerate((None, starts(1)[0])):
         alone = simulate(made, wanted, start)
         own = samples[samples["run"] == number].reset_index(drop=True)
@@ -80,7 +80,7 @@ def test_a_run_that_fails_says_why_and_the_others_go_on(tmp_path):
     told = pd.read_parquet(tmp_path / "runs.parquet")
     assert list(told["samples"]) == [91, 0, 0, 91]
     assert list(told["reason"].isna()) == [True, False, False, True]
-    samples = tables.read(tables.ENSEMBLE_SAMPLES, tmp_path / "samples.parquet")
+    samples = parquet.read(schema.ENSEMBLE_SAMPLES, tmp_path / "samples.parquet")
     assert sorted(samples["run"].unique()) == [0, 3]
     with pytest.raises(SimulationError, match="stalls"):
         simulate_ensemble(braked, stalling, starts(1))

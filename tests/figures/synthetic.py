@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
+from jointgap.core import joints, schema
 from jointgap.core.joints import JOINT_NUMBERS, PINS
 from jointgap.dynamics.kinematics import ClearanceMotion, Motion, linkage_motion
 from jointgap.scenario.figures import predictions
@@ -104,7 +104,7 @@ def trajectory(options: Scenario) -> pd.DataFrame:
     columns["rod_deflection"] = 0.0
     for name in ("crank_torque", "guide_force", "guide_moment", "frame_force_x", "frame_force_y"):
         columns[name] = 10.0 * np.sin(angle)
-    return pd.DataFrame(columns)[[column.name for column in tables.TRAJECTORY.columns]]
+    return pd.DataFrame(columns)[[column.name for column in schema.TRAJECTORY.columns]]
 
 
 def events(options: Scenario) -> pd.DataFrame:
@@ -118,7 +118,7 @@ def events(options: Scenario) -> pd.DataFrame:
             ends |= {"approach_speed": 0.3 / (1 + place)} if event == "impact" else {}
             angle += options.simulate.start_angle + place / 4
             rows.append({"time": angle / 60.0, "crank_angle": angle, "joint": joint, "event": event} | ends)
-    return pd.DataFrame(rows)[[column.name for column in tables.EVENTS.columns]]
+    return pd.DataFrame(rows)[[column.name for column in schema.EVENTS.columns]]
 
 
 def fits(samples: pd.DataFrame, learned: tuple[str, ...]) -> dict:
@@ -155,14 +155,14 @@ def fit_history(learned: tuple[str, ...]) -> pd.DataFrame:
 def fit_errors(learned: tuple[str, ...]) -> pd.DataFrame:
     """Two networks and the second surrogate, for both regions; the paper has no error for the crank pivot."""
     rows = []
-    numbers = {column.name: 1e-5 for column in tables.FIT_ERRORS.columns if column.kind == "float"}
-    numbers |= {column.name: 10 for column in tables.FIT_ERRORS.columns if column.kind == "int"}
+    numbers = {column.name: 1e-5 for column in schema.FIT_ERRORS.columns if column.kind == "float"}
+    numbers |= {column.name: 10 for column in schema.FIT_ERRORS.columns if column.kind == "int"}
     for place, output in enumerate(learned):
         for region in ("all", "past_60_deg"):
             for model, seed in (("network", 0), ("network", 1), ("regularised", 0), ("clearance", None)):
                 errors = {"training_mse": 1e-8 * (place + 1), "held_out_mse": 10.0 ** -(5 + (seed or 0))}
                 words = {"output": output, "unit": "1", "model": model, "region": region, "stop": "done"}
-                paper = {"paper_mse": np.nan if tables.number_of(output) == 1 else 1e-5}
+                paper = {"paper_mse": np.nan if joints.number_of(output) == 1 else 1e-5}
                 rows.append(numbers | errors | words | paper | {"seed": seed})
     return pd.DataFrame(rows).astype({"seed": "Int64"})
 
@@ -198,19 +198,21 @@ def optimisation() -> dict[str, pd.DataFrame]:
             (f"{source}_paper_genetic", "paper", "genetic"),
             (f"{source}_paper_local", "paper", "local"),
         ):
-            numbers = {column.name: 0.1 for column in tables.OPTIMA.columns if column.kind == "float"}
-            numbers |= {column.name: None for column in tables.OPTIMA.columns if column.kind != "float"}
+            numbers = {column.name: 0.1 for column in schema.OPTIMISE_OPTIMA.columns if column.kind == "float"}
+            numbers |= {column.name: None for column in schema.OPTIMISE_OPTIMA.columns if column.kind != "float"}
             lengths = {"crank_length": 0.1497, "rod_length": 0.563}
             optima.append(numbers | lengths | {"source": source, "point": name, "box": box, "method": method})
             if source == "simulation" and box is None:
                 continue  # named once
             for stretch in ("window", "settled"):
                 for measure in ("rms", "mean_absolute", "peak", "sum_of_squares"):
-                    numbers = {column.name: 0.05 for column in tables.RESIMULATED.columns if column.kind == "float"}
+                    numbers = {
+                        column.name: 0.05 for column in schema.OPTIMISE_RESIMULATED.columns if column.kind == "float"
+                    }
                     spread = {"reduction_low": -0.02, "reduction_high": 0.09}
                     words = {"point": name, "stretch": stretch, "measure": measure, "members": 3}
                     resimulated.append(numbers | spread | words | lengths)
-    counts = [column.name for column in tables.OPTIMA.columns if column.kind == "int"]
+    counts = [column.name for column in schema.OPTIMISE_OPTIMA.columns if column.kind == "int"]
     return {
         "optimise_valley": valley,
         "optimise_floor": floor.reset_index(drop=True),
@@ -223,7 +225,7 @@ def optimisation() -> dict[str, pd.DataFrame]:
 
 def tables_of(options: Scenario) -> dict[str, pd.DataFrame]:
     """Every table that a figure needs, by name."""
-    motion, learned = trajectory(options), tables.outputs(options.mechanism.loose)
+    motion, learned = trajectory(options), joints.outputs(options.mechanism.loose)
     surrogates = {"networks": fits(motion.iloc[: SAMPLES + 1], learned)}
     found = kinematics(options.mechanism, options.simulate, TRAINING, motion, surrogates)
     return {

@@ -7,9 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables as files
 from jointgap.campaign import figures_catalogue as campaign
-from jointgap.core import plot
+from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError
 
 RUNS = {"slow": False, "fast": False, "check": True}  # held out
@@ -53,7 +52,7 @@ def errors_of(samples):
         for when, model in (("before", "base"), ("after", "augmented")):
             row[when] = np.sqrt(np.mean((own["measured"] - own[model]) ** 2)) / factor
         rows.append(row)
-    return pd.DataFrame(rows, columns=files.CHANNEL_ERRORS.names)
+    return pd.DataFrame(rows, columns=schema.CHANNEL_ERRORS.names)
 
 
 def located(samples):
@@ -137,14 +136,14 @@ def drawings(tables):
 
 @every_figure
 def test_what_is_drawn_has_its_data_in_a_table(name, drawings):
-    files.to_arrow(files.PLOTTED, drawings[name].data)
+    parquet.to_arrow(schema.PLOTTED, drawings[name].data)
     assert len(drawings[name].data)
 
 
 def test_a_figure_is_saved_with_its_data(drawings, tmp_path):
     written = plot.save(drawings["confusability"], tmp_path / "figure")
     assert sorted(path.suffix for path in written) == [".parquet", ".png", ".svg"]
-    shown = files.read(files.PLOTTED, tmp_path / "figure.parquet")
+    shown = parquet.read(schema.PLOTTED, tmp_path / "figure.parquet")
     assert len(shown) == len(drawings["confusability"].data)
 
 
@@ -172,7 +171,7 @@ def test_without_a_table_the_figure_says_so(name, absent, tables):
     drawing = campaign.draw(name, given, VERDICT)
     texts = [text.get_text() for axes in drawing.figure.axes for text in axes.texts]
     assert texts == [campaign.CATALOGUE[name].nothing]
-    files.to_arrow(files.PLOTTED, drawing.data)
+    parquet.to_arrow(schema.PLOTTED, drawing.data)
 
 
 def test_a_window_across_dead_centre_is_outlined_at_both_ends(drawings):

@@ -11,15 +11,14 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from jointgap import tables as files
-from jointgap.core import plot
+from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError
 from jointgap.core.plot import Quantity, Sheet
 from jointgap.scenario import figures as stage
 from jointgap.scenario.figures import draw
 from jointgap.scenario.figures_catalogue import CATALOGUE, SPECS, needed_tables
 
-SPECIFIED = files.TABLES
+SPECIFIED = schema.TABLES
 every_still_figure = pytest.mark.parametrize("name", CATALOGUE)
 
 
@@ -38,7 +37,7 @@ def drawings(tables, scenario):
 @pytest.mark.parametrize("name", sorted({table for spec in SPECS.values() for table in spec.tables} - {"predictions"}))
 def test_the_synthetic_tables_are_what_the_stages_write(name, tables):
     frame = tables[name].drop(columns="output") if name == "fit_history" else tables[name]
-    files.to_arrow(SPECIFIED[name], frame)
+    parquet.to_arrow(SPECIFIED[name], frame)
 
 
 def panels_of(drawing):
@@ -94,7 +93,7 @@ def test_other_sets_of_loose_joints_are_drawn_as_well(name, another):
     scenario, tables = another
     drawing = draw(name, tables, scenario)
     check_texts(drawing.figure)
-    files.to_arrow(files.PLOTTED, drawing.data)
+    parquet.to_arrow(schema.PLOTTED, drawing.data)
     titles = " ".join(axes.get_title(loc="left") for axes in panels_of(drawing))
     ideal = {"crank_pivot", "crank_pin", "piston_pin"} - set(scenario.mechanism.loose)
     assert not any(f"{joint.replace('_', ' ')}:" in titles for joint in ideal)
@@ -130,8 +129,8 @@ def check_texts(figure):
 
 @every_still_figure
 def test_the_data_fits_its_table(name, drawings, tmp_path):
-    files.write(files.PLOTTED, drawings(name).data, tmp_path / "data.parquet")
-    again = files.read(files.PLOTTED, tmp_path / "data.parquet")
+    parquet.write(schema.PLOTTED, drawings(name).data, tmp_path / "data.parquet")
+    again = parquet.read(schema.PLOTTED, tmp_path / "data.parquet")
     assert len(again) == len(drawings(name).data)
 
 

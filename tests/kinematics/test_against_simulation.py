@@ -8,9 +8,10 @@ import pytest
 
 from jointgap.config import Mechanism, Simulate, read_yaml
 from jointgap.core.joints import PINS
+from jointgap.core.parquet import to_arrow
+from jointgap.core.schema import KINEMATICS, KINEMATICS_ERRORS
 from jointgap.dynamics.simulate import simulate
 from jointgap.scenario.kinematics import kinematics
-from jointgap.tables import KINEMATICS, KINEMATICS_ERRORS, to_arrow
 
 ALL = ("crank_pivot", *PINS)
 MOTOR = {"kind": "motor", "stall_torque": 60.0, "no_load_speed": "700 rpm", "inertia": 0.02}

@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
 from jointgap.config import Ensemble, Genetic, Optimise, Simulate
+from jointgap.core import parquet
+from jointgap.core.schema import optimise_tables as specifications
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.dynamics.simulate import simulate
 from jointgap.lengths.optimise import objectives, optimise
-from jointgap.tables import optimise_tables as specifications
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 BOXES = {
@@ -46,8 +46,8 @@ def found(mechanism, trajectory):
 def test_every_table_is_what_it_is_specified_to_be(found, tmp_path):
     for field in fields(found):
         table = getattr(specifications, field.name.upper())
-        tables.write(table, getattr(found, field.name), tmp_path / "table.parquet")
-        read = tables.read(table, tmp_path / "table.parquet")
+        parquet.write(table, getattr(found, field.name), tmp_path / "table.parquet")
+        read = parquet.read(table, tmp_path / "table.parquet")
         assert len(read) == len(getattr(found, field.name)) > 0
 
 

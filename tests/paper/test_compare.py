@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
 from jointgap.config import read_yaml, resolve
-from jointgap.core.joints import PINS
+from jointgap.core import parquet, schema
+from jointgap.core.joints import OUTPUTS, PINS
 from jointgap.core.page import to_html, to_markdown
 from jointgap.paper.compare import (
     _contact,
@@ -22,7 +22,6 @@ from jointgap.paper.compare import (
 )
 from jointgap.paper.pages import comparison_page
 from jointgap.paper.printed import FAILS, HOLDS, OPTIMA, TRAINING_MSE, UNKNOWN, Row, claim
-from jointgap.tables import OUTPUTS
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +102,7 @@ def test_a_piston_moved_by_both_clearances_is_seen_as_superposed_and_one_moved_b
 def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
     rows = [Row("number", "a < b", "1", 1.0, 2.0, "because & so"), claim("c | d", None, None, "", None, "who knows")]
     comparison = pd.DataFrame([row.record() for row in rows])
-    tables.to_arrow(tables.COMPARISON, comparison)
+    parquet.to_arrow(schema.COMPARISON, comparison)
     shown = comparison_page(comparison, scenario)
     html, text = to_html(shown), to_markdown(shown)
     assert "a &lt; b" in html

@@ -3,8 +3,8 @@
 import pandas as pd
 import pytest
 
-from jointgap import tables
 from jointgap.config import read_yaml, resolve
+from jointgap.core import parquet, schema
 from jointgap.core.page import to_html, to_markdown
 from jointgap.paper import compare
 from jointgap.paper import pages as overview
@@ -99,7 +99,7 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
     frames["comparison"] = pd.DataFrame(kinds)
     names = ("three_loose", "paper", "motor", "loose_crank_pin")
     found = overview.overview({name: (frames, scenarios[name]) for name in names})
-    tables.to_arrow(tables.OVERVIEW, found)
+    parquet.to_arrow(schema.OVERVIEW, found)
     assert tuple(found["scenario"]) == names
     assert tuple(found["family"]) == ("three_loose", "three_loose", "motor", "three_loose")
     text = to_markdown(overview.overview_page(found))

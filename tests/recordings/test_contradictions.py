@@ -54,7 +54,7 @@ def both(channel, kind, other=""):
 
 def test_the_ideal_channels_are_those_of_the_simulation_without_clearance():
     from jointgap.config import Simulate
-    from jointgap.dynamics.sampling import COLUMNS
+    from jointgap.core.schema import TRAJECTORY
     from jointgap.rig.channels import channels_at
 
     mechanism = paper()
@@ -64,7 +64,7 @@ def test_the_ideal_channels_are_those_of_the_simulation_without_clearance():
     for speed in (20.0, 60.0):
         p = parameters(ideal, Simulate(speed=speed, tolerance=1e-9))
         simulated, exact = channels_at(p, angle, 1e-9), ideal_channels(mechanism, angle, speed)
-        assert set(SPEED_POWERS) <= {column.name for column in COLUMNS}
+        assert set(SPEED_POWERS) <= set(TRAJECTORY.names)
         for name in SPEED_POWERS:
             assert np.abs(simulated[name] - exact[name]).max() < 1e-9 * np.ptp(exact[name]), name
 

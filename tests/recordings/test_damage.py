@@ -10,8 +10,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from jointgap import tables
 from jointgap.config.load import load_campaign
+from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.rig.inspection import _numbers
 from jointgap.rig.read_files import read_measurements
@@ -199,7 +199,7 @@ def test_parquet_that_says_of_itself_that_it_is_damaged_is_refused(folder, campa
 
 
 def _with_digest(arrow, place):
-    with tables.writer(place, arrow.schema, compression="none", use_dictionary=False) as file:
+    with parquet.writer(place, arrow.schema, compression="none", use_dictionary=False) as file:
         file.write_table(arrow)
     return place.read_bytes()
 

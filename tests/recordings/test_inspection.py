@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from jointgap import tables
 from jointgap.config.load import load_campaign
+from jointgap.core import parquet, schema
 from jointgap.rig.inspection import inspect
 from jointgap.rig.read_files import read_measurements
 from tests.recordings.rig import CAMPAIGN, table, write_rig
@@ -66,7 +66,7 @@ def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path, with
     _, figures = looked(tmp_path, without=without, slow=given)
     assert list(figures) == ["slow", "fast"]
     data = figures["slow"].data
-    tables.to_arrow(tables.PLOTTED, data)  # it can be written
+    parquet.to_arrow(schema.PLOTTED, data)  # it can be written
     panels = set(data["panel"])
     assert {"slow: crank torque", "slow: slider position"} <= panels
     assert ("slow: departure from steady rotation" in panels) == (without == ())

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jointgap import tables
 from jointgap.config import Scenario, Surrogate, read_yaml
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.dynamics.simulate import simulate
 from jointgap.networks.clearance import train_clearance
@@ -31,12 +31,12 @@ def folder(tmp_path_factory):
     coarse = simulate(motor.mechanism, motor.simulate).samples
     finer = motor.simulate.model_copy(update={"samples_per_revolution": 36000})
     results = ScenarioResults(place, motor)
-    results.write(tables.TRAJECTORY, coarse)
+    results.write(schema.TRAJECTORY, coarse)
     fit = train_clearance(coarse, simulate(motor.mechanism, finer).samples, motor.surrogate, motor.mechanism.loose)
-    results.write(tables.CLEARANCE_FIT, fit.weights())
+    results.write(schema.CLEARANCE_FIT, fit.weights())
     for output in outputs_of(motor.mechanism):
         network = train(coarse, output, Surrogate(**QUICK))
-        results.write(tables.FIT, network.weights(), output)
+        results.write(schema.FIT, network.weights(), output)
     return results, coarse
 
 
@@ -67,7 +67,7 @@ def test_rates_of_the_second_surrogate_follow_the_speed_of_a_motor(folder):
 )
 def test_a_trajectory_is_taken_for_its_own_scenario_alone(given, other, tmp_path):
     file = tmp_path / "trajectory.parquet"
-    tables.write(tables.TRAJECTORY, simulate(given.mechanism, given.simulate).samples, file)
+    parquet.write(schema.TRAJECTORY, simulate(given.mechanism, given.simulate).samples, file)
     assert len(read_trajectory(file, given)) == 1801
     with pytest.raises(InputError, match="give the options it was simulated with"):
         read_trajectory(file, other)

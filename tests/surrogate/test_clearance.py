@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
 from jointgap.config import Surrogate
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
 from jointgap.networks.clearance import ClearanceNetwork, CrankSpeed, Layer, train_clearance
@@ -102,8 +102,8 @@ def test_a_speed_that_swings_enters_the_rates_and_nothing_else(tmp_path):
     slopes = network.output("gamma3_ddot", angle)[1]
     around = [network.output("gamma3_ddot", angle + k * step)[0] for k in (-1, 1)]
     np.testing.assert_allclose(slopes, (around[1] - around[0]) / (2 * step), atol=1e-3 * np.abs(slopes).max())
-    tables.write(tables.CLEARANCE_FIT, fit.weights(), tmp_path / "fit.parquet")
-    stored = tables.read(tables.CLEARANCE_FIT, tmp_path / "fit.parquet")
+    parquet.write(schema.CLEARANCE_FIT, fit.weights(), tmp_path / "fit.parquet")
+    stored = parquet.read(schema.CLEARANCE_FIT, tmp_path / "fit.parquet")
     assert stored["speed"].isna().all()
     back = ClearanceNetwork.from_frame(stored, 3, CrankSpeed.of(coarse))
     np.testing.assert_array_equal(back.output("gamma3_dot", angle), network.output("gamma3_dot", angle))
@@ -154,14 +154,14 @@ def test_a_fine_sampling_that_does_not_fit_the_trajectory_is_refused(samples):
 
 
 def test_the_networks_come_back_from_parquet_the_same_to_the_last_bit(fit, tmp_path):
-    tables.write(tables.CLEARANCE_FIT, fit.weights(), tmp_path / "fit.parquet")
-    back = tables.read(tables.CLEARANCE_FIT, tmp_path / "fit.parquet")
+    parquet.write(schema.CLEARANCE_FIT, fit.weights(), tmp_path / "fit.parquet")
+    back = parquet.read(schema.CLEARANCE_FIT, tmp_path / "fit.parquet")
     angle = np.linspace(0.2, 6.4, 99)
     for joint in (2, 3):
         network = ClearanceNetwork.from_frame(back, joint)
         for name in (f"r{joint}", f"gamma{joint}", f"gamma{joint}_ddot"):
             np.testing.assert_array_equal(network.output(name, angle), fit.joints[joint].network.output(name, angle))
-    tables.write(tables.FIT_ERRORS, fit.errors(), tmp_path / "errors.parquet")
+    parquet.write(schema.FIT_ERRORS, fit.errors(), tmp_path / "errors.parquet")
     with pytest.raises(ValueError, match="no network of joint 4"):
         ClearanceNetwork.from_frame(back, 4)
 

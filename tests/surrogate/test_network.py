@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jointgap import tables
+from jointgap.core import parquet, schema
 from jointgap.networks.network import Layout, Network, Scaling, nguyen_widrow
 
 PAPER = Layout((10, 10, 10, 10))
@@ -77,8 +77,8 @@ def test_a_network_comes_back_from_parquet_the_same_to_the_last_bit(tmp_path):
 
     nets = {seed: network(seed=seed) for seed in (3, 0)}
     frame = pd.concat([net.to_frame(seed) for seed, net in nets.items()], ignore_index=True)
-    tables.write(tables.FIT, frame, tmp_path / "fit.parquet")
-    back = tables.read(tables.FIT, tmp_path / "fit.parquet")
+    parquet.write(schema.FIT, frame, tmp_path / "fit.parquet")
+    back = parquet.read(schema.FIT, tmp_path / "fit.parquet")
     angle = np.linspace(0.3, 6.5, 101)
     for seed, net in nets.items():
         np.testing.assert_array_equal(Network.from_frame(back, seed).values(angle), net.values(angle))

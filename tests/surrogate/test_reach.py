@@ -4,10 +4,10 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Simulate, Surrogate, read_yaml, resolve
+from jointgap.core.joints import OUTPUTS
 from jointgap.dynamics.simulate import simulate
 from jointgap.networks.clearance import train_clearance
 from jointgap.networks.train import SAMPLING, train, train_regularised
-from jointgap.tables import OUTPUTS
 
 pytestmark = pytest.mark.slow
 

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
 from jointgap.config import Surrogate
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.networks.errors import Grid, Points, Trained, error_rows
 from jointgap.networks.network import Network
@@ -114,15 +114,15 @@ def test_training_is_the_same_to_the_last_bit_every_time():
 def test_the_tables_hold_the_fit(tmp_path):
     fit = train(trajectory(gap=(0,)), "gamma2", SMALL)
     for table, frame in (
-        (tables.FIT, fit.weights()),
-        (tables.FIT_HISTORY, fit.history()),
-        (tables.FIT_ERRORS, fit.errors()),
+        (schema.FIT, fit.weights()),
+        (schema.FIT_HISTORY, fit.history()),
+        (schema.FIT_ERRORS, fit.errors()),
     ):
-        tables.write(table, frame, tmp_path / table.name)
-    back = Network.from_frame(tables.read(tables.FIT, tmp_path / "fit"))
+        parquet.write(table, frame, tmp_path / table.name)
+    back = Network.from_frame(parquet.read(schema.FIT, tmp_path / "fit"))
     angle = np.linspace(0.4, 6.0, 77)
     np.testing.assert_array_equal(back.values(angle), fit.default.values(angle))
-    errors = tables.read(tables.FIT_ERRORS, tmp_path / "fit_errors")
+    errors = parquet.read(schema.FIT_ERRORS, tmp_path / "fit_errors")
     assert errors["seed"].tolist() == [4, 4, 1, 1, 2, 2]
     assert errors["stop"].str.contains(":").all()
 

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
 from jointgap.config import Surrogate
+from jointgap.core import parquet, schema
 from jointgap.networks.errors import Points, smoothing_spline
 from jointgap.networks.network import Network
 from jointgap.networks.train import train, train_regularised
@@ -65,9 +65,9 @@ def test_curves_end_at_the_errors_and_the_tables_hold_the_network(fit, tmp_path)
         assert history[kind].iloc[-1] < 0.5 * history[kind].iloc[0]
     papers = train(ringing(720), "gamma2", OPTIONS.model_copy(update={"iterations": 5}))
     weights = pd.concat([papers.weights(), fit.weights()], ignore_index=True)
-    for table, frame in ((tables.FIT, weights), (tables.FIT_HISTORY, history), (tables.FIT_ERRORS, errors)):
-        tables.write(table, frame, tmp_path / table.name)
-    stored, angle = tables.read(tables.FIT, tmp_path / "fit"), np.linspace(0.1, 6.0, 77)
+    for table, frame in ((schema.FIT, weights), (schema.FIT_HISTORY, history), (schema.FIT_ERRORS, errors)):
+        parquet.write(table, frame, tmp_path / table.name)
+    stored, angle = parquet.read(schema.FIT, tmp_path / "fit"), np.linspace(0.1, 6.0, 77)
     for model, network in (("network", papers.default), ("regularised", fit.network)):
         back = Network.from_frame(stored, 4, model)
         np.testing.assert_array_equal(back.values(angle), network.values(angle))

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.export import export
 from tests.track.synthetic import numbers
@@ -14,9 +14,9 @@ from tests.track.synthetic import numbers
 def folder(tmp_path):
     place = tmp_path / "results"
     place.mkdir()
-    events = numbers(tables.EVENTS, 3, crank_angle=[0.1, 0.2, np.pi], joint=["crank_pin"] * 3)
+    events = numbers(schema.EVENTS, 3, crank_angle=[0.1, 0.2, np.pi], joint=["crank_pin"] * 3)
     events.loc[1, "impulse"] = np.nan
-    tables.write(tables.EVENTS, events, place / "simulate" / "events.parquet")
+    parquet.write(schema.EVENTS, events, place / "simulate" / "events.parquet")
     return place, events
 
 

@@ -6,13 +6,21 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.config import Scenario, load_mechanism
+from jointgap.core import parquet, schema
+from jointgap.core.joints import OUTPUTS
+from jointgap.core.schema import (
+    COMPARISON,
+    KINEMATICS_CONTRADICTIONS,
+    KINEMATICS_ERRORS,
+    OPTIMISE_OPTIMA,
+    OPTIMISE_PATHS,
+    OPTIMISE_POPULATION,
+    OPTIMISE_RESIMULATED,
+    OPTIMISE_WORTH,
+    Table,
+)
 from jointgap.scenario.stages import SCENARIO_STAGES
-from jointgap.tables import OUTPUTS, Table
-from jointgap.tables.compare_tables import COMPARISON
-from jointgap.tables.kinematics_tables import KINEMATICS_CONTRADICTIONS, KINEMATICS_ERRORS
-from jointgap.tables.optimise_tables import OPTIMA, PATHS, POPULATION, RESIMULATED, WORTH
 
 HIDDEN = (3, 2)
 SEEDS = (7, 8)
@@ -63,7 +71,7 @@ def fit(salt: int) -> pd.DataFrame:
         for neuron in range(sizes[layer + 1])
         for source in range(-1, sizes[layer])
     ]
-    return pd.DataFrame(rows, columns=[column.name for column in tables.FIT.columns])
+    return pd.DataFrame(rows, columns=[column.name for column in schema.FIT.columns])
 
 
 def simulated(folder: Path, salt: int = 0) -> dict[str, Path]:
@@ -72,8 +80,8 @@ def simulated(folder: Path, salt: int = 0) -> dict[str, Path]:
     return _write(
         folder,
         {
-            "trajectory": numbers(tables.TRAJECTORY, 50, salt),
-            "events": numbers(tables.EVENTS, 4, salt, **events),
+            "trajectory": numbers(schema.TRAJECTORY, 50, salt),
+            "events": numbers(schema.EVENTS, 4, salt, **events),
         },
     )
 
@@ -93,8 +101,8 @@ def learned(folder: Path, salt: int = 0, outputs: Sequence[str] = ("r2", "r3")) 
         errors["region"] = ["all", "past_60_deg"] * 3
         frames |= {
             f"fit/{output}": fit(salt + place),
-            f"fit_history/{output}": numbers(tables.FIT_HISTORY, len(steps), **history),
-            f"fit_errors/{output}": numbers(tables.FIT_ERRORS, 6, salt + place, **errors),
+            f"fit_history/{output}": numbers(schema.FIT_HISTORY, len(steps), **history),
+            f"fit_errors/{output}": numbers(schema.FIT_ERRORS, 6, salt + place, **errors),
         }
     return simulated(folder, salt) | _write(folder, frames)
 
@@ -122,8 +130,8 @@ def _clearance(salt: int) -> dict[str, pd.DataFrame]:
     neurons |= {"width": [0.4, 0.6, 0.9, None] * 2, "start_angle": 0.0, "speed": 60.0, "turns": 0}
     neurons["settling"] = [0.1] * 4 + [None] * 4
     return {
-        "fit_errors/clearance": numbers(tables.FIT_ERRORS, 16, salt, **errors),
-        "clearance_fit": numbers(tables.CLEARANCE_FIT, 8, salt, **neurons),
+        "fit_errors/clearance": numbers(schema.FIT_ERRORS, 16, salt, **errors),
+        "clearance_fit": numbers(schema.CLEARANCE_FIT, 8, salt, **neurons),
     }
 
 
@@ -136,21 +144,33 @@ def _optimised(salt: int) -> dict[str, pd.DataFrame]:
     where = {"source": source, "box": box}
     length = {"crank_length": [POINTS[key[:2]] for key in keys]}
     return {
-        "optimise_optima": numbers(OPTIMA, 4, salt, point=points, method=method, **where, **length),
-        "optimise_population": numbers(POPULATION, 4, salt, generation=[0, 0, 1, 1], **where),
-        "optimise_paths": numbers(PATHS, 4, salt, start=[0, 1, 0, 1], iteration=[0, 0, 0, 0], **where),
-        "optimise_resimulated": numbers(RESIMULATED, len(again), salt, point=point, stretch=stretch, measure=measure),
-        "optimise_worth": numbers(WORTH, 8, salt, point=points * 2, cycle=["ideal"] * 4 + ["simulated"] * 4),
+        "optimise_optima": numbers(OPTIMISE_OPTIMA, 4, salt, point=points, method=method, **where, **length),
+        "optimise_population": numbers(OPTIMISE_POPULATION, 4, salt, generation=[0, 0, 1, 1], **where),
+        "optimise_paths": numbers(OPTIMISE_PATHS, 4, salt, start=[0, 1, 0, 1], iteration=[0, 0, 0, 0], **where),
+        "optimise_resimulated": numbers(
+            OPTIMISE_RESIMULATED, len(again), salt, point=point, stretch=stretch, measure=measure
+        ),
+        "optimise_worth": numbers(OPTIMISE_WORTH, 8, salt, point=points * 2, cycle=["ideal"] * 4 + ["simulated"] * 4),
     }
 
 
 def _write(folder: Path, frames: dict[str, pd.DataFrame]) -> dict[str, Path]:
-    kinds = {table.name: table for table in (tables.TRAJECTORY, tables.EVENTS, tables.FIT, tables.FIT_HISTORY)}
-    others = (tables.FIT_ERRORS, tables.CLEARANCE_FIT, COMPARISON, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS)
-    kinds |= {table.name: table for table in (*others, OPTIMA, POPULATION, PATHS, RESIMULATED, WORTH)}
+    kinds = {table.name: table for table in (schema.TRAJECTORY, schema.EVENTS, schema.FIT, schema.FIT_HISTORY)}
+    others = (schema.FIT_ERRORS, schema.CLEARANCE_FIT, COMPARISON, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS)
+    kinds |= {
+        table.name: table
+        for table in (
+            *others,
+            OPTIMISE_OPTIMA,
+            OPTIMISE_POPULATION,
+            OPTIMISE_PATHS,
+            OPTIMISE_RESIMULATED,
+            OPTIMISE_WORTH,
+        )
+    }
     files = {name: folder / f"{name}.parquet" for name in frames}
     for name, frame in frames.items():
-        tables.write(kinds[name.partition("/")[0]], frame, files[name])
+        parquet.write(kinds[name.partition("/")[0]], frame, files[name])
     return files
 
 

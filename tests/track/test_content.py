@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
+from jointgap.core import parquet, schema
+from jointgap.core.joints import OUTPUTS
 from jointgap.core.publish import thinned
 from jointgap.networks.clearance import ClearanceNetwork
-from jointgap.tables import OUTPUTS
 from tests.track.conftest import client_of, runs_of
 from tests.track.synthetic import ITERATIONS, fit
 
@@ -143,7 +143,7 @@ def test_torch_loads_the_second_surrogate_and_its_description_says_how_to_use_it
     angle = np.linspace(0.01, 2 * np.pi, 200)
     x, y = chain(torch.from_numpy(angle)[:, None]).detach().numpy().T
     s = 1.0 if about["settling"] is None else np.tanh((angle - about["start_angle"]) / about["settling"]) ** 2
-    table = tables.read(tables.CLEARANCE_FIT, two_scenarios / "paper/clearance_fit.parquet")
+    table = parquet.read(schema.CLEARANCE_FIT, two_scenarios / "paper/clearance_fit.parquet")
     theirs = ClearanceNetwork.from_frame(table, joint)
     np.testing.assert_allclose(s * np.hypot(x, y), theirs.output(f"r{joint}", angle)[0], rtol=1e-9)
     turn = np.exp(1j * theirs.output(f"gamma{joint}", angle)[0])

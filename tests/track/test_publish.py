@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from jointgap import tables
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.publish import check_store, opened, store_address
 from tests.track import synthetic
@@ -61,7 +61,7 @@ def test_a_changed_option_replaces_the_runs_that_read_it(results, simulated, cli
 
 def test_a_changed_table_replaces_its_run(results, simulated, client):
     old = publish(results, simulated)["runs"]
-    tables.write(tables.TRAJECTORY, numbers(tables.TRAJECTORY, 50, salt=3), simulated["trajectory"])
+    parquet.write(schema.TRAJECTORY, numbers(schema.TRAJECTORY, 50, salt=3), simulated["trajectory"])
     assert states(publish(results, simulated)) == {"simulate": "written", "figures": "kept"}
     assert old["simulate"]["run_id"] != runs_of(client)["jointgap-simulate/made_up"].info.run_id
 

@@ -7,16 +7,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap import tables
 from jointgap.config import Scenario
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.designs.infer_settings import NUMBERS
 from jointgap.designs.mlflow_run import DESIGNS, sweep_record
 from jointgap.designs.run import write_dataset
 from jointgap.designs.sampling import designs_of
+from jointgap.designs.sensitivity import TABLES_OF_SENSITIVITY
 from jointgap.scenario.results import ScenarioResults
 from jointgap.scenario.stages import track_sweep
-from jointgap.tables import robust_fresh
 from tests.dynamics.cases import mechanism, options
 from tests.track.synthetic import numbers
 
@@ -45,12 +45,12 @@ def simulated(asked: Scenario, folder: Path) -> None:
 def decided(folder: Path) -> None:
     """What decides: indices of one measure, none of another."""
     named = {"measure": ["stroke", "noise_share"], "q2": [0.99, 0.1], "reason": [None, "predicted badly"]}
-    surrogates = numbers(tables.SENSITIVITY_SURROGATES, 2, **named)
+    surrogates = numbers(schema.SENSITIVITY_SURROGATES, 2, **named)
     indices = {"measure": ["stroke"] * 2, "parameter": ["clearance", "friction"], "total": [0.7, 0.4]}
     frames = {
-        tables.SENSITIVITY_SURROGATES: surrogates,
-        tables.SENSITIVITY_INDICES: numbers(tables.SENSITIVITY_INDICES, 2, **indices),
-        tables.SENSITIVITY_EFFECTS: numbers(tables.SENSITIVITY_EFFECTS, 2),
+        schema.SENSITIVITY_SURROGATES: surrogates,
+        schema.SENSITIVITY_INDICES: numbers(schema.SENSITIVITY_INDICES, 2, **indices),
+        schema.SENSITIVITY_EFFECTS: numbers(schema.SENSITIVITY_EFFECTS, 2),
     }
     _write(frames, folder)
     (folder / "sensitivity/figures").mkdir()
@@ -62,13 +62,15 @@ def robust(folder: Path) -> None:
     lengths = {"lengths": ["original", "robust"], "crank_length": [0.150, 0.149]}
     gains = {"lengths": ["robust"], "beside": ["original"], "probability": [0.875]}
     candidates = {"search": ["robust"], "step": ["grid"]}
-    fresh = robust_fresh(())
+    fresh = schema.OPTIMISE_ROBUST_FRESH.filled(uncertain=())
     _write(
         {
-            tables.ROBUST_LENGTHS: numbers(tables.ROBUST_LENGTHS, 2, **lengths),
-            tables.ROBUST_GAINS: numbers(tables.ROBUST_GAINS, 1, **gains),
-            tables.ROBUST_CONSTRAINTS: numbers(tables.ROBUST_CONSTRAINTS, 1, constraint=["stroke"], lengths=["robust"]),
-            tables.ROBUST_CANDIDATES: numbers(tables.ROBUST_CANDIDATES, 1, **candidates),
+            schema.OPTIMISE_ROBUST_LENGTHS: numbers(schema.OPTIMISE_ROBUST_LENGTHS, 2, **lengths),
+            schema.OPTIMISE_ROBUST_GAINS: numbers(schema.OPTIMISE_ROBUST_GAINS, 1, **gains),
+            schema.OPTIMISE_ROBUST_CONSTRAINTS: numbers(
+                schema.OPTIMISE_ROBUST_CONSTRAINTS, 1, constraint=["stroke"], lengths=["robust"]
+            ),
+            schema.OPTIMISE_ROBUST_CANDIDATES: numbers(schema.OPTIMISE_ROBUST_CANDIDATES, 1, **candidates),
             fresh: numbers(fresh, 2),
         },
         folder,
@@ -79,14 +81,17 @@ def inferred(folder: Path) -> None:
     """Printed numbers that come out in some designs."""
     designs = {"design": [4, 2, 3], "together": [True, False, False], "farthest": [0.04, 0.1, 0.2]}
     designs |= {one.column: [one.printed, 0.0, 0.0] for one in NUMBERS}
-    frames = {tables.INFERRED_SETTINGS: {"setting": ["friction"]}, tables.inferred_designs(()): designs}
+    frames = {
+        schema.INFER_SETTINGS_SETTINGS: {"setting": ["friction"]},
+        schema.INFER_SETTINGS_DESIGNS.filled(swept=()): designs,
+    }
     _write({table: numbers(table, len(next(iter(of.values()))), **of) for table, of in frames.items()}, folder)
     (folder / "infer_settings/nearest_scenario.yaml").write_text("run: [nearest]")
 
 
 def _write(frames: dict, folder: Path) -> None:
     for table, frame in frames.items():
-        tables.write(table, frame, folder / table.path)
+        parquet.write(table, frame, folder / table.path)
 
 
 @pytest.fixture
@@ -135,10 +140,10 @@ def test_designs_that_failed_are_counted_and_left_out_of_the_measures(folder):
     simulated(asked, folder)
     place = folder / DESIGNS / "part_000000.parquet"
     table = designs_table(asked)
-    frame = tables.read(table, place)
+    frame = parquet.read(table, place)
     frame.loc[0, ["stroke", "reason"]] = [np.nan, "the motor stalls"]
-    told = {key.decode(): value.decode() for key, value in tables.read_footer(place).metadata.items()}
-    tables.write(table, frame, place, {name: told[name] for name in ("jointgap_sweep", "jointgap_code")})
+    told = {key.decode(): value.decode() for key, value in parquet.read_footer(place).metadata.items()}
+    parquet.write(table, frame, place, {name: told[name] for name in ("jointgap_sweep", "jointgap_code")})
     metrics = sweep_record(asked, folder).metrics
     assert (metrics["failed"], metrics["failed_percent"], metrics["stroke_mm/counted"]) == (1, 12.5, 7)
 
@@ -171,7 +176,7 @@ def test_what_decides_belongs_to_the_run_where_the_scenario_asks_for_it(folder, 
     assert run.data.metrics["total/stroke by clearance"] == 0.7 and run.data.metrics["q2/noise_share"] == 0.1
     assert not [name for name in run.data.metrics if name.startswith(("total/noise_share", "first_order/noise_share"))]
     names = {one.dataset.name for one in run.inputs.dataset_inputs}
-    assert names == {"sweep_designs", *(table.name for table in tables.SENSITIVITY_TABLES)}
+    assert names == {"sweep_designs", *(table.name for table in TABLES_OF_SENSITIVITY)}
     figures = client.list_artifacts(run.info.run_id, "sensitivity/figures")
     assert [file.path for file in figures] == ["sensitivity/figures/indices.png"]
 

@@ -19,7 +19,9 @@ from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.progress import parts
 from jointgap.scenario.figures_catalogue import FIGURES
 from jointgap.scenario.stages import SCENARIO_STAGES
-from jointgap.tables import RESIMULATED, outputs, write_text
+from jointgap.core.joints import outputs
+from jointgap.core.parquet import write_text
+from jointgap.core.schema import OPTIMISE_RESIMULATED as RESIMULATED
 
 # Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.
 FOLDERS = (

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.campaign import verdict_json as documents
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
 from jointgap.campaign.figures_catalogue import CATALOGUE
@@ -40,9 +39,12 @@ from jointgap.config import (
 )
 from jointgap.config.change import change
 from jointgap.config.load import load_campaign
+from jointgap.config.measures import ALL_MEASURES
 from jointgap.config.sweep_config import Sweep
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT_NUMBERS
+from jointgap.core.parquet import read_table
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.words import in_words, joined, number, reading_unit, rounded_gap
 from jointgap.designs.ensemble import EVENTS, RUNS, SAMPLES, ensemble_runs, write_ensemble
@@ -54,8 +56,6 @@ from jointgap.dynamics.simulate import simulate as simulated
 from jointgap.scenario.figures_catalogue import SPECS
 from jointgap.scenario.outcome import Outcome, outcome, remarks
 from jointgap.scenario.stages import SCENARIO_STAGES
-from jointgap.tables import read_table
-from jointgap.tables.sweep_tables import ALL_MEASURES
 
 if TYPE_CHECKING:
     from jointgap.core.plot import Drawing
@@ -222,7 +222,7 @@ class Motion(Result):
         'rad'
         """
         units = self.events.attrs["units"] | self.samples.attrs["units"]
-        return tables.unit_in(units, column)
+        return parquet.unit_in(units, column)
 
     @property
     def figures(self) -> Mapping[str, str]:
@@ -324,8 +324,8 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
     options = simulate_options(options, keys)
     run = simulated(checked_mechanism(mechanism), options, perturbation)
     samples, events = (
-        tables.with_units(table, frame)
-        for table, frame in ((tables.TRAJECTORY, run.samples), (tables.EVENTS, run.events))
+        parquet.with_units(table, frame)
+        for table, frame in ((schema.TRAJECTORY, run.samples), (schema.EVENTS, run.events))
     )
     return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism))
 
@@ -497,7 +497,7 @@ class SweptDesigns(Result):
         units = {column.name: column.unit for column in table_of(self._drawn).columns}
         if unknown := [name for name in columns if name not in units]:
             raise InputError(f"read: no column '{unknown[0]}'; {did_you_mean(unknown[0], units)}")
-        frame = tables.read_columns(self.dataset, columns).to_pandas()
+        frame = parquet.read_columns(self.dataset, columns).to_pandas()
         frame.attrs["units"] = {name: units[name] for name in columns}
         return frame
 
@@ -793,13 +793,13 @@ def optimise(
     points = scenario.surrogate.training_points if trained else 2
     found = optimised(applied, scenario.simulate, scenario.optimise, points, motion.samples, fits)
     frames = {table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN}
-    errors = [pd.DataFrame(columns=tables.FIT_ERRORS.names), *(one.errors() for one in trained.values())]
+    errors = [pd.DataFrame(columns=schema.FIT_ERRORS.names), *(one.errors() for one in trained.values())]
     result = outcome(frames | {"fit_errors": pd.concat(errors) if trained else errors[0]}, scenario)
     return Optimum(
         mechanism=applied.with_lengths(*result.lengths),
         original=motion,
         tables={
-            table.name.removeprefix("optimise_"): tables.with_units(table, frames[table.name]) for table in _WRITTEN
+            table.name.removeprefix("optimise_"): parquet.with_units(table, frames[table.name]) for table in _WRITTEN
         },
         _outcome=result,
     )
@@ -1086,7 +1086,7 @@ class Preflight(Result):
         """What was found as lines of text, as `jointgap preflight` prints it; without what was not sought."""
         empty = [
             pd.DataFrame(columns=table.names) if frame is None else frame
-            for table, frame in ((tables.ADVICE, self.advice), (tables.LOOK_ALIKES, self.look_alikes))
+            for table, frame in ((schema.ADVICE, self.advice), (schema.LOOK_ALIKES, self.look_alikes))
         ]
         return preflight_in_words(self.detectable, self.confusability, *empty)
 
@@ -1156,4 +1156,4 @@ def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
 
 
 def _with_units(frames: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-    return {name: tables.with_units(tables.TABLES[name], frame) for name, frame in frames.items()}
+    return {name: parquet.with_units(schema.TABLES[name], frame) for name, frame in frames.items()}

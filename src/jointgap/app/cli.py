@@ -14,12 +14,21 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from jointgap import tables
 from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.core import parquet
 from jointgap.core.progress import heard_by
+from jointgap.core.schema import (
+    ECCENTRICITY,
+    EVENTS,
+    GROWTH,
+    IMPACT_DISTRIBUTION,
+    JOINT_REVOLUTIONS,
+    POINCARE_SECTION,
+    TRAJECTORY,
+    Table,
+)
 from jointgap.core.stage import Stage
 from jointgap.scenario.stages import SCENARIO_STAGES
-from jointgap.tables import TRAJECTORY, Table
 
 if TYPE_CHECKING:
     from jointgap.campaign.state import CampaignState
@@ -422,17 +431,17 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     Simulates the scenario's motion again from starts that differ by a hair, and prints what the difference grows to. In
     a chaotic motion another code, or the same on another machine, gives other samples after that angle.
     """
-    from jointgap import tables
     from jointgap.config import parse_options
+    from jointgap.core import parquet
     from jointgap.core.errors import InputError
     from jointgap.designs.statistics import measure_growth
 
     scenario, size = parse_options(options), _quantity("--change", change, "m")
-    tables.check_writable(growth)
+    parquet.check_writable(growth)
     if not size > 0:
         raise InputError(f"--change {change!r}: must be a positive length, e.g. '1e-11 m'")
     result = measure_growth(scenario.mechanism, scenario.simulate, size, workers=workers)
-    tables.write(tables.GROWTH, result.frame(), growth)
+    parquet.write(GROWTH, result.frame(), growth)
     click.echo(result.verdict)
 
 
@@ -455,24 +464,24 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
 )
 def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int) -> None:
     """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
-    from jointgap import tables
     from jointgap.config import parse_options
+    from jointgap.core import parquet
     from jointgap.designs.statistics import cycles
     from jointgap.scenario.results import read_trajectory
 
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
     places = [folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")]
-    tables.check_writable(*places)
-    samples, rows = read_trajectory(trajectory, scenario), tables.read(tables.EVENTS, events)
+    parquet.check_writable(*places)
+    samples, rows = read_trajectory(trajectory, scenario), parquet.read(EVENTS, events)
     statistics = cycles(samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned)
     frames = (
-        (tables.POINCARE_SECTION, statistics.section),
-        (tables.JOINT_REVOLUTIONS, statistics.revolutions),
-        (tables.IMPACT_DISTRIBUTION, statistics.impacts),
-        (tables.ECCENTRICITY, statistics.eccentricity),
+        (POINCARE_SECTION, statistics.section),
+        (JOINT_REVOLUTIONS, statistics.revolutions),
+        (IMPACT_DISTRIBUTION, statistics.impacts),
+        (ECCENTRICITY, statistics.eccentricity),
     )
     for (table, frame), place in zip(frames, places, strict=True):
-        tables.write(table, frame, place)
+        parquet.write(table, frame, place)
     click.echo(statistics.summary)
 
 
@@ -557,7 +566,7 @@ def _results_command(stage: Stage) -> None:
             given["siblings"] = {name: open_results(more, results.parent / name) for name, more in given["siblings"]}
         if stage.writes:
             written = [stored.place(table, given.get("output", "")) for table in stage.writes]
-            tables.check_writable(*written, *(stored.path / file for file in stage.files))
+            parquet.check_writable(*written, *(stored.path / file for file in stage.files))
         return stage.function(stored, **given)
 
     folder = click.option(
@@ -610,7 +619,7 @@ def _scenario_command(stage: Stage) -> None:
 
 def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
     stage = SCENARIO_STAGES["overview"]
-    tables.check_writable(*(results / path for path in stage.outputs()))
+    parquet.check_writable(*(results / path for path in stage.outputs()))
     stage.function({name: open_results(options, results / name) for name, options in scenarios}, results)
 
 
@@ -620,7 +629,7 @@ def _report(
     scenarios: tuple[tuple[str, str], ...],
     campaigns: tuple[str, ...],
 ) -> None:
-    tables.check_writable(report)
+    parquet.check_writable(report)
     opened = {name: open_results(options, results / name) for name, options in scenarios}
     SCENARIO_STAGES["report"].function(opened, campaigns, results, report)
 
@@ -672,7 +681,7 @@ def describe(file: Path) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from jointgap.tables import describe
+    from jointgap.core.parquet import describe
 
     shown = Table("column", "unit", "description", title=Text(str(file)))
     for row in describe(file).itertuples(index=False):
@@ -740,15 +749,15 @@ def schema(path: Path | None, campaign: bool) -> None:
     """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
     import json
 
-    from jointgap import tables
     from jointgap.config import json_schema
     from jointgap.config.load import campaign_json_schema
+    from jointgap.core import parquet
 
     text = json.dumps(campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False) + "\n"
     if path is None:
         click.echo(text, nl=False)
     else:
-        tables.write_text(path, text)
+        parquet.write_text(path, text)
 
 
 _SECONDS_OF_SILENCE = 2.0  # work that is over sooner shows nothing

@@ -9,7 +9,6 @@ from typing import Any
 
 import pandas as pd
 
-from jointgap import tables
 from jointgap.campaign import page as verdict_page
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
@@ -24,6 +23,7 @@ from jointgap.campaign.sentences import (
     sure_value,
     unit_of,
 )
+from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.page import (
     Block,
@@ -214,7 +214,7 @@ def _campaign(content: Mapping[str, Any], whole: bool, folder: Path, several: bo
 def _shows(picture: Path) -> bool:
     """Whether a figure was drawn, and not a sheet that says why there is nothing to draw: that has no plotted data."""
     plotted = picture.with_suffix(".parquet")
-    return picture.is_file() and (not plotted.is_file() or tables.read_footer(plotted).num_rows > 0)
+    return picture.is_file() and (not plotted.is_file() or parquet.read_footer(plotted).num_rows > 0)
 
 
 def _figures(specs: Mapping[str, FigureSpec], place: str, name: str, wanted: Collection[str]) -> Iterator[Block]:

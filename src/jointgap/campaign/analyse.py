@@ -7,19 +7,20 @@ from typing import Any
 
 import pandas as pd
 
-from jointgap import tables
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, noted
 from jointgap.campaign.figures_catalogue import CATALOGUE
 from jointgap.campaign.page import conclude
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.campaign.state import CampaignState
+from jointgap.core import parquet
+from jointgap.core.parquet import write_text
 from jointgap.core.progress import followed
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM, DECISION, LOOK_ALIKES
 from jointgap.core.stage import Stage
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.rig.settings import SliderCrankSettings
-from jointgap.tables import ADVICE, DECISION, LOOK_ALIKES, OPTIMUM, write_text
 
 # the optimum is no part of the verdict, which is concluded here without its figures
 _LEFT_OUT = ("reoptimise", "conclude", "track-campaign")
@@ -75,7 +76,7 @@ def run_if_possible(stage: Stage, state: CampaignState, **options: Any) -> str |
 
 def _write_empty(stage: Stage, state: CampaignState) -> None:
     for table in stage.writes:
-        tables.write(table, pd.DataFrame(columns=table.names), state.folder.path / table.path)
+        parquet.write(table, pd.DataFrame(columns=table.names), state.folder.path / table.path)
     for file in stage.files:
         write_text(state.folder.path / file, f"# the stage {stage.name} could not write this\n")
 
@@ -84,7 +85,7 @@ def _remove_conclusions(folder: ResultsFolder) -> None:
     """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its
     result.
     """
-    places = [folder.place(table) for table in (ADVICE, LOOK_ALIKES, OPTIMUM)]
+    places = [folder.place(table) for table in (ADVICE, LOOK_ALIKES, CAMPAIGN_OPTIMUM)]
     places += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
     pages = [*(folder.path / "failed").glob("*.txt")]
     pages += [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]

@@ -8,12 +8,12 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from jointgap import tables
 from jointgap.campaign.fits_on_disk import Outcome, clockwise, nuisances_as_read
 from jointgap.campaign.sentences import effect_in_words, estimate_row, is_fault, parameter_in_words, unit_of
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import validate
+from jointgap.core import schema
 from jointgap.core.candidates import Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.words import nuisance_in_words
@@ -138,7 +138,7 @@ def augment(campaign: Campaign, outcome: Outcome, text: Mapping[str, Any] | None
     plain, augmented = mechanisms(campaign, outcome)
     body = yaml.safe_dump(_content(augmented, campaign, text), sort_keys=False, width=_WIDTH, allow_unicode=True)
     speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
-    columns = [column.name for column in tables.MISSING_FORCE.columns]
+    columns = [column.name for column in schema.MISSING_FORCE.columns]
     physical = any(not candidate.sensor for candidate in outcome.chosen.hypothesis)
     force = missing_force(plain, augmented, speeds, clockwise(campaign)) if physical else pd.DataFrame(columns=columns)
     return "\n".join([*(f"# {line}" for line in _header(campaign, outcome)), body]), force

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jointgap.core import schema
 from jointgap.core.errors import InputError, SimulationError
 
 if TYPE_CHECKING:  # slow to load
@@ -17,6 +18,18 @@ if TYPE_CHECKING:  # slow to load
 
     from jointgap.config.campaign_file import Campaign
     from jointgap.core.results_folder import ResultsFolder
+
+FIT_TABLES = (
+    schema.FITS,
+    schema.FIT_VALUES,
+    schema.FIT_CURVATURE,
+    schema.FIT_RESIDUALS,
+    schema.FIT_SHIFTS,
+    schema.FIT_DRAWS,
+)
+NOISE_TABLES = (schema.NOISE, schema.NOISE_MEMORY, schema.NOISE_DRIVE)
+OUTCOME_TABLES = (*FIT_TABLES, schema.RANKING, schema.DECISION, schema.FIT_PARAMETERS)
+"""Tables that hold fits, noise, and what a stage came to."""
 
 MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
 SUMMARIES = ("summary.md", "summary.html")
@@ -126,7 +139,7 @@ _SPARE = {"name", "date", "folder"}  # a campaign may be renamed, dated or moved
 
 
 def config_snapshot(campaign: "Campaign") -> "pd.DataFrame":
-    """Table `jointgap.tables.CONFIG_SNAPSHOT`: every key of a campaign and its mechanism, with its value."""
+    """Table `CONFIG_SNAPSHOT`: every key of a campaign and its mechanism, with its value."""
     import pandas as pd
 
     return pd.DataFrame(_rows(campaign), columns=["key", "value"])

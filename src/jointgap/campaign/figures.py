@@ -512,7 +512,7 @@ def _plane(sheet: Sheet, row: int, samples: pd.DataFrame, name: str) -> None:
 
 
 MODELS = {"base": "before", "augmented": "after"}
-"""Series of the models of table `jointgap.tables.OPTIMUM`."""
+"""Series of the models of table `CAMPAIGN_OPTIMUM`."""
 
 _LENGTHS = {"crank_length": "crank length", "rod_length": "rod length"}
 _ROOM = 0.25  # of a scale's span, to each side

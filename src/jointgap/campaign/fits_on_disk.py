@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.config.campaign_file import Campaign
+from jointgap.core import schema
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
+from jointgap.core.schema import CHANNEL_ERRORS
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.decide_verdict import NO_DISAGREEMENT, Decision, Ranked, proposal
 from jointgap.identification.fit import FAILED, LEVELS, Fit, compress_rows, effect_estimates, nuisance_estimates
@@ -21,7 +22,6 @@ from jointgap.identification.noise import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.screening import LinearizedFit, Signature, Signatures, only_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.tables import CHANNEL_ERRORS
 
 _ANGLE = "crank_angle"
 
@@ -43,7 +43,7 @@ def map_as_read(spans: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
 
 
 def residuals_as_read(residuals: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
-    """Table `jointgap.tables.RESIDUALS`, of which the angles in clockwise `runs` are mirrored back."""
+    """Table `RESIDUALS`, of which the angles in clockwise `runs` are mirrored back."""
     turned = residuals["run"].isin(runs)
     sign = np.where(turned & (residuals["channel"] == _ANGLE), -1.0, 1.0)
     signed = ("measured", "base", "augmented", "whitened_base", "whitened_augmented")
@@ -78,7 +78,7 @@ _BETWEEN_TEXTS = "; "
 
 
 def noise_to_frames(noise: Mapping[tuple[str, str], NoiseEstimate]) -> Frames:
-    """Tables `jointgap.tables.NOISE_TABLES`, by name."""
+    """Tables `NOISE_TABLES`, by name."""
     samples, memory, drive = [], [], []
     for (run, channel), series in noise.items():
         count = series.sd.size
@@ -103,7 +103,7 @@ def noise_to_frames(noise: Mapping[tuple[str, str], NoiseEstimate]) -> Frames:
     return {
         "noise": pd.concat(samples, ignore_index=True),
         "noise_memory": pd.DataFrame(memory),
-        "noise_drive": _frame(tables.NOISE_DRIVE, drive),
+        "noise_drive": _frame(schema.NOISE_DRIVE, drive),
     }
 
 
@@ -130,7 +130,7 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
 
 
 def signatures_to_frames(signatures: Signatures) -> Frames:
-    """Tables `jointgap.tables.SIGNATURES` and `jointgap.tables.SIGNATURE_SHAPES`, by name."""
+    """Tables `SIGNATURES` and `SIGNATURE_SHAPES`, by name."""
     columns, shapes, count = [], [], {}
     for signature in signatures.entries:
         label = signature.candidate.label
@@ -148,7 +148,7 @@ def signatures_to_frames(signatures: Signatures) -> Frames:
         for label, start, name, column in columns
     ]
     return {
-        "signatures": _frame(tables.SIGNATURES, frames),
+        "signatures": _frame(schema.SIGNATURES, frames),
         "signature_shapes": pd.DataFrame(shapes, columns=["label", "start", "name", "value"]),
     }
 
@@ -184,7 +184,7 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
 
 
 def screened_frame(signatures: Signatures, chosen: Sequence[LinearizedFit]) -> pd.DataFrame:
-    """Table `jointgap.tables.SCREENED`."""
+    """Table `SCREENED`."""
     rows = [(screened.label, kind_of(screened.hypothesis), screened.chi2, screened.bic, None) for screened in chosen]
     rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in signatures.failed.items()]
     return pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "bic", "reason"])
@@ -248,12 +248,12 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
                 columns = {"draw": places, "key": keys * len(fit.draws), "value": fit.draws.ravel()}
                 draws.append(_labelled(fit, columns))
     return {
-        "fits": _frame(tables.FITS, [pd.DataFrame(rows)] if rows else []),
-        "fit_values": _frame(tables.FIT_VALUES, values),
-        "fit_curvature": _frame(tables.FIT_CURVATURE, curvature),
-        "fit_residuals": _frame(tables.FIT_RESIDUALS, residuals),
-        "fit_shifts": _frame(tables.FIT_SHIFTS, shifts),
-        "fit_draws": _frame(tables.FIT_DRAWS, draws),
+        "fits": _frame(schema.FITS, [pd.DataFrame(rows)] if rows else []),
+        "fit_values": _frame(schema.FIT_VALUES, values),
+        "fit_curvature": _frame(schema.FIT_CURVATURE, curvature),
+        "fit_residuals": _frame(schema.FIT_RESIDUALS, residuals),
+        "fit_shifts": _frame(schema.FIT_SHIFTS, shifts),
+        "fit_draws": _frame(schema.FIT_DRAWS, draws),
     }
 
 
@@ -296,7 +296,7 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
 
 
 def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.DataFrame:
-    """Table `jointgap.tables.FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them."""
+    """Table `FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them."""
     rows = []
     for fit in fits:
         if fit.status == FAILED:
@@ -306,7 +306,7 @@ def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.
         for candidate in fit.hypothesis:
             for name, estimate in effect_estimates(fit, candidate).items():
                 rows.append(_parameter_row(fit, f"{candidate.label}.{name}", name, estimate, effect=candidate.label))
-    return _frame(tables.FIT_PARAMETERS, [pd.DataFrame(rows)] if rows else [])
+    return _frame(schema.FIT_PARAMETERS, [pd.DataFrame(rows)] if rows else [])
 
 
 def _parameter_row(
@@ -343,7 +343,7 @@ class Outcome:
     chosen: Fit  # The explanation named; the base where none is
     base: Fit  # What explanations were compared with: the recalibrated base, or a better one that was found on the way
     equivalent: list[Fit]
-    ranking: pd.DataFrame  # Table `jointgap.tables.RANKING`
+    ranking: pd.DataFrame  # Table `RANKING`
     best_known: Fit | None = None  # The best explanation where it is not proven
 
     @property
@@ -362,7 +362,7 @@ class Outcome:
         return [fit for fit in (self.named, *self.equivalent, self.best_known) if fit is not None]
 
     def frame(self) -> pd.DataFrame:
-        """Table `jointgap.tables.DECISION`."""
+        """Table `DECISION`."""
         nuisances = "nominal" if self.verdict == NO_DISAGREEMENT else "base"
         return pd.DataFrame([{"verdict": self.verdict, "because": self.because, "nuisances": nuisances}])
 
@@ -409,7 +409,7 @@ def ranking_frame(
     ranking: Sequence[Ranked],
     seconds: Mapping[str, float] | None = None,
 ) -> pd.DataFrame:
-    """Table `jointgap.tables.RANKING`, with no explanation named."""
+    """Table `RANKING`, with no explanation named."""
     fits = [ranked.fit for ranked in ranking]
     frame = fits_to_frames(fits, [(seconds or {}).get(fit.label, np.nan) for fit in fits])["fits"]
     failed = ~np.isfinite([ranked.delta_bic for ranked in ranking])
@@ -425,12 +425,12 @@ def ranking_frame(
 
 
 def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:
-    """Table `jointgap.tables.LAW_FAMILIES` of what the data leave of `families`."""
-    return pd.DataFrame([asdict(family) for family in families], columns=tables.LAW_FAMILIES.names)
+    """Table `LAW_FAMILIES` of what the data leave of `families`."""
+    return pd.DataFrame([asdict(family) for family in families], columns=schema.LAW_FAMILIES.names)
 
 
 def confusability_frame(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) -> pd.DataFrame:
-    """Table `jointgap.tables.CONFUSABILITY`: a matrix of cosines as one row for each two effects."""
+    """Table `CONFUSABILITY`: a matrix of cosines as one row for each two effects."""
     together = {frozenset((a, b)) for group in merged for a in group for b in group if a != b}
     labels = list(cosines.columns)
     rows = [
@@ -442,7 +442,7 @@ def confusability_frame(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) 
 
 
 def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
-    """Groups of effects that a campaign cannot tell apart, from table `jointgap.tables.CONFUSABILITY`."""
+    """Groups of effects that a campaign cannot tell apart, from table `CONFUSABILITY`."""
     groups: list[list[str]] = []
     for first, rows in confusability[confusability["merged"]].groupby("first", sort=False):
         group = sorted({first, *rows["second"]})
@@ -452,7 +452,7 @@ def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
 
 
 def undetectable(detectable: pd.DataFrame) -> list[str]:
-    """Effects of which a campaign says nothing, from table `jointgap.tables.DETECTABLE`.
+    """Effects of which a campaign says nothing, from table `DETECTABLE`.
 
     No size within their bounds shows them, or they cannot be simulated (`failures`).
     """
@@ -461,13 +461,13 @@ def undetectable(detectable: pd.DataFrame) -> list[str]:
 
 
 def failures_of_preflight(detectable: pd.DataFrame) -> dict[str, str]:
-    """Why effects could not be simulated, by label, from table `jointgap.tables.DETECTABLE`."""
+    """Why effects could not be simulated, by label, from table `DETECTABLE`."""
     failed = detectable[detectable["failed"].notna()]
     return dict(zip(failed["label"], failed["failed"], strict=True))
 
 
 def assumed(detectable: pd.DataFrame) -> list[str]:
-    """Noise that was assumed where none is stated, by run and channel, from table `jointgap.tables.DETECTABLE`."""
+    """Noise that was assumed where none is stated, by run and channel, from table `DETECTABLE`."""
     return [text for texts in detectable["assumed"].unique() for text in texts.split(_BETWEEN_TEXTS) if text]
 
 
@@ -477,7 +477,7 @@ def assumed_in_a_cell(assumptions: Iterable[str]) -> str:
 
 
 def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) -> dict[str, float | None]:
-    """Gap before and after over all channels of a run, or of all runs, in a role, from table `jointgap.tables.GAPS`.
+    """Gap before and after over all channels of a run, or of all runs, in a role, from table `GAPS`.
 
     None where there is no such gap: what was added cannot be simulated there.
     """
@@ -501,7 +501,7 @@ def _labelled(fit: Fit, columns: dict[str, Any]) -> pd.DataFrame:
     return pd.DataFrame(columns).assign(explanation=fit.label)
 
 
-def _frame(table: tables.Table, parts: list[pd.DataFrame]) -> pd.DataFrame:
+def _frame(table: schema.Table, parts: list[pd.DataFrame]) -> pd.DataFrame:
     """The parts below each other, with the table's columns even where there is none."""
     names = [column.name for column in table.columns]
     filled = [part.reindex(columns=names) for part in parts if len(part)]

@@ -52,6 +52,7 @@ from jointgap.core.page import (
     to_markdown,
     written_today,
 )
+from jointgap.core.parquet import write_text
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.words import (
     day_in_words,
@@ -66,7 +67,6 @@ from jointgap.core.words import (
 )
 from jointgap.identification.fit import AT_BOUND, CHANGES_NOTHING, NOT_ESTIMATED, Fit
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.tables import write_text
 
 _MOST_WINDOWS = 5  # the largest disagreements; the map shows all
 
@@ -78,7 +78,7 @@ _IN_EVERY_FIT = ("first_angle", "friction_speed", "lasting_damping")
 """How names of parameters begin that a fit has though nobody listed them."""
 
 _LINKS = {"crank": "crank_length", "rod": "rod_length"}
-"""Columns of table `jointgap.tables.OPTIMUM` by what they are of."""
+"""Columns of table `CAMPAIGN_OPTIMUM` by what they are of."""
 
 _ONE_SIDED = 0.7  # share of the root mean square that is the mean: above, measurement and model differ to one side
 

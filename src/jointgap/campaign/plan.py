@@ -64,7 +64,7 @@ def preflight_tables_with_advice(
     settings: IdentificationSettings = DEFAULT_SETTINGS,
     model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
 ) -> dict[str, pd.DataFrame]:
-    """As `preflight_tables`, and table `jointgap.tables.ADVICE`: which one further speed or channel would help most."""
+    """As `preflight_tables`, and table `ADVICE`: which one further speed or channel would help most."""
     campaign, recordings = recorded(campaign)
     more = extended(campaign)
     like = recordings.get(campaign.runs[0].id)
@@ -89,7 +89,7 @@ def look_alikes_table(
     model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
 ) -> pd.DataFrame:
     """Which joints that could have become loose look alike by features of the cycle: table
-    `jointgap.tables.LOOK_ALIKES`.
+    `LOOK_ALIKES`.
 
     In the runs for fitting, four revolutions of each.
     """
@@ -228,7 +228,7 @@ def preflight_in_words(
 
 
 def _alike_in_words(look_alikes: pd.DataFrame) -> list[str]:
-    """Lines of text on table `jointgap.tables.LOOK_ALIKES`: for each pair the sizes, and what parts it at each."""
+    """Lines of text on table `LOOK_ALIKES`: for each pair the sizes, and what parts it at each."""
     lines, alike = [], look_alikes[look_alikes["alike"]]
     for pair in dict.fromkeys(frozenset((row.true, row.other)) for row in alike.itertuples()):
         rows = [row for row in alike.itertuples() if {row.true, row.other} == pair]

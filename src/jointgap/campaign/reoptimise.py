@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from jointgap import tables
 from jointgap.config import Box, Ensemble, Genetic, Mechanism, Optimise, Simulate, Surrogate
+from jointgap.core import schema
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.kinematics import Fit
@@ -32,7 +32,7 @@ def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
     takes of them; a box of 2 % around the lengths.
     """
     rows = [row for name, mechanism in models.items() for row in _rows(name, mechanism.applied(), speed)]
-    return pd.DataFrame(rows, columns=tables.OPTIMUM.names)
+    return pd.DataFrame(rows, columns=schema.CAMPAIGN_OPTIMUM.names)
 
 
 def _rows(name: str, mechanism: Mechanism, speed: float) -> list[dict]:

@@ -7,17 +7,16 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from jointgap import tables
-from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
-from jointgap.core.stage import Stages
-from jointgap.tables import (
+from jointgap.campaign.campaign_files import FIT_TABLES, MECHANISM, NOISE_TABLES, OUTCOME_TABLES, SUMMARIES, VERDICT
+from jointgap.core import parquet
+from jointgap.core.schema import (
     ADVICE,
+    CAMPAIGN_OPTIMUM,
     CHANNEL_ERRORS,
     CONFIG_SNAPSHOT,
     CONFUSABILITY,
     CONTRADICTIONS,
     DETECTABLE,
-    FIT_TABLES,
     GAPS,
     LAW_FAMILIES,
     LOOK,
@@ -30,9 +29,6 @@ from jointgap.tables import (
     MAP_WINDOWS,
     MEASURED,
     MISSING_FORCE,
-    NOISE_TABLES,
-    OPTIMUM,
-    OUTCOME_TABLES,
     REMARKS,
     RESIDUALS,
     SCREENED,
@@ -41,6 +37,7 @@ from jointgap.tables import (
     THRESHOLDS,
     Table,
 )
+from jointgap.core.stage import Stages
 
 if TYPE_CHECKING:
     from jointgap.campaign.fits_on_disk import Outcome
@@ -339,11 +336,13 @@ def augment(state: "CampaignState") -> None:
     from jointgap.config.load import mechanism_as_written
 
     text, force = augmented(state.campaign, state.outcome("verdict"), mechanism_as_written(state.file))
-    tables.write_text(state.folder.path / MECHANISM, text)
+    parquet.write_text(state.folder.path / MECHANISM, text)
     state.folder.write(MISSING_FORCE, force)
 
 
-@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(OPTIMUM,), does="optimise again, before and after", minutes=60)
+@CAMPAIGN_STAGES.stage(
+    reads=_CONFIRMED, writes=(CAMPAIGN_OPTIMUM,), does="optimise again, before and after", minutes=60
+)
 def reoptimise(state: "CampaignState") -> None:
     """Optimise the link lengths for the model before and after: does the missing effect move the optimum?
 
@@ -359,7 +358,7 @@ def reoptimise(state: "CampaignState") -> None:
     loose = state.campaign.mechanism.applied().loose or augmented.applied().loose
     outcome = state.outcome("verdict") if loose else None
     if outcome is None or all(candidate.sensor for candidate in outcome.chosen.hypothesis):
-        state.folder.write(OPTIMUM, pd.DataFrame(columns=OPTIMUM.names))
+        state.folder.write(CAMPAIGN_OPTIMUM, pd.DataFrame(columns=CAMPAIGN_OPTIMUM.names))
         return
     from jointgap.campaign.augment import mechanisms
     from jointgap.campaign.reoptimise import reoptimise as reoptimised
@@ -368,7 +367,7 @@ def reoptimise(state: "CampaignState") -> None:
     fastest = max((run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
     if fastest.direction == "clockwise":
         models = {name: mechanism.applied().mirrored() for name, mechanism in models.items()}
-    state.folder.write(OPTIMUM, reoptimised(models, fastest.speed))
+    state.folder.write(CAMPAIGN_OPTIMUM, reoptimised(models, fastest.speed))
 
 
 @CAMPAIGN_STAGES.stage(
@@ -403,4 +402,4 @@ def track_campaign(state: "CampaignState") -> None:
 
     folder = state.folder.path
     summary = publish_records(state.campaign.name, DESCRIPTION, records(folder), None, folder.resolve().parents[1])
-    tables.write_text(folder / PUBLISHED, json.dumps(summary, indent=2) + "\n")
+    parquet.write_text(folder / PUBLISHED, json.dumps(summary, indent=2) + "\n")

@@ -6,12 +6,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, plan
+from jointgap.campaign.campaign_files import FIT_TABLES, MECHANISM, NOISE_TABLES, SUMMARIES, VERDICT, plan
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.schema import CONFIG_SNAPSHOT, CONTRADICTIONS, MEASURED, REMARKS, TABLES
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.tables import CONFIG_SNAPSHOT, CONTRADICTIONS, FIT_TABLES, MEASURED, NOISE_TABLES, REMARKS, TABLES
 
 if TYPE_CHECKING:
     from jointgap.campaign.fits_on_disk import Outcome

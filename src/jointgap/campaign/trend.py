@@ -19,13 +19,14 @@ from jointgap.config.campaign_file import Campaign
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock, to_markdown
+from jointgap.core.parquet import write_text
 from jointgap.core.plot import Drawing, Quantity, Sheet, matplotlib_style, save
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
 from jointgap.core.words import in_words, joined, number, with_unit
 from jointgap.effects import EFFECTS
 from jointgap.identification.decide_verdict import NO_DISAGREEMENT
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS
-from jointgap.tables import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH, write_text
 
 SHOWN_UNITS = {"m": (1e6, "µm")}
 """Units in which sizes are shown, by SI unit, and how many of them that is."""
@@ -223,7 +224,7 @@ def _label(effect: Mapping[str, Any]) -> str:
 
 
 def trend_frame(campaigns: Sequence[Dated]) -> pd.DataFrame:
-    """Table `jointgap.tables.TREND`: every size that can be followed, with a row for each campaign."""
+    """Table `TREND`: every size that can be followed, with a row for each campaign."""
     stated = [_sizes(each.verdict) for each in campaigns]
     labels = list(dict.fromkeys(label for each in stated for label in each))
     followed = [label for label in labels if label.endswith(_CLEARANCE) or sum(label in each for each in stated) > 1]
@@ -290,7 +291,7 @@ def _why_it_does_not_count(label: str, size: _Size | None, verdict: Mapping[str,
 
 
 def growth_frame(sizes: pd.DataFrame) -> pd.DataFrame:
-    """Table `jointgap.tables.TREND_GROWTH` of the sizes in table `jointgap.tables.TREND`."""
+    """Table `TREND_GROWTH` of the sizes in table `TREND`."""
     rows = []
     for (label, parameter, unit), own in sizes.groupby(["label", "parameter", "unit"], sort=False):
         counted = own[own["counts"]]
@@ -308,7 +309,7 @@ def growth_frame(sizes: pd.DataFrame) -> pd.DataFrame:
 
 
 def growth_in_words(growth: Mapping[str, Any]) -> str:
-    """A row of table `jointgap.tables.TREND_GROWTH` in a sentence."""
+    """A row of table `TREND_GROWTH` in a sentence."""
     what = label_in_words(growth["label"])
     if growth["growth"] == "too few dates":
         return f"{what}: too few dates, {growth['dates']} of the {FEWEST_DATES} at least that a growth needs"

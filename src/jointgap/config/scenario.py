@@ -19,12 +19,14 @@ from pydantic import (
 )
 
 from jointgap.config.infer_settings_config import InferSettings
+from jointgap.config.measures import measured
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import Word
 from jointgap.config.robust_config import OptimiseRobust
 from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.config.sweep_config import Sweep
 from jointgap.core.errors import InputError
+from jointgap.core.schema import PRINTED_OPTIMA
 from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.quantities import (
     Angle,
@@ -39,7 +41,6 @@ from jointgap.quantities import (
     unit_factor,
 )
 from jointgap.section import Section
-from jointgap.tables.sweep_tables import PRINTED_OPTIMA, measured
 
 Interval = tuple[PositiveLength, PositiveLength]
 
@@ -612,7 +613,7 @@ class Scenario(Section):
         known = {column.name for column in measured(self.sweep.best_lengths, self.sweep.printed_numbers)}
         for name in self.sensitivity.measures:
             if name not in known:
-                key = "printed_numbers" if name in {column.name for column in PRINTED_OPTIMA} else "best_lengths"
+                key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"
                 raise ValueError(f"sensitivity.measures: {name} is not measured; set sweep.{key} to true")
         return self
 

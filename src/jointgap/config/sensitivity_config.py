@@ -2,10 +2,10 @@
 
 from pydantic import Field, field_validator
 
+from jointgap.config.measures import ALL_MEASURES
 from jointgap.core.errors import did_you_mean
 from jointgap.counts import Seed
 from jointgap.section import Section
-from jointgap.tables.sweep_tables import ALL_MEASURES
 
 
 class Sensitivity(Section):

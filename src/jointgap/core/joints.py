@@ -3,6 +3,7 @@
 A joint's clearance vector r points from the centre of its partner to the centre of its body; the joint's force acts on
 its body, and the opposite one on its partner."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 
@@ -50,3 +51,19 @@ JOINT_NUMBERS = {name: JOINT[name].number for name in FROM_FRAME}
 
 REFERENCE_APPROACH_SPEED = 0.05
 """Approach speed [m/s] as whose impact a contact that lasts is damped where nothing else is said."""
+
+
+def outputs(loose: Iterable[str]) -> tuple[str, ...]:
+    """What networks learn of the joints `loose`, by column of the trajectory, in the paper's order."""
+    numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
+    names = ("r{}", "gamma{}", "gamma{}_dot", "gamma{}_ddot")
+    return tuple(name.format(number) for name in names for number in numbers)
+
+
+def number_of(output: str) -> int:
+    """Number of the joint that an output belongs to: 2 for gamma2_dot."""
+    return int(output.partition("_")[0][-1])
+
+
+OUTPUTS = outputs(PINS)
+"""The eight outputs of the paper, whose pins are loose."""

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.tables.columns import Table
+from jointgap.core.schema import Table
 
 _KEY, _LENGTH = "jointgap_sha256", 64
 _CHUNK = 1 << 20  # [bytes]

@@ -17,7 +17,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MultipleL
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from jointgap import tables
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 
 _NOTEBOOK_DOTS = 110
@@ -95,7 +95,7 @@ class Drawing:
     figure : Figure
         The figure; of an animation, the state of the last frame.
     data : DataFrame
-        Table `jointgap.tables.PLOTTED`.
+        Table `PLOTTED`.
     frames : tuple of ndarray
         Frames of an animation, shape (height, width, 3), uint8; empty for a still figure.
     frame_duration : float
@@ -130,7 +130,7 @@ class Drawing:
             raise InputError(
                 f"{path}: figures are not written as '{path.suffix}'; end the name in {' or '.join(savers)}"
             )
-        tables.write_atomically(path, savers[path.suffix])
+        parquet.write_atomically(path, savers[path.suffix])
         return path
 
     def _repr_mimebundle_(self, include=None, exclude=None) -> tuple[dict[str, str], dict[str, dict[str, int]]]:
@@ -159,10 +159,10 @@ def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
     paths = []
     for suffix, saver in _savers(drawing).items():
         path = stem.with_name(stem.name + suffix)
-        tables.write_atomically(path, saver)
+        parquet.write_atomically(path, saver)
         paths.append(path)
     data = stem.with_name(stem.name + ".parquet")
-    tables.write(tables.PLOTTED, drawing.data, data)
+    parquet.write(schema.PLOTTED, drawing.data, data)
     return (*paths, data)
 
 
@@ -414,7 +414,7 @@ class Panel:
         given = {"x": x, "y": y} | constant | {name: values for name, values in more.items() if values is not None}
         rows = len(np.asarray(x))
         record = {}
-        for column in tables.PLOTTED.columns:
+        for column in schema.PLOTTED.columns:
             kind, absent = (float, np.nan) if column.kind == "float" else (object, None)
             record[column.name] = np.broadcast_to(np.asarray(given.get(column.name, absent), dtype=kind), rows)
         self.records.append(record)
@@ -458,6 +458,6 @@ class Sheet:
     def drawing(self) -> Drawing:
         """The figure with its data."""
         records = [record for panel in self.panels for record in panel.records]
-        names = [column.name for column in tables.PLOTTED.columns]
+        names = [column.name for column in schema.PLOTTED.columns]
         data = pd.DataFrame({name: np.concatenate([record[name] for record in records]) for name in names})
         return Drawing(self.figure, data)

@@ -27,8 +27,8 @@ import pandas as pd
 from jointgap import __version__
 from jointgap.core.errors import InputError, needs
 from jointgap.core.parquet import read_footer
+from jointgap.core.schema import Column, Table
 from jointgap.core.words import reading_unit
-from jointgap.tables.columns import Column, Table
 
 if TYPE_CHECKING:  # take seconds to load
     from mlflow.tracking import MlflowClient

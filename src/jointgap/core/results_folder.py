@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from jointgap import tables
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
-from jointgap.tables import Table, check_writable
+from jointgap.core.parquet import check_writable
+from jointgap.core.schema import Table
 
 Frames = dict[str, pd.DataFrame]
 """Frames of several tables, by name."""
@@ -29,12 +30,12 @@ class ResultsFolder:
         return self._places.get(table.name, self.path / table.at(part).path)
 
     def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
-        """The frame of `table`, that of `part` where there are several; errors as `jointgap.tables.read`."""
-        return tables.read(_table(table), self.place(table, part))
+        """The frame of `table`, that of `part` where there are several; errors as `parquet.read`."""
+        return parquet.read(_table(table), self.place(table, part))
 
     def write(self, table: Table | str, frame: pd.DataFrame, part: str = "") -> None:
-        """Write the `frame` of `table`, that of `part` where there are several; errors as `jointgap.tables.write`."""
-        tables.write(_table(table), frame, self.place(table, part))
+        """Write the `frame` of `table`, that of `part` where there are several; errors as `parquet.write`."""
+        parquet.write(_table(table), frame, self.place(table, part))
 
     def read_all(self, wanted: Iterable[Table | str], part: str = "") -> Frames:
         """Frames of the tables `wanted` by name, those of `part` where there are several."""
@@ -47,7 +48,7 @@ class ResultsFolder:
 
     def check_writable(self, *paths: str) -> None:
         """Make sure that files of the folder can be written, before hours of work; errors as
-        `jointgap.tables.check_writable`.
+        `parquet.check_writable`.
         """
         check_writable(*(self.path / path for path in paths))
 
@@ -63,4 +64,4 @@ class ResultsFolder:
 
 
 def _table(table: Table | str) -> Table:
-    return tables.TABLES[table] if isinstance(table, str) else table
+    return schema.TABLES[table] if isinstance(table, str) else table

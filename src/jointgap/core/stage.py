@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jointgap.tables import Table
+from jointgap.core.schema import Table
 
 if TYPE_CHECKING:
     from jointgap.config import Scenario

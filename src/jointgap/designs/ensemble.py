@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jointgap import tables
 from jointgap.config import DrivenMechanism, Mechanism, Simulate
 from jointgap.config.scenario import Runs
 from jointgap.config.varied_values import VARIED_BY_WORD, stored_value, with_values
+from jointgap.core import parquet, schema
 from jointgap.core.joints import JOINTS
 from jointgap.core.progress import followed
 from jointgap.dynamics.integrate import EVENT, EVENT_NAMES, MODES, mode_numbers
@@ -83,12 +83,12 @@ def write_ensemble(
 ) -> Written:
     """Simulate runs and write their samples, events and what became of them to three Parquet files in `folder`.
 
-    The files are `SAMPLES`, `EVENTS` and `RUNS`, tables as in `jointgap.tables.ensemble_tables`, rows in order of the
+    The files are `SAMPLES`, `EVENTS` and `RUNS`, tables as in `jointgap.core.schema`, rows in order of the
     runs whatever the number of workers. They appear when all is written. A run that fails is in the table of runs with
     its reason, and has no samples.
     """
     places = [Path(folder) / name for name in (SAMPLES, EVENTS, RUNS)]
-    tables.check_writable(*places)
+    parquet.check_writable(*places)
     rows: list[dict] = []
     simulated = followed(simulate_runs(runs, workers), "runs of the ensemble", total)
 
@@ -97,15 +97,15 @@ def write_ensemble(
             _stream(simulated, samples_path, events_path, rows)
             _write_runs(rows, places[2])  # inside, so that no samples appear without their runs
 
-        tables.write_atomically(places[1], save_events)
+        parquet.write_atomically(places[1], save_events)
 
-    tables.write_atomically(places[0], save_samples)
+    parquet.write_atomically(places[0], save_samples)
     reasons = {row["run"]: row["reason"] for row in rows if row["reason"]}
     return Written(len(rows), sum(row["steps"] for row in rows), sum(row["events"] for row in rows), reasons)
 
 
 def _stream(outcomes: Iterable[Outcome], samples_path: str, events_path: str, rows: list[dict]) -> None:
-    with _Rows(tables.ENSEMBLE_SAMPLES, samples_path) as samples, _Rows(tables.ENSEMBLE_EVENTS, events_path) as events:
+    with _Rows(schema.ENSEMBLE_SAMPLES, samples_path) as samples, _Rows(schema.ENSEMBLE_EVENTS, events_path) as events:
         for number, outcome in enumerate(outcomes):
             rows.append(_run_row(number, outcome))
             if outcome.result is not None:
@@ -166,11 +166,11 @@ def _event_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
 class _Rows:
     """A Parquet file that takes rows and writes them in large groups."""
 
-    def __init__(self, table: tables.Table, path: str):
-        self.table, self.schema = table, tables.schema(table)
+    def __init__(self, table: schema.Table, path: str):
+        self.table, self.schema = table, parquet.schema(table)
         repeated = [c.name for c in table.columns if c.name in _REPEATED or c.kind != "float" or "bristle" in c.name]
         split = {c.name: "BYTE_STREAM_SPLIT" for c in table.columns if c.name not in repeated}
-        self._file = tables.writer(
+        self._file = parquet.writer(
             path,
             self.schema,
             compression="zstd",
@@ -197,7 +197,7 @@ class _Rows:
             )
         self.waiting, self.rows = [], 0
 
-    def _array(self, column: tables.Column) -> pa.Array:
+    def _array(self, column: schema.Column) -> pa.Array:
         values = np.concatenate([columns[column.name] for columns in self.waiting])
         if column.kind == "category":
             return pa.DictionaryArray.from_arrays(pa.array(values), pa.array(_CATEGORIES[column.name]))
@@ -216,16 +216,16 @@ class _Rows:
 def _write_runs(rows: list[dict], path: Path) -> None:
     values = {name: [row["values"].get(name) for row in rows] for name in (rows[0]["values"] if rows else {})}
     varied = [_varied(name, own) for name, own in values.items()]
-    table = tables.ensemble_runs(varied)
+    table = schema.ENSEMBLE_RUNS.filled(varied=varied)
     frame = pd.DataFrame(rows, columns=[column.name for column in table.columns])
     for column in varied:
         absent, stored = np.nan if column.kind == "float" else None, _STORED[column.kind]
         own = [absent if value is None else stored(value) for value in values[column.name]]
         frame[column.name] = pd.Series(own, dtype=float if column.kind == "float" else object)
-    tables.write(table, frame, path)
+    parquet.write(table, frame, path)
 
 
-def _varied(name: str, values: list) -> tables.Column:
+def _varied(name: str, values: list) -> schema.Column:
     """The column of a varied value, of a kind that holds the values of all runs; numbers among words become words."""
     kinds = {_kind(value) for value in values if value is not None}
     if kinds <= {"int", "float"}:
@@ -233,7 +233,7 @@ def _varied(name: str, values: list) -> tables.Column:
         kind = "int" if kinds == {"int"} and None not in values else "float"
     else:
         kind = kinds.pop() if len(kinds) == 1 else "text"
-    return tables.Column(name, VARIED_BY_WORD.get(name, ""), f"{name}, varied", kind, nullable=None in values)
+    return schema.Column(name, VARIED_BY_WORD.get(name, ""), f"{name}, varied", kind, nullable=None in values)
 
 
 def _kind(value: object) -> str:

@@ -13,17 +13,17 @@ import pandas as pd
 import yaml
 from scipy import stats
 
-from jointgap import tables
 from jointgap.config import Scenario
 from jointgap.config.infer_settings_config import InferSettings
+from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.page import Heading, Page, Paragraph, TableBlock, to_html, to_markdown
+from jointgap.core.schema import INFER_SETTINGS_DESIGNS, INFER_SETTINGS_SETTINGS
 from jointgap.core.words import joined
 from jointgap.core.words import number as in_digits
 from jointgap.designs.page import parameter_in_words, value_in_words
 from jointgap.designs.sampling import Axis, Designs, designs_of
 from jointgap.paper.printed import CRANK_M, OPTIMA, ROD_M
-from jointgap.tables.infer_settings_tables import INFERRED_DESIGNS_PATH, INFERRED_SETTINGS, inferred_designs
 
 NEAREST_FILE, NEAREST_NAME = "nearest_scenario.yaml", "nearest_settings"
 """File of the nearest settings that a scenario can hold, and the scenario's name in it."""
@@ -77,7 +77,7 @@ class InferredSettings:
     def settings(self) -> pd.DataFrame:
         """Of each setting where the accepted designs lie: the table `INFERRED_SETTINGS`."""
         rows = [row for axis in self.varied for row in self._rows(axis)]
-        return pd.DataFrame(rows, columns=INFERRED_SETTINGS.names)
+        return pd.DataFrame(rows, columns=INFER_SETTINGS_SETTINGS.names)
 
     def _rows(self, axis: Axis) -> list[dict]:
         own, accepted = self.frame[axis.key], self.frame["together"]
@@ -122,7 +122,7 @@ def infer(scenario: Scenario, dataset: Path) -> InferredSettings:
     """The settings that reproduce the printed numbers, from the designs of a sweep."""
     designs, options = designs_of(scenario), scenario.infer_settings or InferSettings()
     columns = ["design", *(axis.key for axis in designs.axes), *(one.column for one in NUMBERS), "reason"]
-    return accept(designs, tables.read_columns(dataset, columns).to_pandas(), options.within)
+    return accept(designs, parquet.read_columns(dataset, columns).to_pandas(), options.within)
 
 
 def accept(designs: Designs, frame: pd.DataFrame, within: float) -> InferredSettings:
@@ -145,15 +145,15 @@ def departures(frame: pd.DataFrame) -> np.ndarray:
 
 def write_results(found: InferredSettings, folder: Path) -> str:
     """Write tables, the nearest scenario and the page into a `folder`; gives the page as Markdown."""
-    designs = inferred_designs(axis.column for axis in found.designs.axes)
+    designs = INFER_SETTINGS_DESIGNS.filled(swept=[axis.column for axis in found.designs.axes])
     shown = page(found)
     text = to_markdown(shown, ".")
-    tables.check_writable(folder / NEAREST_FILE, folder / "summary.html")
-    tables.write(INFERRED_SETTINGS, found.settings, folder / Path(INFERRED_SETTINGS.path).name)
-    tables.write(designs, found.frame[list(designs.names)], folder / Path(INFERRED_DESIGNS_PATH).name)
-    tables.write_text(folder / NEAREST_FILE, nearest_configuration(found))
-    tables.write_text(folder / "summary.html", to_html(shown))
-    tables.write_text(folder / "summary.md", text)
+    parquet.check_writable(folder / NEAREST_FILE, folder / "summary.html")
+    parquet.write(INFER_SETTINGS_SETTINGS, found.settings, folder / Path(INFER_SETTINGS_SETTINGS.path).name)
+    parquet.write(designs, found.frame[list(designs.names)], folder / Path(designs.path).name)
+    parquet.write_text(folder / NEAREST_FILE, nearest_configuration(found))
+    parquet.write_text(folder / "summary.html", to_html(shown))
+    parquet.write_text(folder / "summary.md", text)
     return text
 
 

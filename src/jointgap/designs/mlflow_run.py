@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.config import Scenario
+from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.publish import Dataset, Record, configuration, costs, name_and_factor, numbers
 from jointgap.designs.infer_settings import NUMBERS, departures
@@ -45,7 +45,7 @@ def sweep_record(options: Scenario, folder: Path) -> Record:
         files |= {str(path.relative_to(folder)): path for path in shown}
         benchmark = folder / f"benchmarks/{stage}.tsv"
         spent |= {f"{stage}_{name}": cost for name, cost in costs([benchmark] if benchmark.is_file() else []).items()}
-    names = {folder / table.path: name for name, table in tables.TABLES.items()}
+    names = {folder / table.path: name for name, table in schema.TABLES.items()}
     given = configuration(options, options.model_fields_set - {"description"})
     return Record(
         "sweep",
@@ -63,12 +63,12 @@ def _sweep(options: Scenario, folder: Path) -> dict[str, float]:
     """How many designs there are and failed; of each measure mean, deviation and quantiles."""
     designs = designs_of(options)
     check_dataset(designs, folder / DESIGNS)
-    reasons = tables.read_columns(folder / DESIGNS, ["reason"])["reason"]
+    reasons = parquet.read_columns(folder / DESIGNS, ["reason"])["reason"]
     failed = len(reasons) - reasons.null_count
     metrics = {"designs": len(reasons), "failed": failed, "failed_percent": 100 * failed / len(reasons)}
     for column in designs.measured:
         name, factor = name_and_factor(column)
-        values = factor * tables.read_columns(folder / DESIGNS, [column.name])[column.name].to_numpy()
+        values = factor * parquet.read_columns(folder / DESIGNS, [column.name])[column.name].to_numpy()
         values = values[np.isfinite(values)]
         if len(values):
             sizes = {"mean": values.mean(), "deviation": values.std(), "counted": len(values)}
@@ -91,7 +91,7 @@ def _sensitivity(options: Scenario, folder: Path) -> dict[str, float]:
 def _infer_settings(options: Scenario, folder: Path) -> dict[str, float]:
     """In which share of the designs the paper's printed numbers come out, alone and together."""
     names = ["together", "farthest", *(one.column for one in NUMBERS)]
-    designs = tables.read_columns(folder / "infer_settings/designs.parquet", names).to_pandas()
+    designs = parquet.read_columns(folder / "infer_settings/designs.parquet", names).to_pandas()
     shares = (departures(designs) <= options.infer_settings.within).mean(axis=0)
     return {
         "printed/together_percent": 100 * designs["together"].mean(),
@@ -108,7 +108,7 @@ def _optimise_robust(options: Scenario, folder: Path) -> dict[str, float]:
         "gains": "{lengths} beside {beside}/",
         "constraints": "{lengths} keeps {constraint}/",
     }.items():
-        table = tables.TABLES[f"optimise_robust_{name}"]
+        table = schema.TABLES[f"optimise_robust_{name}"]
         for row in _rows(table.name, folder):
             metrics |= numbers(table, row, section=section.format(**row))
     return metrics
@@ -124,4 +124,4 @@ METRICS: dict[str, Callable[[Scenario, Path], dict[str, float]]] = {
 
 
 def _rows(name: str, folder: Path) -> list[dict]:
-    return tables.read(tables.TABLES[name], folder / tables.TABLES[name].path).to_dict("records")
+    return parquet.read(schema.TABLES[name], folder / schema.TABLES[name].path).to_dict("records")

@@ -10,15 +10,14 @@ import pandas as pd
 import pyarrow.compute as pc
 from matplotlib.colors import LogNorm, Normalize
 
-from jointgap import tables
-from jointgap.core import plot
+from jointgap.config.measures import ALL_MEASURES
+from jointgap.core import parquet, plot
 from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
+from jointgap.core.schema import Column
 from jointgap.core.words import in_words, joined, reading_unit, unit_in_words
 from jointgap.designs.run import failures
 from jointgap.designs.sampling import Axis, Designs
-from jointgap.tables.columns import Column
-from jointgap.tables.sweep_tables import ALL_MEASURES
 
 _COLUMNS = {column.name: column for column in ALL_MEASURES}
 _SHORTER = {
@@ -251,7 +250,7 @@ def page(designs: Designs, dataset: Path) -> Page:
 def _parameters(axes: tuple[Axis, ...], dataset: Path) -> tuple:
     rows = []
     for axis in axes:
-        values = tables.read_columns(dataset, [axis.key])[axis.key]
+        values = parquet.read_columns(dataset, [axis.key])[axis.key]
         if axis.column.kind != "float":
             words = sorted(map(str, pc.unique(values).to_pylist()))
             rows.append((parameter_in_words(axis.key), "", ", ".join(words), "", ""))
@@ -268,7 +267,7 @@ def _measures(designs: Designs, dataset: Path) -> tuple:
 
 
 def _measure(column: Column, dataset: Path) -> tuple | None:
-    values = tables.read_columns(dataset, [column.name])[column.name].to_numpy()
+    values = parquet.read_columns(dataset, [column.name])[column.name].to_numpy()
     values = values[np.isfinite(values)]
     if not len(values):
         return None

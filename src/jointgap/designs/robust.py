@@ -22,6 +22,7 @@ from jointgap.core.joints import PINS
 from jointgap.core.page import Block, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.progress import tell
+from jointgap.core.schema import OPTIMISE_ROBUST_FRESH, Column, Table
 from jointgap.core.words import joined, percent, reading_unit, unit_in_words
 from jointgap.designs.page import parameter_in_words
 from jointgap.designs.sampling import Axis, axes_of
@@ -30,8 +31,6 @@ from jointgap.dynamics.parallel import Outcome, Run, rod_and_slider, simulate_ru
 from jointgap.lengths.objective import Objective, measure, objective_of_motion
 from jointgap.lengths.region import MET, Constraint, Region, depends_on_offset, geometric
 from jointgap.lengths.search import search_from_all
-from jointgap.tables import Table, robust_fresh
-from jointgap.tables.columns import Column
 
 with needs("optimising link lengths", "learn"):
     from pymoo.algorithms.moo.nsga2 import NSGA2
@@ -617,8 +616,11 @@ class RobustOptimum:
     @property
     def fresh_table(self) -> Table:
         """The table of the fresh draws."""
-        return robust_fresh(
-            Column(axis.key, axis.column.unit, _described(axis.key), axis.column.kind) for axis in self.uncertain.axes
+        return OPTIMISE_ROBUST_FRESH.filled(
+            uncertain=[
+                Column(axis.key, axis.column.unit, _described(axis.key), axis.column.kind)
+                for axis in self.uncertain.axes
+            ]
         )
 
 

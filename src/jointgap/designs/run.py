@@ -11,20 +11,19 @@ import pandas as pd
 from pyarrow.parquet import FileMetaData
 from scipy.optimize import newton
 
-from jointgap import tables
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.sweep_config import MOST_DESIGNS
+from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS
 from jointgap.core.progress import followed, parts
+from jointgap.core.schema import SWEEP_DESIGNS, Table
 from jointgap.designs.sampling import SOURCE, Designs, ErrorCounting, printed_optima
 from jointgap.dynamics.parallel import Outcome, Run, numbers_of, rod_and_slider, side_by_side, simulate_run
 from jointgap.dynamics.parameters import Parameters
 from jointgap.dynamics.sampling import ROUNDING, angle_errors, contact_sums, largest_change, slider_and_forces
 from jointgap.dynamics.simulate import IntegrationResult, crank_angles
 from jointgap.lengths.objective import Objective, objective_of_motion
-from jointgap.tables import Table, sweep_designs
-from jointgap.tables.sweep_tables import NOISE_ORDER
 
 _NO_ERROR = 1e-12
 """RMS [rad] below which an error is rounding, of which no share is told."""
@@ -37,7 +36,7 @@ _CLOSE = 1e-9
 
 
 def best_lengths(outcome: Outcome, counted: Objective | None) -> dict[str, float]:
-    """The numbers `jointgap.tables.sweep_tables.BEST_LENGTHS` of a run that did not fail; NaN where undefined."""
+    """The numbers `BEST_LENGTHS` of a run that did not fail; NaN where undefined."""
     per_turn = outcome.run.options.samples_per_revolution
     last = _objective(outcome, slice(-per_turn - 1, -1))  # the revolution's end is its beginning again
     return _best("", last) | _best("_in_window", counted)
@@ -106,7 +105,7 @@ def angles_to_measure(options: Simulate) -> np.ndarray:
 
 
 def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
-    """The numbers `jointgap.tables.sweep_tables.MEASURES` of a run that did not fail [SI]; NaN where undefined."""
+    """The numbers `MEASURES` of a run that did not fail [SI]; NaN where undefined."""
     result, mechanism, p = outcome.result, outcome.run.mechanism, outcome.parameters
     per_turn = outcome.run.options.samples_per_revolution
     last = slice(-per_turn - 1, None)
@@ -193,6 +192,8 @@ DIGEST = "jointgap_sweep"
 CODE = "jointgap_code"
 """Key of a file's metadata: the digest of the code that simulated and measured them."""
 
+NOISE_ORDER = 10  # order of the crank above which acceleration counts as noise
+
 _TOGETHER = 32
 """Designs that one thread first prepares, then simulates, then measures: a simulation drives what the others need out
 of the processor's cache, and one by one they take a fifth more. More at once save little and hold more motions.
@@ -201,7 +202,7 @@ of the processor's cache, and one by one they take a fifth more. More at once sa
 
 def table_of(designs: Designs) -> Table:
     """The table of these designs."""
-    return sweep_designs((axis.column for axis in designs.axes), designs.measured)
+    return SWEEP_DESIGNS.filled(swept=[axis.column for axis in designs.axes], measured=designs.measured)
 
 
 def simulate_designs(designs: Designs, first: int, count: int, workers: int | None = None) -> pd.DataFrame:
@@ -263,24 +264,24 @@ def write_designs(
     kept = _kept(designs, first, count, path, code)
     if len(kept) == count:
         return
-    tables.check_writable(path)
+    parquet.check_writable(path)
     more = simulate_designs(designs, first + len(kept), count - len(kept), workers)
     frame = pd.concat([kept, more], ignore_index=True) if len(kept) else more
-    tables.write(table, frame, path, {DIGEST: designs.digest, CODE: code})
+    parquet.write(table, frame, path, {DIGEST: designs.digest, CODE: code})
 
 
 def _kept(designs: Designs, first: int, count: int, path: Path, code: str) -> pd.DataFrame:
     """The designs of a part that its file holds; none where it is damaged, or of another sweep or code."""
     none = pd.DataFrame({name: [] for name in table_of(designs).names})
     try:
-        footer = tables.read_footer(path)
+        footer = parquet.read_footer(path)
     except InputError:
         return none
     told = footer.metadata or {}
     if told.get(DIGEST.encode()) != designs.digest.encode() or told.get(CODE.encode()) != code.encode():
         return none
     begin, end = _span(footer)
-    return tables.read(table_of(designs), path) if begin == first and end <= first + count else none
+    return parquet.read(table_of(designs), path) if begin == first and end <= first + count else none
 
 
 def write_dataset(designs: Designs, folder: Path, per_job: int, code: str, workers: int | None = None) -> None:
@@ -299,7 +300,7 @@ def check_folder(designs: Designs, folder: Path, per_job: int) -> None:
     wanted, spans = parts(designs.number, per_job), {}
     for path in sorted(folder.glob("[!.]*.parquet")):
         try:
-            footer = tables.read_footer(path)
+            footer = parquet.read_footer(path)
         except InputError as error:
             if path.stem in wanted:
                 continue  # damaged: it is made again
@@ -320,7 +321,7 @@ def check_dataset(designs: Designs, folder: Path) -> None:
     """Whether the files in a `folder` are those of the sweep `designs` and hold each design once."""
     spans, codes = {}, {}
     for path in sorted(folder.glob("[!.]*.parquet")):
-        footer = tables.read_footer(path)
+        footer = parquet.read_footer(path)
         _check_belongs(designs, path, footer)
         spans[path] = _span(footer)
         codes[(footer.metadata or {}).get(CODE.encode())] = path
@@ -377,7 +378,7 @@ _NUMBER = re.compile(r"[-+]?[0-9][-+.0-9e]*")
 
 def failures(dataset: Path) -> Counter[str]:
     """How many designs of a `dataset` failed, by the reason without what differs from design to design."""
-    reasons = tables.read_columns(dataset, ["reason"])["reason"]
+    reasons = parquet.read_columns(dataset, ["reason"])["reason"]
     return Counter(_kind_of(reason) for reason in reasons.drop_null().to_pylist())
 
 

@@ -14,15 +14,15 @@ from scipy import stats
 from scipy.stats import qmc
 
 from jointgap.config import DrivenMechanism, Scenario, Simulate
+from jointgap.config.measures import measured
 from jointgap.config.sweep_config import LogUniform, Normal, Sweep, Triangular, Uniform, Values
 from jointgap.config.varied_values import unit_of, with_values
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
+from jointgap.core.schema import Column
 from jointgap.lengths.objective import MEASURES, Objective
 from jointgap.paper.printed import OPTIMA, departures
 from jointgap.quantities import to_si
-from jointgap.tables.columns import Column
-from jointgap.tables.sweep_tables import measured
 
 COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
 """Parameters that say how the error is counted, with their units; '' for words and whole numbers, which are listed."""
@@ -80,7 +80,7 @@ def check_counting(sweep: Sweep, simulate: Simulate, source: str) -> None:
 
 
 def printed_optima(counted: Objective | None, measure: str) -> dict[str, float]:
-    """The numbers `jointgap.tables.sweep_tables.PRINTED_OPTIMA` of a run that did not fail; NaN without samples."""
+    """The numbers `PRINTED_OPTIMA` of a run that did not fail; NaN without samples."""
     names = [f"reduction_at_{printed.key}" for printed in OPTIMA]
     if counted is None:
         return dict.fromkeys(names, math.nan)

@@ -24,9 +24,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from jointgap import tables
+from jointgap.config.measures import ALL_MEASURES
 from jointgap.config.sensitivity_config import Sensitivity
-from jointgap.core import plot
+from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError, needs
 from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, to_html, to_markdown
 from jointgap.core.plot import COLOURS, Drawing, Panel, Quantity, Sheet, tick_label
@@ -39,7 +39,6 @@ from jointgap.designs.page import (
     parameter_quantity,
 )
 from jointgap.designs.sampling import Axis, Designs
-from jointgap.tables.sweep_tables import ALL_MEASURES
 
 with needs("what decides a sweep", "learn"):
     import openturns as ot
@@ -396,6 +395,8 @@ def _explained(errors: np.ndarray, values: np.ndarray) -> float:
     return float(1.0 - np.mean(errors**2) / variance) if variance > 0.0 else 0.0
 
 
+TABLES_OF_SENSITIVITY = (schema.SENSITIVITY_SURROGATES, schema.SENSITIVITY_INDICES, schema.SENSITIVITY_EFFECTS)
+
 UNITS = {column.name: column.unit for column in ALL_MEASURES}
 """SI unit of each measure."""
 
@@ -419,7 +420,7 @@ def what_decides(
     """Indices of the measures of a sweep."""
     names = options.measures or [column.name for column in designs.measured]
     columns = [*(axis.key for axis in designs.axes), "reason", *names]
-    return decided(designs, tables.read_columns(dataset, columns).to_pandas(), names, options.seed, settings)
+    return decided(designs, parquet.read_columns(dataset, columns).to_pandas(), names, options.seed, settings)
 
 
 def decided(
@@ -460,7 +461,7 @@ def decided(
             effects += _effect_rows(name, inputs, found, settings)
     made = (
         pd.DataFrame(rows, columns=table.names)
-        for table, rows in zip(tables.SENSITIVITY_TABLES, (surrogates, indices, effects), strict=True)
+        for table, rows in zip(TABLES_OF_SENSITIVITY, (surrogates, indices, effects), strict=True)
     )
     return SensitivityResult(inputs, len(frame), int((~fine).sum()), *made, good)
 
@@ -796,20 +797,18 @@ def write_results(found: SensitivityResult, folder: Path) -> str:
     """
     places = {
         folder / Path(table.path).name: (table, frame)
-        for table, frame in zip(
-            tables.SENSITIVITY_TABLES, (found.surrogates, found.indices, found.effects), strict=True
-        )
+        for table, frame in zip(TABLES_OF_SENSITIVITY, (found.surrogates, found.indices, found.effects), strict=True)
     }
     pages, figures = (folder / "summary.html", folder / "summary.md"), folder / "figures"
-    tables.check_writable(*places, *pages)
+    parquet.check_writable(*places, *pages)
     figures.mkdir(exist_ok=True)
     drawn = {path for name, drawing in draw(found) for path in plot.save(drawing, figures / name)}
     for path in set(figures.iterdir()) - drawn:
         path.unlink()
     for path, (table, frame) in places.items():
-        tables.write(table, frame, path)
+        parquet.write(table, frame, path)
     shown = page(found)
     text = to_markdown(shown)
-    tables.write_text(pages[0], to_html(shown, figures))
-    tables.write_text(pages[1], text)
+    parquet.write_text(pages[0], to_html(shown, figures))
+    parquet.write_text(pages[1], text)
     return text

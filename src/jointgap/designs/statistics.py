@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from jointgap import tables
 from jointgap.config import Mechanism, Simulate
+from jointgap.core import schema
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT, JOINT_NUMBERS
 from jointgap.dynamics.parallel import Run, simulate_runs
@@ -83,10 +83,10 @@ class Growth:
         )
 
     def frame(self) -> pd.DataFrame:
-        """The growth as the table `jointgap.tables.GROWTH`."""
+        """The growth as the table `GROWTH`."""
         low, high = self.factors.min(axis=0), self.factors.max(axis=0)
         columns = (self.crank_angle, self.median, low, high)
-        return pd.DataFrame(dict(zip((column.name for column in tables.GROWTH.columns), columns, strict=True)))
+        return pd.DataFrame(dict(zip((column.name for column in schema.GROWTH.columns), columns, strict=True)))
 
 
 def measure_growth(
@@ -246,7 +246,7 @@ def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[s
 def _joint_revolutions(
     samples: pd.DataFrame, events: pd.DataFrame, joints: Iterable[str], per_revolution: int
 ) -> pd.DataFrame:
-    """What each joint does in each revolution: the table `jointgap.tables.JOINT_REVOLUTIONS`."""
+    """What each joint does in each revolution: the table `JOINT_REVOLUTIONS`."""
     rows, times = [], samples["time"].to_numpy()
     for joint in joints:
         frame, force = contacts(events, joint), samples[f"{joint}_normal_force"].to_numpy()
@@ -266,11 +266,11 @@ def _joint_revolutions(
                     "peak_force": np.nanmax([sampled_peak, ended["peak_force"].max()]),
                 }
             )
-    return pd.DataFrame(rows, columns=[column.name for column in tables.JOINT_REVOLUTIONS.columns])
+    return pd.DataFrame(rows, columns=[column.name for column in schema.JOINT_REVOLUTIONS.columns])
 
 
 def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: float, revolutions: int) -> pd.DataFrame:
-    """Distributions of contacts from `begin` [s] on: the table `jointgap.tables.IMPACT_DISTRIBUTION`."""
+    """Distributions of contacts from `begin` [s] on: the table `IMPACT_DISTRIBUTION`."""
     rows = []
     for joint in joints:
         frame = contacts(events, joint)
@@ -282,7 +282,7 @@ def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: flo
                 row |= {"mean": values.mean(), "largest": values.max()}
                 row |= {key: np.quantile(values, share) for key, share in QUANTILES.items()}
             rows.append(row)
-    return pd.DataFrame(rows, columns=[column.name for column in tables.IMPACT_DISTRIBUTION.columns])
+    return pd.DataFrame(rows, columns=[column.name for column in schema.IMPACT_DISTRIBUTION.columns])
 
 
 def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) -> np.ndarray:
@@ -311,7 +311,7 @@ def journal_centre(samples: pd.DataFrame, mechanism: Mechanism, joint: str) -> n
 
 
 def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, first: int) -> pd.DataFrame:
-    """Distance of the centres over revolutions, by crank angle: the table `jointgap.tables.ECCENTRICITY`."""
+    """Distance of the centres over revolutions, by crank angle: the table `ECCENTRICITY`."""
     frames = []
     angle = samples["crank_angle"].to_numpy()[:per_revolution]
     for joint in joints:
@@ -325,7 +325,7 @@ def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_revoluti
 def poincare_section(
     samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, angle: float = 0.0, first: int = 1
 ) -> pd.DataFrame:
-    """Clearance vectors and their rates at one crank angle of every revolution: `jointgap.tables.POINCARE_SECTION`."""
+    """Clearance vectors and their rates at one crank angle of every revolution: `POINCARE_SECTION`."""
     offset = (angle - samples["crank_angle"].iloc[0]) % (2.0 * np.pi)
     row = round(offset / (2.0 * np.pi) * per_revolution) % per_revolution
     chosen = samples.iloc[row + (first - 1) * per_revolution : -1 : per_revolution]
@@ -341,7 +341,7 @@ def poincare_section(
         columns = dict(zip(("x", "y", "x_dot", "y_dot"), np.hstack([place, rate]).T, strict=True))
         numbers = {"revolution": first + np.arange(len(chosen)), "crank_angle": chosen["crank_angle"].to_numpy()}
         frames.append(pd.DataFrame({"joint": joint} | numbers | columns))
-    return pd.concat(frames, ignore_index=True)[[column.name for column in tables.POINCARE_SECTION.columns]]
+    return pd.concat(frames, ignore_index=True)[[column.name for column in schema.POINCARE_SECTION.columns]]
 
 
 def periodicity(vectors: ArrayLike, per_revolution: int, clearance: float) -> Periodicity:

@@ -4,82 +4,15 @@ import math
 
 import numpy as np
 
-from jointgap.core.joints import JOINT, JOINTS, RevoluteJoint
+from jointgap.core.schema import TRAJECTORY
 from jointgap.dynamics.bodies import crank_moment, rod_accelerations
 from jointgap.dynamics.equations import accelerations, crank_losses, pose
 from jointgap.dynamics.integrate import EVENT
 from jointgap.dynamics.joints import NOTHING, clearances, reaction
 from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.runge_kutta import crank_at, damping_factors
-from jointgap.tables.columns import Column
 
-_ENDS = {
-    "crank_pin": "from the crank's pin to the rod's end",
-    "piston_pin": "from the slider's pin to the rod's end",
-    "crank_pivot": "from the frame's centre to the crank's",
-}
-
-
-def _clearance(joint: RevoluteJoint) -> tuple[Column, ...]:
-    r, gamma = f"r{joint.number}", f"gamma{joint.number}"
-    undefined = "; null where the centres coincide, as in an ideal joint"
-    ends = f"the {joint.words} ({_ENDS[joint.name]})"
-    return (
-        Column(r, "m", f"distance of the centres of {ends}; 0 where it is ideal"),
-        Column(f"{r}_dot", "m/s", f"first time derivative of {r}", nullable=True),
-        Column(f"{r}_ddot", "m/s^2", f"second time derivative of {r}", nullable=True),
-        Column(gamma, "rad", f"direction of the vector of length {r}, unwrapped{undefined}", nullable=True),
-        Column(f"{gamma}_dot", "rad/s", f"first time derivative of {gamma}{undefined}", nullable=True),
-        Column(f"{gamma}_ddot", "rad/s^2", f"second time derivative of {gamma}{undefined}", nullable=True),
-    )
-
-
-def _contact(joint: RevoluteJoint) -> tuple[Column, ...]:
-    name, words, bodies = joint.name, joint.words, f"the {joint.partner} on the {joint.body}"
-    return (
-        Column(
-            f"{name}_normal_force", "N", f"force in the {words} along the clearance; size of an ideal one's reaction"
-        ),
-        Column(f"{name}_friction_force", "N", f"force in the {words} along the tangent, with sign; 0 in an ideal one"),
-        Column(f"{name}_force_x", "N", f"force of {bodies} in the {words}, x"),
-        Column(f"{name}_force_y", "N", f"force of {bodies} in the {words}, y"),
-    )
-
-
-COLUMNS = (
-    Column("time", "s", "time since the start"),
-    Column("crank_angle", "rad", "crank angle theta2, running on over revolutions"),
-    Column("crank_speed", "rad/s", "first time derivative of the crank angle"),
-    Column("crank_acceleration", "rad/s^2", "second time derivative of the crank angle"),
-    *(column for joint in JOINT.values() for column in _clearance(joint)),
-    Column("rod_position_x", "m", "mass centre of the rod as if it did not bend, x"),
-    Column("rod_position_y", "m", "mass centre of the rod as if it did not bend, y"),
-    Column("rod_velocity_x", "m/s", "velocity of the rod's mass centre as if it did not bend, x"),
-    Column("rod_velocity_y", "m/s", "velocity of the rod's mass centre as if it did not bend, y"),
-    Column("rod_acceleration_x", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, x"),
-    Column("rod_acceleration_y", "m/s^2", "acceleration of the rod's mass centre as if it did not bend, y"),
-    Column("rod_angle", "rad", "angle theta3 of the rod from +x, crank end to piston end"),
-    Column("rod_angular_velocity", "rad/s", "first time derivative of the rod angle"),
-    Column("rod_angular_acceleration", "rad/s^2", "second time derivative of the rod angle"),
-    Column("rod_deflection", "m", "deflection of the rod at midspan, along its normal; 0 where it is rigid"),
-    Column("slider_position", "m", "position of the slider's pin along x"),
-    Column("slider_velocity", "m/s", "velocity of the slider"),
-    Column("slider_acceleration", "m/s^2", "acceleration of the slider"),
-    *(column for joint in JOINT.values() for column in _contact(joint)),
-    *(
-        Column(f"{joint}_mode", "", "ideal, flight, impact (the journal hits and rebounds) or contact", "text")
-        for joint in JOINTS
-    ),
-    Column("crank_torque", "N*m", "torque of the drive on the crank, losses of the crank included"),
-    Column("guide_force", "N", "normal force of the guide on the slider, +y"),
-    Column("guide_moment", "N*m", "moment of the guide on the slider, about its pin"),
-    Column("frame_force_x", "N", "force of the crank on the crank pivot's bearing, x"),
-    Column("frame_force_y", "N", "force of the crank on the crank pivot's bearing, y"),
-    Column("transmission_angle", "rad", "transmission angle mu, equation (10)"),
-)
-"""Columns of the table `jointgap.tables.TRAJECTORY`."""
-
-SAMPLE = np.dtype((np.record, [(column.name, "f8") for column in COLUMNS if column.kind == "float"]))
+SAMPLE = np.dtype((np.record, [(column.name, "f8") for column in TRAJECTORY.columns if column.kind == "float"]))
 """Record of one sample as compiled code fills it."""
 
 

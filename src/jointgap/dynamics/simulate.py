@@ -10,6 +10,7 @@ import pandas as pd
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINT, JOINTS
+from jointgap.core.schema import EVENTS, TRAJECTORY
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import crank_motion, crank_times
 from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
@@ -30,7 +31,6 @@ from jointgap.dynamics.joints import FLIGHT
 from jointgap.dynamics.parameters import MEASURED, MOTOR, Parameters
 from jointgap.dynamics.runge_kutta import room_for_stages
 from jointgap.dynamics.sampling import SAMPLE, fill_samples
-from jointgap.tables import EVENTS, TRAJECTORY
 
 
 def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:

@@ -70,8 +70,8 @@ class Rest:
 class Confirmed:
     """Residuals and gaps of all runs."""
 
-    residuals: pd.DataFrame  # Table `jointgap.tables.RESIDUALS`
-    gaps: pd.DataFrame  # Table `jointgap.tables.GAPS`
+    residuals: pd.DataFrame  # Table `RESIDUALS`
+    gaps: pd.DataFrame  # Table `GAPS`
     variation: Mapping[tuple[str, str], float]  # What each series varies by, as of `Series.variation` [unit]
 
     @property

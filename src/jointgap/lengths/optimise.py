@@ -32,7 +32,7 @@ DIGITS = 6  # lengths are simulated again to the micrometre; points that agree s
 
 @dataclass(frozen=True)
 class Optimisation:
-    """What the stage finds: a frame for each table optimise_..., columns in `jointgap.tables.optimise_tables`."""
+    """What the stage finds: a frame for each table optimise_..., columns in `jointgap.core.schema`."""
 
     optima: pd.DataFrame
     population: pd.DataFrame

@@ -8,9 +8,9 @@ import pandas as pd
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from jointgap.core.errors import InputError
+from jointgap.core.schema import TRAJECTORY
 from jointgap.networks.network import Scaling
 from jointgap.paper.printed import TRAINING_MSE
-from jointgap.tables import TRAJECTORY
 
 UNITS = {column.name: column.unit for column in TRAJECTORY.columns}
 REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import CubicSpline
 
-from jointgap import tables
 from jointgap.config import Surrogate
+from jointgap.core import joints
 from jointgap.core.errors import InputError, needs
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.networks.errors import NETWORK, REGULARISED, Grid, Points, Trained, error_frame, error_rows
@@ -62,7 +62,7 @@ class Samples:
             name = column(kind, joint)
             simulated[kind] = fine[name].to_numpy()[: len(angle)]
             spread = Scaling.of(Grid.of(trajectory, name, training_points).training.values).range
-            allowed = reference_mse(name if name in tables.outputs(JOINT_NUMBERS) else f"r{joint}")
+            allowed = reference_mse(name if name in joints.outputs(JOINT_NUMBERS) else f"r{joint}")
             scales[kind] = spread * allowed**0.5 / mean ** ORDERS[kind]
         values = dict(simulated)
         for quantity in ("r", "gamma"):

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from jointgap import tables
+from jointgap.core import schema
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.kinematics import Fit
 from jointgap.networks.clearance import ClearanceNetwork, CrankSpeed
@@ -12,16 +12,16 @@ from jointgap.scenario.results import CLEARANCE, ScenarioResults, outputs_of
 
 def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
     """Both surrogates, ``networks`` (default seed) and ``clearance``: a function for each output."""
-    fits = results.read(tables.FIT)
+    fits = results.read(schema.FIT)
     networks = {output: Network.from_frame(fit) for output, fit in fits.groupby("output", sort=False)}
-    fit = results.read(tables.CLEARANCE_FIT)
-    speed = CrankSpeed.of(results.read(tables.TRAJECTORY)) if fit["speed"].isna().any() else None
+    fit = results.read(schema.CLEARANCE_FIT)
+    speed = CrankSpeed.of(results.read(schema.TRAJECTORY)) if fit["speed"].isna().any() else None
     mechanism = results.scenario.mechanism
     numbers = [JOINT_NUMBERS[joint] for joint in mechanism.applied().loose]
     joints = {number: ClearanceNetwork.from_frame(fit, number, speed) for number in numbers}
     return {
         "networks": {output: network.values_and_slopes for output, network in networks.items()},
         CLEARANCE: {
-            output: partial(joints[tables.number_of(output)].output, output) for output in outputs_of(mechanism)
+            output: partial(joints[joints.number_of(output)].output, output) for output in outputs_of(mechanism)
         },
     }

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
+from jointgap.core.joints import number_of, outputs
 from jointgap.core.plot import CRANK_ANGLE, Drawing, Panel, Quantity, Sheet, width_for
 from jointgap.core.words import in_words
 from jointgap.scenario.figures import NETWORKS, degrees, loose_joints, predicted, revolution, training_rows
-from jointgap.tables import number_of, outputs
 
 Tables = Mapping[str, pd.DataFrame]
 SIMULATION, LEARNED, EVERYWHERE, AT_POINTS = (

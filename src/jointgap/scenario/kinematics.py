@@ -21,10 +21,10 @@ from scipy.integrate import cumulative_simpson
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import JOINT_NUMBERS
+from jointgap.core.schema import KINEMATICS_QUANTITIES
 from jointgap.dynamics.kinematics import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
-from jointgap.tables.kinematics_tables import QUANTITIES
 
-UNITS = {name: unit for name, unit, _ in QUANTITIES}
+UNITS = {column.name: column.unit for column in KINEMATICS_QUANTITIES.columns}
 PAST = np.radians(60.0)  # where the paper's transient is over by any account
 STEP = 1e-4  # [rad] of the difference quotient for second derivatives of fits
 

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.config import Scenario
+from jointgap.core import joints, parquet, schema
 from jointgap.core.publish import Dataset, Record, configuration, costs, numbers
+from jointgap.core.schema import OPTIMISE_OPTIMA, OPTIMISE_WORTH
 from jointgap.networks.network import Network
 from jointgap.networks.network_files import clearance_to_files, to_files
-from jointgap.tables.optimise_tables import OPTIMA, WORTH
 
 NETWORK, CLEARANCE = "network", "clearance"
 """Models of the table of errors: the paper's networks, and the second surrogate, one network a joint."""
@@ -48,8 +48,8 @@ class _Finished:
 
     def read(self, table: str) -> pd.DataFrame:
         """All files of a table, one below the other; nothing where there is none."""
-        frames = [tables.read(tables.TABLES[table], self.files[name]) for name in self.names(table)]
-        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=tables.TABLES[table].names)
+        frames = [parquet.read(schema.TABLES[table], self.files[name]) for name in self.names(table)]
+        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=schema.TABLES[table].names)
 
     def record(
         self,
@@ -153,13 +153,13 @@ def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -
     if model == CLEARANCE:
         written = [f"fit_errors/{output}", f"fit_errors/{model}", *finished.names("clearance_fit")]
         if finished.names("clearance_fit"):
-            files = clearance_to_files(finished.read("clearance_fit"), tables.number_of(output))
+            files = clearance_to_files(finished.read("clearance_fit"), joints.number_of(output))
     else:
         written = [f"fit_errors/{output}", fit, history]
         if fit in finished.files:
-            files = to_files(Network.from_frame(tables.read(tables.FIT, finished.files[fit]), seed, model), output)
+            files = to_files(Network.from_frame(parquet.read(schema.FIT, finished.files[fit]), seed, model), output)
         if history in finished.files:
-            training = tables.read(tables.FIT_HISTORY, finished.files[history])
+            training = parquet.read(schema.FIT_HISTORY, finished.files[history])
             own = training[(training["model"] == model) & (training["seed"] == seed)].set_index("iteration")
             curves = {"mse": own["mse"].dropna(), "mse_held_out": own["held_out_mse"].dropna()}
             with np.errstate(divide="ignore"):  # an error of exactly 0 has no logarithm and is left out
@@ -225,19 +225,21 @@ def _optimise(finished: _Finished) -> list[Record]:
 def _optimum(finished: _Finished, row: dict, params: Mapping[str, str]) -> Record:
     mechanism = finished.options.mechanism.applied()
     counts = ("evaluations", "evaluations_within_1_percent", "evaluations_within_0_1_percent")
-    metrics = numbers(OPTIMA, row, "crank_length", "rod_length", "invariant", *counts) | {"ratio": row["ratio"]}
+    metrics = numbers(OPTIMISE_OPTIMA, row, "crank_length", "rod_length", "invariant", *counts) | {
+        "ratio": row["ratio"]
+    }
     for link, original in (("crank", mechanism.crank.length), ("rod", mechanism.rod.length)):
         # of one part in a thousand the pages show no digit
         metrics[f"{link}_length_change_um"] = round(1e6 * (row[f"{link}_length"] - original), 3)
     sizes = (*MEASURES, *(f"{measure}_reduction" for measure in MEASURES))
-    metrics |= numbers(OPTIMA, row, *sizes, section="frozen/")
+    metrics |= numbers(OPTIMISE_OPTIMA, row, *sizes, section="frozen/")
     resimulated, worth = finished.read("optimise_resimulated"), finished.read("optimise_worth")
     for again in resimulated[resimulated["point"] == row["point"]].to_dict("records"):
         metrics |= _resimulated(**again)
     for lengths in worth[worth["point"] == row["point"]].to_dict("records"):
         names = ("smallest_transmission_angle", "largest_departure", "stroke_change")
         names += ("outer_dead_centre_change", "inner_dead_centre_change")
-        metrics |= numbers(WORTH, lengths, *names, section=f"{lengths['cycle']}_cycle/")
+        metrics |= numbers(OPTIMISE_WORTH, lengths, *names, section=f"{lengths['cycle']}_cycle/")
     notes = {name: row[name] or "" for name in ("point", "source", "box", "method", "active_bounds", "status")}
     curves = {"sum_of_squares_rad2": _path(finished, row)}
     return Record(

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jointgap import tables
 from jointgap.config import Mechanism, Scenario
+from jointgap.core import joints, parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.tables import FIT_ERRORS, TRAJECTORY, Table
+from jointgap.core.schema import FIT_ERRORS, TRAJECTORY, Table
 
 CLEARANCE = "clearance"
 """Stands for an output where the second surrogate has all of them in one file."""
@@ -27,7 +27,7 @@ class ScenarioResults(ResultsFolder):
         """The frame of `table`; where there is a file per output that of `part`, or all below each other with a column
         output.
         """
-        table = tables.TABLES[table] if isinstance(table, str) else table
+        table = schema.TABLES[table] if isinstance(table, str) else table
         if table == TRAJECTORY:
             return read_trajectory(self.place(table), self.scenario)
         if part or "{output}" not in table.path:
@@ -52,7 +52,7 @@ class ScenarioResults(ResultsFolder):
 
 def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
     """What networks learn of a mechanism."""
-    outputs = tables.outputs(mechanism.applied().loose)
+    outputs = joints.outputs(mechanism.applied().loose)
     if not outputs:
         raise InputError(
             "all joints are ideal: without clearance there is nothing to learn, to optimise or to compare; make a "
@@ -69,7 +69,7 @@ def parts_of(table: Table, mechanism: Mechanism) -> tuple[str, ...]:
 
 def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
     """The trajectory in the file `path`, which has to be the one that `scenario` asks for."""
-    frame, options = tables.read(TRAJECTORY, path), scenario.simulate
+    frame, options = parquet.read(TRAJECTORY, path), scenario.simulate
     if options.speed < 0:
         raise InputError(
             f"simulate.speed {options.speed:g} rad/s is clockwise: nothing is learned or optimised of such a motion; "

@@ -9,38 +9,39 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jointgap import tables
-from jointgap.core.stage import Stages
-from jointgap.tables import (
+from jointgap.core import parquet
+from jointgap.core.schema import (
     CLEARANCE_FIT,
     COMPARISON,
     EVENTS,
     FIT,
     FIT_ERRORS,
     FIT_HISTORY,
-    FLOOR,
-    INFERRED_DESIGNS_PATH,
-    INFERRED_SETTINGS,
+    INFER_SETTINGS_SETTINGS,
     KINEMATICS,
     KINEMATICS_CONTRADICTIONS,
     KINEMATICS_ERRORS,
-    LOADS,
-    OPTIMA,
+    OPTIMISE_FLOOR,
+    OPTIMISE_LOADS,
+    OPTIMISE_OPTIMA,
+    OPTIMISE_PATHS,
+    OPTIMISE_POPULATION,
+    OPTIMISE_RESIMULATED,
+    OPTIMISE_ROBUST_CANDIDATES,
+    OPTIMISE_ROBUST_CONSTRAINTS,
+    OPTIMISE_ROBUST_FRESH,
+    OPTIMISE_ROBUST_GAINS,
+    OPTIMISE_ROBUST_LENGTHS,
+    OPTIMISE_TOLERANCE,
+    OPTIMISE_VALLEY,
+    OPTIMISE_WORTH,
     OVERVIEW,
-    PATHS,
-    POPULATION,
-    RESIMULATED,
-    ROBUST_CANDIDATES,
-    ROBUST_CONSTRAINTS,
-    ROBUST_FRESH_PATH,
-    ROBUST_GAINS,
-    ROBUST_LENGTHS,
-    SENSITIVITY_TABLES,
-    TOLERANCE,
+    SENSITIVITY_EFFECTS,
+    SENSITIVITY_INDICES,
+    SENSITIVITY_SURROGATES,
     TRAJECTORY,
-    VALLEY,
-    WORTH,
 )
+from jointgap.core.stage import Stages
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -180,7 +181,17 @@ def kinematics(results: "ScenarioResults") -> None:
 
 @SCENARIO_STAGES.stage(
     reads=_TRAINED,
-    writes=(OPTIMA, POPULATION, PATHS, TOLERANCE, VALLEY, FLOOR, RESIMULATED, WORTH, LOADS),
+    writes=(
+        OPTIMISE_OPTIMA,
+        OPTIMISE_POPULATION,
+        OPTIMISE_PATHS,
+        OPTIMISE_TOLERANCE,
+        OPTIMISE_VALLEY,
+        OPTIMISE_FLOOR,
+        OPTIMISE_RESIMULATED,
+        OPTIMISE_WORTH,
+        OPTIMISE_LOADS,
+    ),
     sections=_OPTIMUM,
     does="optimise the link lengths",
 )
@@ -239,7 +250,7 @@ def explore(results: "ScenarioResults") -> None:
     from jointgap.scenario.impacts_page import impacts_page
 
     page = impacts_page(results.read(TRAJECTORY), results.read(EVENTS), results.scenario, results.path.resolve().name)
-    tables.write_text(results.path / IMPACTS_PAGE, page)
+    parquet.write_text(results.path / IMPACTS_PAGE, page)
 
 
 @SCENARIO_STAGES.stage(
@@ -258,10 +269,12 @@ def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"
 
     frames = results.read_all(NEEDED)
     compared_with = {results.path.name: results, **siblings}
-    variants = [variant_optimum(name, each.scenario, each.read(RESIMULATED)) for name, each in compared_with.items()]
+    variants = [
+        variant_optimum(name, each.scenario, each.read(OPTIMISE_RESIMULATED)) for name, each in compared_with.items()
+    ]
     result = compared(frames, results.scenario, variants)
-    tables.write_text(results.path / "comparison.html", to_html(comparison_page(result, results.scenario)))
-    tables.write_text(results.path / "comparison.md", to_markdown(comparison_page(result, results.scenario)))
+    parquet.write_text(results.path / "comparison.html", to_html(comparison_page(result, results.scenario)))
+    parquet.write_text(results.path / "comparison.md", to_markdown(comparison_page(result, results.scenario)))
     results.write(COMPARISON, result)
 
 
@@ -284,9 +297,9 @@ def summarise(results: "ScenarioResults") -> str:
     found = outcome(results.read_all(NEEDED), results.scenario)
     remarked, name = remarks(found), results.path.name
     shown, known = page(found, name, remarked), document(found, name, remarked)
-    tables.write_text(results.path / "summary.html", to_html(shown, results.path / "figures"))
-    tables.write_text(results.path / "summary.md", to_markdown(shown))
-    tables.write_text(results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n")
+    parquet.write_text(results.path / "summary.html", to_html(shown, results.path / "figures"))
+    parquet.write_text(results.path / "summary.md", to_markdown(shown))
+    parquet.write_text(results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n")
     return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
 
 
@@ -304,9 +317,9 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     needed = {name: (results.read_all(pages.NEEDED), results.scenario) for name, results in scenarios.items()}
     result = pages.overview(needed)
     page = pages.overview_page(result)
-    tables.write_text(folder / "overview.html", to_html(page, folder))
-    tables.write_text(folder / "overview.md", to_markdown(page, "."))
-    tables.write(OVERVIEW, result, folder / OVERVIEW.path)
+    parquet.write_text(folder / "overview.html", to_html(page, folder))
+    parquet.write_text(folder / "overview.md", to_markdown(page, "."))
+    parquet.write(OVERVIEW, result, folder / OVERVIEW.path)
 
 
 @SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
@@ -320,7 +333,7 @@ def report(
     from jointgap.app.report import page
     from jointgap.core.page import to_html
 
-    tables.write_text(file, to_html(page(scenarios, campaigns, folder), folder))
+    parquet.write_text(file, to_html(page(scenarios, campaigns, folder), folder))
 
 
 @SCENARIO_STAGES.stage(
@@ -343,7 +356,7 @@ def track(results: "ScenarioResults") -> None:
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
     content, folder = scenario_records(results.scenario, sections, files, results.path), results.path.resolve()
     summary = publish_records(folder.name, results.scenario.description, content, None, folder.parent)
-    tables.write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")
+    parquet.write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")
 
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
@@ -385,21 +398,21 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     from jointgap.designs.sampling import designs_of
 
     designs, dataset = designs_of(scenario), folder / "designs"
-    tables.check_writable(folder / "summary.html", folder / "summary.md")
+    parquet.check_writable(folder / "summary.html", folder / "summary.md")
     code = SCENARIO_STAGES["sweep-designs"].digest
     write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
     if has_map(designs.kind, designs.axes):
         names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
-        plot.save(grid_map(tables.read_columns(dataset, names).to_pandas(), designs.axes), folder / MAP)
+        plot.save(grid_map(parquet.read_columns(dataset, names).to_pandas(), designs.axes), folder / MAP)
     summary = page(designs, dataset)
-    tables.write_text(folder / "summary.html", to_html(summary, folder))
+    parquet.write_text(folder / "summary.html", to_html(summary, folder))
     text = to_markdown(summary, ".")
-    tables.write_text(folder / "summary.md", text)
+    parquet.write_text(folder / "summary.md", text)
     return text
 
 
 @SCENARIO_STAGES.stage(
-    writes=SENSITIVITY_TABLES,
+    writes=(SENSITIVITY_SURROGATES, SENSITIVITY_INDICES, SENSITIVITY_EFFECTS),
     files=("sensitivity/summary.md", "sensitivity/summary.html"),
     sections=(*_MOTION, "sweep", "sensitivity"),
 )
@@ -428,12 +441,11 @@ def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
 
 
 @SCENARIO_STAGES.stage(
-    writes=(INFERRED_SETTINGS,),
+    writes=(INFER_SETTINGS_SETTINGS,),
     files=(
         "infer_settings/summary.md",
         "infer_settings/summary.html",
         "infer_settings/nearest_scenario.yaml",
-        INFERRED_DESIGNS_PATH,
     ),
     sections=(*_MOTION, "sweep", "infer_settings"),
 )
@@ -469,8 +481,8 @@ def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
 
 
 @SCENARIO_STAGES.stage(
-    writes=(ROBUST_LENGTHS, ROBUST_GAINS, ROBUST_CONSTRAINTS, ROBUST_CANDIDATES),
-    files=(ROBUST_FRESH_PATH, "optimise_robust/summary.md", "optimise_robust/summary.html"),
+    writes=(OPTIMISE_ROBUST_LENGTHS, OPTIMISE_ROBUST_GAINS, OPTIMISE_ROBUST_CONSTRAINTS, OPTIMISE_ROBUST_CANDIDATES),
+    files=(OPTIMISE_ROBUST_FRESH.path, "optimise_robust/summary.md", "optimise_robust/summary.html"),
     sections=(*_MOTION, "optimise", "optimise_robust"),
 )
 def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
@@ -501,16 +513,16 @@ def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
 
     found = optimised(results.scenario, workers)
     folder = results.path / "optimise_robust"
-    tables.write(found.fresh_table, found.fresh, results.path / ROBUST_FRESH_PATH)
-    results.write(ROBUST_CANDIDATES, found.candidates)
-    results.write(ROBUST_CONSTRAINTS, found.comparison.constraints)
-    results.write(ROBUST_GAINS, found.comparison.gains)
-    results.write(ROBUST_LENGTHS, found.comparison.lengths)
+    parquet.write(found.fresh_table, found.fresh, results.path / OPTIMISE_ROBUST_FRESH.path)
+    results.write(OPTIMISE_ROBUST_CANDIDATES, found.candidates)
+    results.write(OPTIMISE_ROBUST_CONSTRAINTS, found.comparison.constraints)
+    results.write(OPTIMISE_ROBUST_GAINS, found.comparison.gains)
+    results.write(OPTIMISE_ROBUST_LENGTHS, found.comparison.lengths)
     for name, drawing in draw_robust(found).items():
         plot.save(drawing, folder / name)
     shown = page(found, results.scenario, results.path.resolve().name)
-    tables.write_text(folder / "summary.html", to_html(shown, folder))
-    tables.write_text(folder / "summary.md", to_markdown(shown, "."))
+    parquet.write_text(folder / "summary.html", to_html(shown, folder))
+    parquet.write_text(folder / "summary.md", to_markdown(shown, "."))
     return "\n".join([headline(found), *verdict(found)])
 
 
@@ -537,4 +549,4 @@ def track_sweep(results: "ScenarioResults") -> None:
     scenario, folder = results.scenario, results.path.resolve()
     content = [sweep_record(scenario, results.path)]
     summary = publish_records(folder.name, scenario.description, content, None, folder.parent)
-    tables.write_text(results.path / "track_sweep/published.json", json.dumps(summary, indent=2) + "\n")
+    parquet.write_text(results.path / "track_sweep/published.json", json.dumps(summary, indent=2) + "\n")

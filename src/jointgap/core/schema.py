@@ -1,0 +1,67 @@
+"""Tables that stages hand on. What they hold is data: `schemas/*.yaml` beside the package's code.
+
+`from jointgap.core.schema import TRAJECTORY` gives the table of that name. Imports nothing heavy.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import yaml
+
+SCHEMAS = Path(__file__).parents[1] / "schemas"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table."""
+
+    name: str
+    unit: str  # SI unit, 'rad', '1' for pure numbers, '' for text
+    description: str
+    kind: str = "float"  # float, int, text, category (one of a few texts) or bool
+    nullable: bool = False  # whether the quantity can be undefined
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that stages hand on: its columns in the order of the file, and its place in a folder of results."""
+
+    name: str
+    description: str
+    columns: tuple[Column, ...]
+    path: str = ""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the columns."""
+        return [column.name for column in self.columns]
+
+    def at(self, part: str) -> "Table":
+        """The same table where `part` of the work writes it: an output, or one of several stages."""
+        return replace(self, path=re.sub(r"{\w+}", part, self.path))
+
+    def filled(self, **groups: Iterable[Column]) -> "Table":
+        """The same table with columns that depend on the configuration, in place of those named ``{group}``."""
+        own = ([column] if column.name[0] != "{" else groups[column.name[1:-1]] for column in self.columns)
+        return replace(self, columns=tuple(column for columns in own for column in columns))
+
+
+def _column(name: str, unit: str, description: str, kind: str = "float") -> Column:
+    return Column(name, unit, description, kind.removesuffix("?"), kind.endswith("?"))
+
+
+def _read() -> dict[str, Table]:
+    tables = {}
+    for file in sorted(SCHEMAS.glob("*.yaml")):
+        for name, record in yaml.load(file.read_text(encoding="utf-8"), yaml.CSafeLoader).items():
+            columns = tuple(_column(key, *row) for key, row in record["columns"].items())
+            tables[name] = Table(name, record["description"], columns, record.get("path", ""))
+    return tables
+
+
+TABLES = _read()
+"""All tables by name."""
+
+globals().update({name.upper(): table for name, table in TABLES.items()})
