@@ -3,7 +3,7 @@
 from functools import partial
 
 from jointgap.core import schema
-from jointgap.core.joints import JOINT_NUMBERS
+from jointgap.core.joints import JOINT_NUMBERS, number_of
 from jointgap.dynamics.kinematics import Fit
 from jointgap.networks.clearance import ClearanceNetwork, CrankSpeed
 from jointgap.networks.network import Network
@@ -22,6 +22,6 @@ def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
     return {
         "networks": {output: network.values_and_slopes for output, network in networks.items()},
         CLEARANCE: {
-            output: partial(joints[joints.number_of(output)].output, output) for output in outputs_of(mechanism)
+            output: partial(joints[number_of(output)].output, output) for output in outputs_of(mechanism)
         },
     }
