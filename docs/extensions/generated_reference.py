@@ -13,12 +13,12 @@ from typing import Any
 import yaml
 from sphinx.application import Sphinx
 
-from jointgap.campaign import figures_catalogue as campaign_catalogue
+from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.core import schema
 from jointgap.effects import EFFECTS
 from jointgap.effects.describe import example, parameters_of
 from jointgap.rig.sensors import FAULTS
-from jointgap.scenario import figures_catalogue
+from jointgap.scenario.figures import FIGURES
 
 SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
 MARK = re.compile(r"<!-- filled by the build: (\w+) -->")
@@ -285,7 +285,7 @@ def _gallery() -> list[str]:
         )
         lines += [f"## {kind} `{place.name}`", "", f"Made by `{command}`, in `results/{place}/figures/`.", ""]
         lines += ["::::{grid} 1 1 2 2", ":gutter: 3", ""]
-        for name, spec in (campaign_catalogue.CATALOGUE if campaign else figures_catalogue.CATALOGUE).items():
+        for name, spec in (CAMPAIGN_FIGURES if campaign else FIGURES).items():
             if (GALLERY / place / f"{name}.png").exists():
                 picture = f"figures/gallery/{place}/{name}.png"
                 lines += [":::{grid-item}", f"[![{spec.title}]({picture})]({picture})", ""]

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.campaign.figures_catalogue import CATALOGUE
+from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.plan import preflight_in_words, preflight_tables
 from jointgap.config.load import load_campaign
 from jointgap.rig.read_files import read_measurements
@@ -57,7 +57,7 @@ def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
 
 
 def test_it_names_every_figure_and_every_verdict():
-    assert all(f"*{name}*" in PAGE for name in CATALOGUE)
+    assert all(f"*{name}*" in PAGE for name in FIGURES)
     verdicts = (
         "no_disagreement",
         "parameters_only",

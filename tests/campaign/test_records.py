@@ -11,7 +11,7 @@ from mlflow.utils.validation import _validate_metric_name
 from benchmarks.project import ROOT
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
-from jointgap.campaign.figures_catalogue import CATALOGUE
+from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.mlflow_runs import records
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.core import schema
@@ -64,7 +64,7 @@ def test_an_effect_that_has_but_one_site_is_called_by_its_name(tmp_path):
 def used_before(tmp_path):
     """A results folder with what an earlier analysis concluded, and with a file of the user's own."""
     names = [VERDICT, MECHANISM, *SUMMARIES, "augment/force.parquet", "figures/mine.png"]
-    names += [f"figures/{name}.{ending}" for name in CATALOGUE for ending in ("svg", "png", "parquet")]
+    names += [f"figures/{name}.{ending}" for name in FIGURES for ending in ("svg", "png", "parquet")]
     names += [
         "decide/decision.parquet",
         "regress/decision.parquet",

@@ -7,7 +7,7 @@ from jointgap.config import Scenario, load_mechanism
 from jointgap.core import joints, schema
 from jointgap.core.joints import JOINT_NUMBERS, PINS
 from jointgap.dynamics.kinematics import ClearanceMotion, Motion, linkage_motion
-from jointgap.scenario.figures import predictions
+from jointgap.scenario.figures_base import predictions
 from jointgap.scenario.kinematics import kinematics
 
 SAMPLES = 72  # a revolution, every 5 deg

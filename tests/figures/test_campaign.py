@@ -1,13 +1,12 @@
 """What the figures of a campaign owe their reader, on a small made-up campaign."""
 
-import inspect
 import re
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.campaign import figures_catalogue as campaign
+from jointgap.campaign.figures import FIGURES
 from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError
 
@@ -19,7 +18,7 @@ VERDICT = {
     "equivalent": [],
     "preflight": {"undetectable": ["crank_unbalance"], "merged": [["gravity", "slider_spring"]]},
 }
-every_figure = pytest.mark.parametrize("name", campaign.CATALOGUE)
+every_figure = pytest.mark.parametrize("name", FIGURES)
 
 
 def made_up(size=4.0):
@@ -131,7 +130,7 @@ def tables():
 
 @pytest.fixture(scope="module")
 def drawings(tables):
-    return {name: campaign.draw(name, tables, VERDICT) for name in campaign.CATALOGUE}
+    return {name: FIGURES.draw(name, tables, VERDICT) for name in FIGURES}
 
 
 @every_figure
@@ -168,9 +167,9 @@ def test_every_series_in_a_legend_has_its_data(name, drawings):
 @pytest.mark.parametrize("absent", ["no table", "no rows"])
 def test_without_a_table_the_figure_says_so(name, absent, tables):
     given = {} if absent == "no table" else {key: frame.head(0) for key, frame in tables.items()}
-    drawing = campaign.draw(name, given, VERDICT)
+    drawing = FIGURES.draw(name, given, VERDICT)
     texts = [text.get_text() for axes in drawing.figure.axes for text in axes.texts]
-    assert texts == [campaign.CATALOGUE[name].nothing]
+    assert texts == [FIGURES[name].nothing]
     parquet.to_arrow(schema.PLOTTED, drawing.data)
 
 
@@ -200,7 +199,7 @@ def test_of_a_measured_crank_angle_its_departure_from_steady_rotation_is_shown(t
     angle = tables["residuals"].query("channel == 'slider_acceleration'").assign(channel="crank_angle")
     angle = angle.assign(**{name: angle["crank_angle"] + 0.01 for name in ("measured", "base", "augmented")})
     given = {"residuals": angle, "channel_errors": errors_of(angle)}
-    data = campaign.draw("measured_against_model", given, VERDICT).data
+    data = FIGURES.draw("measured_against_model", given, VERDICT).data
     assert np.allclose(data.query("series == 'measured'")["y"], 0.01)
 
 
@@ -238,7 +237,7 @@ def test_an_effect_whose_value_falls_as_it_grows_shows_up_to_a_value_and_lies_on
 
 def test_large_residuals_are_drawn_on_a_scale_that_is_linear_in_the_noise_and_logarithmic_beyond():
     large = made_up(size=60.0)
-    panels = campaign.draw("residuals", large, VERDICT).figure.axes
+    panels = FIGURES.draw("residuals", large, VERDICT).figure.axes
     assert [axes.get_yscale() for axes in panels] == ["linear"] * 3 + ["symlog"] * 3
     assert panels[3].get_ylabel() == "logarithmic beyond 2\nresidual [noise sd]"
 
@@ -248,14 +247,14 @@ def test_a_model_that_nothing_was_added_to_has_no_after(tables):
     gaps = tables["gaps"].assign(after=tables["gaps"]["before"])
     given = {"residuals": samples, "gaps": gaps, "channel_errors": tables["channel_errors"]}
     for name in ("residuals", "gaps", "measured_against_model"):
-        drawing = campaign.draw(name, given, VERDICT | {"effects": []})
+        drawing = FIGURES.draw(name, given, VERDICT | {"effects": []})
         assert not drawing.data["series"].str.contains("after").any()
 
 
 def test_an_effect_that_is_no_force_has_none_to_show(tables):
     force = tables["missing_force"].assign(slider_force=0.0)
-    drawing = campaign.draw("missing_force", {"missing_force": force}, VERDICT)
-    assert [text.get_text() for text in drawing.figure.axes[0].texts] == [campaign.CATALOGUE["missing_force"].nothing]
+    drawing = FIGURES.draw("missing_force", {"missing_force": force}, VERDICT)
+    assert [text.get_text() for text in drawing.figure.axes[0].texts] == [FIGURES["missing_force"].nothing]
 
 
 def test_the_optimum_is_shown_by_lengths_and_by_the_error_that_they_leave(drawings):
@@ -284,24 +283,19 @@ def test_channels_are_indented_below_their_run(drawings):
 def test_models_that_could_not_be_optimised_have_no_mark(tables):
     optimum = tables["campaign_optimum"]
     lost = optimum.assign(failed=[None, "it jams"], crank_length=[0.15, np.nan])
-    shown = set(campaign.draw("optimum", tables | {"campaign_optimum": lost}, VERDICT).data["series"])
+    shown = set(FIGURES.draw("optimum", tables | {"campaign_optimum": lost}, VERDICT).data["series"])
     assert "before" in shown and "after" not in shown
-    none = campaign.draw("optimum", tables | {"campaign_optimum": optimum.assign(crank_length=np.nan)}, VERDICT)
+    none = FIGURES.draw("optimum", tables | {"campaign_optimum": optimum.assign(crank_length=np.nan)}, VERDICT)
     (said,) = none.figure.axes[0].texts
     assert "could not be optimised" in said.get_text()
 
 
 def test_a_figure_that_is_not_there_is_refused():
     with pytest.raises(InputError, match="did you mean 'gaps'"):
-        campaign.draw("gap", {}, VERDICT)
+        FIGURES.draw("gap", {}, VERDICT)
 
 
 @every_figure
 def test_every_figure_has_a_caption_in_sentences(name):
-    caption = campaign.CATALOGUE[name].caption
+    caption = FIGURES[name].caption
     assert len(caption) > 100 and caption.endswith(".") and "`" not in caption
-
-
-@every_figure
-def test_every_figure_of_the_catalogue_is_drawn_by_a_function_that_is_there(name):
-    assert list(inspect.signature(campaign.CATALOGUE[name].load()).parameters) == ["tables", "verdict"]

@@ -9,8 +9,10 @@ from jointgap.app import report as report_page
 from jointgap.config import resolve
 from jointgap.config.documents import read_yaml
 from jointgap.core.page import to_html
-from jointgap.scenario.figures_catalogue import CATALOGUE
+from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
+
+STILL = [FIGURES[name] for name in FIGURES.still]
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +42,9 @@ def test_the_report_begins_with_what_came_out_and_a_picture(report):
 
 def test_every_figure_stands_in_the_report_with_its_caption_in_the_order_of_its_category(report):
     text = text_of(report)
-    places = [text.index(f". {spec.title}. {spec.caption}") for spec in CATALOGUE.values()]
-    order = list(dict.fromkeys(spec.category for spec in CATALOGUE.values()))
-    by_category = sorted(zip([order.index(spec.category) for spec in CATALOGUE.values()], places, strict=True))
+    places = [text.index(f". {spec.title}. {spec.caption}") for spec in STILL]
+    order = list(dict.fromkeys(spec.category for spec in STILL))
+    by_category = sorted(zip([order.index(spec.category) for spec in STILL], places, strict=True))
     assert [place for _, place in by_category] == sorted(places)
 
 
@@ -54,5 +56,5 @@ def test_a_report_that_would_be_too_large_shows_some_figures_and_links_the_other
     page = to_html(report_page.page({"smoke": ScenarioResults(folder / "smoke", scenario)}, [], folder), folder)
     assert page.count("<img") == 5
     linked = set(re.findall(r"href='\./(smoke/figures/[^']*\.png)'", page))
-    assert len(linked) == len(CATALOGUE) - 4 and all((folder / path).is_file() for path in linked)
-    assert all(spec.caption in text_of(page) for spec in CATALOGUE.values())
+    assert len(linked) == len(FIGURES.still) - 4 and all((folder / path).is_file() for path in linked)
+    assert all(spec.caption in text_of(page) for spec in STILL)

@@ -9,7 +9,7 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 from jointgap.campaign.campaign_files import campaigns
-from jointgap.campaign.figures_catalogue import CATALOGUE as CAMPAIGN_FIGURES
+from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.paper.compare import looseness_variants
 from jointgap.config import Constraints, Scenario, check_whole, resolve
@@ -17,7 +17,7 @@ from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.progress import parts
-from jointgap.scenario.figures_catalogue import FIGURES
+from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.stages import SCENARIO_STAGES
 from jointgap.core.joints import outputs
 from jointgap.core.parquet import write_text
@@ -105,7 +105,7 @@ def siblings(scenario):
 
 
 PICTURES = {
-    "figures": [f"figures/{name}.{ending}" for name in FIGURES for ending in ("png", "svg", "parquet")],
+    "figures": [f"figures/{name}.{ending}" for name in FIGURES.still for ending in ("png", "svg", "parquet")],
     "conclude": [
         f"figures/{name}.{ending}" for name in CAMPAIGN_FIGURES for ending in ("png", "svg", "parquet")
     ],

@@ -13,7 +13,7 @@ import pandas as pd
 
 from jointgap.campaign import verdict_json as documents
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
-from jointgap.campaign.figures_catalogue import CATALOGUE
+from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.fits_on_disk import assumed, confusable_groups, undetectable
 from jointgap.campaign.plan import look_alikes_table, preflight_in_words, preflight_tables, preflight_tables_with_advice
 from jointgap.campaign.sentences import (
@@ -53,7 +53,7 @@ from jointgap.designs.sampling import designs_of
 from jointgap.designs.statistics import contacts, time_shares
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulate import simulate as simulated
-from jointgap.scenario.figures_catalogue import SPECS
+from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.outcome import Outcome, outcome, remarks
 from jointgap.scenario.stages import SCENARIO_STAGES
 
@@ -164,7 +164,7 @@ def _in_digits(value: float | int | str, unit: str) -> str:
 
 
 _TABLES = {"trajectory", "events", "kinematics"}
-_FIGURES = {spec.function.partition(":")[2]: name for name, spec in SPECS.items() if set(spec.tables) <= _TABLES}
+_MOTION_FIGURES = {spec.call: name for name, spec in FIGURES.items() if set(spec.tables) <= _TABLES}
 _OF_LOOSE_JOINTS = ("orbits", "contact_forces", "impacts", "animation")
 
 
@@ -228,20 +228,21 @@ class Motion(Result):
     def figures(self) -> Mapping[str, str]:
         """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
         loose = self.mechanism.applied().loose
-        names = sorted(_FIGURES, key=lambda name: name != ("orbits" if loose else "drive_and_guide"))
-        titles = {name: SPECS[_FIGURES[name]].title.partition(" (")[0] for name in names}  # the paper's numbers apart
+        names = sorted(_MOTION_FIGURES, key=lambda name: name != ("orbits" if loose else "drive_and_guide"))
+        titles = {
+            name: FIGURES[_MOTION_FIGURES[name]].title.partition(" (")[0] for name in names
+        }  # the paper's numbers apart
         return {name: title for name, title in titles.items() if loose or name not in _OF_LOOSE_JOINTS}
 
     def _draw(self, name: str):
-        from jointgap.scenario.figures import draw
         from jointgap.scenario.kinematics import linkage_frames, motion_table
 
         frames = {"trajectory": self.samples, "events": self.events}
-        if "kinematics" in SPECS[_FIGURES[name]].tables:
+        if "kinematics" in FIGURES[_MOTION_FIGURES[name]].tables:
             frames["kinematics"] = motion_table(
                 linkage_frames(self._scenario.mechanism, self._first), self._first["crank_angle"].to_numpy()
             )
-        return draw(_FIGURES[name], frames, self._scenario)
+        return FIGURES.draw(_MOTION_FIGURES[name], frames, self._scenario)
 
     @cached_property
     def _first(self) -> pd.DataFrame:
@@ -630,10 +631,6 @@ def sweep(
 
 _NETWORKS = "networks"
 _WRITTEN = SCENARIO_STAGES["optimise"].writes
-_MODULE = "optimum_figures:"
-_optimum_FIGURES = {
-    spec.function.removeprefix(_MODULE): name for name, spec in SPECS.items() if spec.function.startswith(_MODULE)
-}
 
 
 @dataclass(frozen=True, repr=False)
@@ -692,13 +689,11 @@ class Optimum(Result):
     @property
     def figures(self) -> Mapping[str, str]:
         """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
-        return {name: SPECS[key].title for name, key in _optimum_FIGURES.items()}
+        return {name: FIGURES[name].title for name in ("valley", "resimulation")}
 
     def _draw(self, name: str):
-        from jointgap.scenario.figures import draw
-
         frames = {f"optimise_{table}": frame for table, frame in self.tables.items()}
-        return draw(_optimum_FIGURES[name], frames, self._outcome.scenario)
+        return FIGURES.draw(name, frames, self._outcome.scenario)
 
     def _rows(self) -> list[Row]:
         found, gain = self._outcome, self._outcome.gain
@@ -931,13 +926,12 @@ class Verdict(Result):
     @property
     def figures(self) -> Mapping[str, str]:
         """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
-        return {name: spec.title for name, spec in CATALOGUE.items()}
+        return {name: spec.title for name, spec in CAMPAIGN_FIGURES.items()}
 
     def _draw(self, name: str):
-        from jointgap.campaign.figures_catalogue import draw
         from jointgap.campaign.page import figure_tables
 
-        return draw(name, figure_tables(self._tables, CATALOGUE[name].tables), self.document)
+        return CAMPAIGN_FIGURES.draw(name, figure_tables(self._tables, CAMPAIGN_FIGURES[name].tables), self.document)
 
     @cached_property
     def _tables(self) -> ResultsFolder:
@@ -1093,13 +1087,11 @@ class Preflight(Result):
     @property
     def figures(self) -> Mapping[str, str]:
         """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
-        return {name: CATALOGUE[name].title for name in ("detectable", "confusability")}
+        return {name: CAMPAIGN_FIGURES[name].title for name in ("detectable", "confusability")}
 
     def _draw(self, name: str):
-        from jointgap.campaign.figures_catalogue import draw
-
         told = {"undetectable": undetectable(self.detectable), "merged": self.merged}
-        return draw(name, {each: getattr(self, each) for each in self.figures}, {"preflight": told})
+        return CAMPAIGN_FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, {"preflight": told})
 
     def _rows(self) -> list[Row]:
         rows: list[Row] = [

@@ -12,7 +12,7 @@ import pandas as pd
 from jointgap.campaign import page as verdict_page
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
-from jointgap.campaign.figures_catalogue import CATALOGUE as CAMPAIGN_FIGURES
+from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.sentences import (
     answer,
     effect_in_words,
@@ -37,9 +37,10 @@ from jointgap.core.page import (
     place_of,
     written_today,
 )
+from jointgap.core.plot import FigureSpec
 from jointgap.core.words import fall_in_percent
 from jointgap.paper import pages as scenario_overview
-from jointgap.scenario.figures_catalogue import ANIMATION, CATALOGUE, FigureSpec
+from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
 
 MOST_BYTES = 6_000_000
@@ -140,8 +141,8 @@ def _first_picture(
 ) -> list[Block]:
     if scenarios:
         name = next(iter(scenarios))
-        title = _title(ANIMATION.title, name, several)
-        return [FigureBlock(f"{name}/figures/animation", title, ANIMATION.caption, moving=True)]
+        title = _title(FIGURES["animation"].title, name, several)
+        return [FigureBlock(f"{name}/figures/animation", title, FIGURES["animation"].caption, moving=True)]
     if campaigns:
         spec = CAMPAIGN_FIGURES["measured_against_model"]
         stem = _of_campaign(folder, campaigns[0]).relative_to(folder) / "figures/measured_against_model"
@@ -188,7 +189,7 @@ def _scenario(own: ScenarioResults, gain: str, whole: bool, folder: Path, severa
         "comparison.html": "the paper's numbers and claims beside these",
     }
     links = [Link(words, f"{name}/{path}") for path, words in pages.items() if (folder / name / path).is_file()]
-    specs = {key: spec for key, spec in CATALOGUE.items() if (folder / name / f"figures/{key}.png").is_file()}
+    specs = {key: FIGURES[key] for key in FIGURES.still if (folder / name / f"figures/{key}.png").is_file()}
     return [
         Heading(_of_scenario(name)),
         *([Paragraph(description)] if description else []),
@@ -238,7 +239,7 @@ def _figure(spec: FigureSpec, place: str, key: str, name: str) -> FigureBlock:
 
 def _other_figures(scenarios: Collection[str], campaigns: Collection[str]) -> list[Block]:
     """What the figures show that are linked only."""
-    linked = [spec for key, spec in CATALOGUE.items() if scenarios and key not in _KEY_FIGURES]
+    linked = [FIGURES[key] for key in FIGURES.still if scenarios and key not in _KEY_FIGURES]
     linked += [spec for key, spec in CAMPAIGN_FIGURES.items() if campaigns and key not in _KEY_FIGURES_OF_CAMPAIGNS]
     rows = tuple((spec.title, spec.caption) for spec in linked)
     return [Heading("What the figures show that are linked"), TableBlock(("figure", "what it shows"), rows)]

@@ -9,7 +9,7 @@ import pandas as pd
 
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, noted
-from jointgap.campaign.figures_catalogue import CATALOGUE
+from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.page import conclude
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.campaign.state import CampaignState
@@ -89,6 +89,6 @@ def _remove_conclusions(folder: ResultsFolder) -> None:
     places += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
     pages = [*(folder.path / "failed").glob("*.txt")]
     pages += [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
-    figures = [folder.path / "figures" / f"{name}{ending}" for name in CATALOGUE for ending in _ENDINGS]
+    figures = [folder.path / "figures" / f"{name}{ending}" for name in FIGURES for ending in _ENDINGS]
     for path in (*places, *pages, *figures):
         path.unlink(missing_ok=True)

@@ -6,15 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, SymLogNorm
-from matplotlib.patches import Rectangle
-from matplotlib.textpath import TextPath
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MultipleLocator, NullLocator
-from scipy.cluster.hierarchy import leaves_list, linkage
-from scipy.spatial.distance import squareform
 
-from jointgap.campaign.figures_catalogue import CATALOGUE
 from jointgap.core.plot import (
     COLOURS,
     CRANK_ANGLE,
@@ -22,15 +14,22 @@ from jointgap.core.plot import (
     LOOK,
     WIDTH,
     Drawing,
+    Figures,
     Panel,
     Quantity,
     Sheet,
+    label_ticks,
+    message_sheet,
     round_up,
     tick_label,
 )
 from jointgap.core.words import in_words, percent, size_for_the_eye, unit_in_words
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
+FIGURES = Figures()
+figure, draw = FIGURES.figure, FIGURES.draw
+_FIRST, _WHERE, _WHAT = "Measured and predicted", "Where", "What is missing"
+_BETTER, _PLAN = "What it brings", "What could be found"
 MOST_RUNS = 3  # beside each other, so that they can be read on a page
 _FULL = 0.95  # share of the fullest revolution's samples from which a revolution counts as whole
 _MODELS = {"before": ("base", {"linestyle": (0, (5, 1.5))}), "after": ("augmented", {})}
@@ -39,11 +38,20 @@ _NOISE = "95 % of the noise"
 _SAMPLE = Quantity("sample", "1")
 
 
+@figure(
+    "measured_against_model",
+    "Measured against the model",
+    _FIRST,
+    ("residuals", "channel_errors"),
+    "One revolution of each channel in the unit of its column: measured, and predicted before and after effects were "
+    "added. Below each: the residual, with the root mean square of the whole run in the title; grey band: two "
+    "standard deviations of the noise. Held-out runs come first, three runs at most, then the channel with the "
+    "largest residual; numbers of all: table channel_errors. A crank angle is shown as its deviation from steady "
+    'rotation. If nothing was identified, "after" shows the best candidate, if any.',
+    nothing="no sample could be compared with the model",
+)
 def measured_against_model(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
-    """One revolution of every channel, measured and predicted, above what is left: rows for channels, columns for runs.
-
-    Arguments as in `jointgap.campaign.figures_catalogue.draw`.
-    """
+    """One revolution of every channel, measured and predicted, above the residual: a row a channel, a column a run."""
     samples, errors = tables["residuals"], tables["channel_errors"]
     moments = ("before", "after") if (samples["base"] != samples["augmented"]).any() else ("before",)
     runs = errors.sort_values("held_out", ascending=False, kind="stable").drop_duplicates("run").head(MOST_RUNS)
@@ -91,8 +99,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
         below.axes.lines[-1].set_label("")  # its colour says which
     _noise_band(below, x, _NOISE_SPREADS * shown["spread"].to_numpy(dtype=float) / factor)
     if angular:
-        below.over_crank_angle(0.0, 360.0)
-        below.axes.xaxis.set_major_locator(MultipleLocator(90))
+        below.over_crank_angle(0.0, 360.0, step=90.0)
     return below
 
 
@@ -119,16 +126,6 @@ Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
 SPREADS = "standard deviations of the noise"
 
 
-def message_sheet(title: str, sentence: str) -> Drawing:
-    """A sheet with a `title` that says in a `sentence` why there is nothing to draw."""
-    sheet = Sheet(1.2, 1, 1)
-    panel = sheet.panel((0, 0), title, Quantity("", ""), Quantity("", ""))
-    panel.axes.set_axis_off()
-    panel.axes.text(0.5, 0.4, sentence, ha="center", va="center", transform=panel.axes.transAxes)
-    panel.record(sentence, [], [])
-    return sheet.drawing()
-
-
 def _runs_in(frame: pd.DataFrame) -> list[str]:
     """Runs of a table in its order."""
     return list(frame["run"].unique())
@@ -146,12 +143,22 @@ _FLAGGED = "window with a disagreement"
 _LINEAR_MEANS = 6.0  # larger means are shown on a logarithmic scale of colours
 
 
+@figure(
+    "disagreement",
+    "Map of disagreement",
+    _WHERE,
+    ("map_bins", "map_windows"),
+    "Mean residual of the current model with re-fitted parameters, by channel, run and crank angle, in standard "
+    "deviations of the noise; red: the measurement is above. Outlined: windows with a significant residual "
+    "(false-discovery rate 1 %). Where means exceed 6 the colour scale is linear up to 1 and logarithmic beyond.",
+    nothing="no sample could be compared with the model",
+)
 def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     """Mean whitened residual of the recalibrated model by crank angle, a panel for each channel; flagged windows
-    outlined.
+    outlined."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize, SymLogNorm
 
-    Arguments as in `draw`.
-    """
     bins, windows = tables["map_bins"], tables["map_windows"]
     channels = list(bins["channel"].unique())
     heights = [bins[bins["channel"] == channel]["run"].nunique() for channel in channels]
@@ -187,7 +194,7 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-def _bin_row(panel: Panel, place: int, run: str, bins: pd.DataFrame, colours: ScalarMappable) -> None:
+def _bin_row(panel: Panel, place: int, run: str, bins: pd.DataFrame, colours: Any) -> None:
     filled = bins[bins["mean"].notna()]
     start, width = filled["start_deg"].to_numpy(), (filled["end_deg"] - filled["start_deg"]).to_numpy()
     spans = list(zip(start, width, strict=True))
@@ -206,6 +213,8 @@ def _bin_row(panel: Panel, place: int, run: str, bins: pd.DataFrame, colours: Sc
 
 
 def _windows(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
+    from matplotlib.patches import Rectangle
+
     for window in windows.itertuples():
         low, high = window.start_deg, window.end_deg
         for begin, end in [(low, high)] if low < high else [(low, 360.0), (0.0, high)]:
@@ -235,11 +244,19 @@ _campaign_figures_NOISE = f"noise: {BAND:g} standard deviations"
 _campaign_figures_SAMPLE = Quantity("sample", "1")
 
 
+@figure(
+    "residuals",
+    "Residuals before and after",
+    _WHERE,
+    ("residuals",),
+    "Residual over the standard deviation of noise and numerics, by crank angle: dots are samples, lines their means "
+    "over 5 deg. Before: no effect added, parameters re-fitted unless nominal ones suffice; after: with the effects "
+    "of the verdict. A true model keeps 95 % of its samples in the grey band. Large residuals: linear scale inside "
+    "the band, logarithmic outside.",
+    nothing="no sample could be compared with the model",
+)
 def residuals(tables: Tables, verdict: Verdict) -> Drawing:
-    """Measured less predicted over the noise's spread, by crank angle: a row for each channel, a column for each run.
-
-    Arguments as in `draw`.
-    """
+    """Whitened residual by crank angle: a row for each channel, a column for each run."""
     samples = tables["residuals"]
     before, after = ((samples["measured"] - samples[model]) / samples["spread"] for model in ("base", "augmented"))
     moments = ("before", "after") if (before != after).any() else ("before",)  # nothing was added
@@ -281,8 +298,7 @@ def _fill(panel: Panel, samples: pd.DataFrame, moments: tuple[str, ...], angular
     panel.axes.axhspan(-BAND, BAND, color="#E9E9E9", zorder=0, label=_campaign_figures_NOISE)
     panel.record(_campaign_figures_NOISE, [np.nan], [0.0], low=[-BAND], high=[BAND])
     if angular:
-        panel.over_crank_angle(0.0, 360.0)
-        panel.axes.xaxis.set_major_locator(MultipleLocator(90))
+        panel.over_crank_angle(0.0, 360.0, step=90.0)
 
 
 def _residual_scale(panel: Panel, largest: float) -> None:
@@ -308,12 +324,19 @@ GAP = Quantity("gap: root mean square residual", SPREADS)
 ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify": "used for fitting"}
 
 
+@figure(
+    "gaps",
+    "Gap before and after",
+    _BETTER,
+    ("gaps",),
+    "Root mean square residual over the standard deviation of the noise, by run and channel, with 90 % bootstrap "
+    "intervals; 1 is noise. Held-out runs took no part in fitting or choosing; run-specific values (speed, start "
+    "angle) were fitted for each run, before and after.",
+    nothing="no gap was taken",
+)
 def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     """Root mean squared whitened residual by run and channel, with 90 % intervals; 1 is the noise. Nothing after where
-    nothing was added.
-
-    Arguments as in `draw`.
-    """
+    nothing was added."""
     table = tables["gaps"]
     roles = [role for role in ROLES if (table["role"] == role).any()]
     counts = [int((table["role"] == role).sum()) for role in roles]
@@ -358,6 +381,8 @@ def _gap_label(row) -> str:
 
 def _width_of(label: str) -> float:
     """Width [pt] of a tick's label; a blank has none by itself."""
+    from matplotlib.textpath import TextPath
+
     size = LOOK["ytick.labelsize"]
     ends = (TextPath((0, 0), f"{text}|", size=size).get_extents().x1 for text in (label, ""))
     return next(ends) - next(ends)
@@ -371,14 +396,14 @@ def _from_the_left(panel: Panel, width: float) -> None:
 
 
 def _gap_scale(sheet: Sheet, table: pd.DataFrame) -> None:
+    from matplotlib.ticker import LogLocator
+
     shown = table[["before", "after", "before_low", "before_high", "after_low", "after_high"]].to_numpy(dtype=float)
     low, high = np.nanmin(shown), np.nanmax(shown)
     for panel in sheet.panels:
         panel.axes.set_xscale("log")
         panel.axes.set_xlim(0.85 * min(low, 0.9), 1.2 * max(high, 1.5))
-        panel.axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        panel.axes.xaxis.set_major_formatter(tick_label)
-        panel.axes.xaxis.set_minor_locator(NullLocator())
+        label_ticks(panel.axes.xaxis, LogLocator(subs=(1.0, 2.0, 5.0)))
 
 
 RANKED = 8
@@ -396,12 +421,21 @@ _EXPLANATION = Quantity("explanation", "")
 _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 
 
+@figure(
+    "ranking",
+    "Candidates ranked",
+    _WHAT,
+    ("ranking",),
+    "Each candidate was added to the model and fitted together with all uncertain parameters. Left: its Bayesian "
+    "information criterion above that of the best (linear up to 10, logarithmic beyond); a difference beyond 10 is "
+    "very strong evidence. Right: share of the misfit beyond noise that it explains. Diamonds: named, or equivalent. "
+    "A list always has a best member, even if the true effect is missing: check that only noise is left. All fits, "
+    "with reasons of failures: table ranking.",
+    nothing="no candidate was fitted: nothing is there to be explained",
+)
 def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     """The best explanations by how far they are behind the best one in BIC, and by the share of the misfit they
-    explain.
-
-    Arguments as in `draw`.
-    """
+    explain."""
     best = _shown(tables["ranking"])
     names = [in_words(label).replace(" + ", " +\n") for label in best["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
@@ -453,12 +487,12 @@ def _ranking_marks(panel: Panel, best: pd.DataFrame, values: pd.Series) -> None:
 
 def _distance_scale(panel: Panel, farthest: float) -> None:
     """An abscissa that is linear up to the difference that tells two explanations apart and logarithmic beyond."""
+    from matplotlib.ticker import FixedLocator
+
     decades = 10.0 ** np.arange(1, 12)
     ticks = [0.0, *decades[decades <= 1.5 * max(farthest, _APART)]]
     panel.axes.set_xscale("symlog", linthresh=_APART, linscale=0.7)
-    panel.axes.xaxis.set_major_locator(FixedLocator(ticks))
-    panel.axes.xaxis.set_major_formatter(FuncFormatter(tick_label))
-    panel.axes.xaxis.set_minor_locator(NullLocator())
+    label_ticks(panel.axes.xaxis, FixedLocator(ticks))
     panel.axes.set_xlim(-1.5, 1.8 * max(farthest, _APART))
 
 
@@ -469,15 +503,22 @@ _COLOURS = ("paper", "after", "network", "second surrogate", "spline", "other", 
 _WIDEST = 5.0  # [pt] curve of the first run, which lies lowest
 
 
+@figure(
+    "missing_force",
+    "The missing force",
+    _WHAT,
+    ("missing_force",),
+    "Force on the slider, or torque on the crank, of the named effects along one settled revolution of each fitted "
+    "run: over velocity, over position (crank angle for a torque), and as colour over both. Effects that are no "
+    "force (a mass, a length, a clearance, a sensor fault) have none.",
+    nothing="no force or torque was named, so none is shown",
+)
 def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
-    """What the named effects push the slider with (or turn the crank) along each run: over x, over v, and over both.
-
-    Arguments as in `draw`.
-    """
+    """What the named effects push the slider with (or turn the crank) along each run: over x, over v, and over both."""
     samples = tables["missing_force"]
     shown = [name for name in FORCES if samples[name].abs().max() > 0.0]
     if not shown:
-        return message_sheet(CATALOGUE["missing_force"].title, CATALOGUE["missing_force"].nothing)
+        return message_sheet(FIGURES["missing_force"].title, FIGURES["missing_force"].nothing)
     across = [("slider_velocity", SPEED, 1.0), ("slider_position", POSITION, 1e3)]
     sheet = Sheet(0.5 + 2.7 * len(shown), len(shown), 3, width=10.5)
     for row, name in enumerate(shown):
@@ -501,6 +542,9 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
 
 def _plane(sheet: Sheet, row: int, samples: pd.DataFrame, name: str) -> None:
     """Colour of the force along the runs in the plane of position and speed."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
     force = FORCES[name]
     panel = sheet.panel((row, 2), f"{force.name} as colour", POSITION, SPEED)
     x, y, value = 1e3 * samples["slider_position"], samples["slider_velocity"], samples[name]
@@ -519,12 +563,20 @@ _ROOM = 0.25  # of a scale's span, to each side
 _SMALLEST_CHANGE = 2e-3  # of a length: smaller ones look small
 
 
+@figure(
+    "optimum",
+    "Optimum before and after",
+    _BETTER,
+    ("campaign_optimum",),
+    "Link lengths with the smallest error of the transmission angle, on the current model (before) and on the model "
+    "with the effects of the verdict (after). Right: RMS error at the original and at the optimal lengths with "
+    "frozen joint motion, its reduction there, and the reduction when simulated again. A model without a loose joint "
+    "has no optimum.",
+    nothing="nothing to optimise: no effect was added to the mechanism, or no joint of it is loose",
+)
 def optimum(tables: Tables, verdict: Verdict) -> Drawing:
     """Optimal link lengths, and the error of the transmission angle that they leave, of the model as it stood and with
-    the effect added.
-
-    Arguments as in `draw`.
-    """
+    the effect added."""
     optima = tables["campaign_optimum"].dropna(subset=["crank_length"])
     if optima.empty:
         return message_sheet("Optimum before and after", "the model could not be optimised again: see the summary")
@@ -586,12 +638,21 @@ _WRITTEN_FROM = 0.5  # cosines that are written as numbers
 _MERGED = "cannot be told apart here"
 
 
+@figure(
+    "confusability",
+    "Effects that look alike",
+    _PLAN,
+    ("confusability",),
+    "Cosine between the changes that two effects make in the measured channels, whitened and after re-fitting "
+    "uncertain parameters; 1: these runs cannot tell them apart at any size. Outlined: effects that count as one. "
+    "Known before measuring.",
+    nothing="there are no candidates to compare",
+)
 def confusability(tables: Tables, verdict: Verdict) -> Drawing:
     """Cosines between what any two effects do to the measurement once the nuisances are re-fitted; merged classes
-    outlined.
+    outlined."""
+    from matplotlib.patches import Rectangle
 
-    Arguments as in `draw`.
-    """
     pairs = tables["confusability"]
     labels = sorted({*pairs["first"], *pairs["second"]})
     number = {label: place for place, label in enumerate(labels)}
@@ -648,6 +709,9 @@ def _merged(verdict: Mapping[str, Any], shown: Mapping[str, int]) -> list[list[s
 
 def _order_by_likeness(cosine: np.ndarray, groups: list[list[int]]) -> list[int]:
     """An order in which effects that look alike are neighbours, those of one group without a stranger between them."""
+    from scipy.cluster.hierarchy import leaves_list, linkage
+    from scipy.spatial.distance import squareform
+
     if len(cosine) < 3:
         return list(range(len(cosine)))
     near = cosine.copy()
@@ -663,15 +727,22 @@ def _two_digits(value: float) -> str:
     return "1" if value >= 0.9995 else f"{value:.{3 if value >= 0.995 else 2}f}".lstrip("0")
 
 
+@figure(
+    "detectable",
+    "Smallest detectable sizes",
+    _PLAN,
+    ("detectable",),
+    "Size from which an effect is found in nine of ten such campaigns, over the size at which simulation and "
+    "measurement differ by 1.5 standard deviations of the noise after re-fitting uncertain parameters; inverted "
+    'where an effect shrinks as its value grows ("up to"). Its value is at the right. Known before measuring.',
+    nothing="there are no candidates to detect",
+)
 def detectable(tables: Tables, verdict: Verdict) -> Drawing:
     """The smallest size of each effect that this experiment shows, over the one that makes a gap of 1.5, with its
     value.
 
     Where the value falls as the effect grows, the ratio is turned over: to the left of the line is always what is
-    easily seen.
-
-    Arguments as in `draw`.
-    """
+    easily seen."""
     effects = tables["detectable"]
     ratio = (effects["smallest_detectable"] / effects["typical"]).abs()
     effects = effects.assign(ratio=ratio.where(~effects["falls"], 1.0 / ratio))

@@ -8,7 +8,7 @@ import pandas as pd
 
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, failures, noted
-from jointgap.campaign.figures_catalogue import CATALOGUE
+from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.fits_on_disk import (
     assumed,
     confusable_groups,
@@ -142,7 +142,7 @@ def _widened(verdict: Mapping[str, Any]) -> str:
 
 
 def _figure(name: str) -> FigureBlock:
-    return FigureBlock(name, CATALOGUE[name].title, CATALOGUE[name].caption)
+    return FigureBlock(name, FIGURES[name].title, FIGURES[name].caption)
 
 
 def _answer(verdict: Mapping[str, Any]) -> list[Block]:
@@ -669,19 +669,17 @@ def conclude(state: CampaignState, advise: bool = True) -> dict[str, Any]:
 
 def show(state: CampaignState) -> None:
     """Draw the figures and write the one-page summary of a verdict that is there."""
-    from jointgap.campaign.figures import message_sheet
-    from jointgap.campaign.figures_catalogue import CATALOGUE, TABLES, draw
     from jointgap.core import plot
 
     folder = state.folder
     content = verdict_json.read(folder.path / VERDICT)
-    frames = figure_tables(folder, TABLES)
-    for name, spec in CATALOGUE.items():
+    frames = figure_tables(folder, FIGURES.needed_tables(FIGURES))
+    for name, spec in FIGURES.items():
         with noted(folder, name):
-            plot.save(draw(name, frames, content), folder.path / "figures" / name)
+            plot.save(FIGURES.draw(name, frames, content), folder.path / "figures" / name)
         if why := failures(folder).get(name):
             with plot.matplotlib_style():
-                plot.save(message_sheet(spec.title, f"could not be drawn: {why}"), folder.path / "figures" / name)
+                plot.save(plot.message_sheet(spec.title, f"could not be drawn: {why}"), folder.path / "figures" / name)
     content["failed"] = failures(folder)
     summary = Page(f"Campaign {content['campaign']}: {answer(content)}", (Paragraph(f"All else: {VERDICT}"),))
     with noted(folder, "page"):

@@ -1,24 +1,24 @@
-"""How figures look, and how they are written."""
+"""Style, writing and registry of all figures. Matplotlib is loaded where a figure is drawn."""
 
 from base64 import b64encode
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.contour import QuadContourSet
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MultipleLocator, NullLocator
 from numpy.typing import ArrayLike
-from PIL import Image
 
 from jointgap.core import parquet, schema
-from jointgap.core.errors import InputError
+from jointgap.core.errors import InputError, did_you_mean
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.contour import QuadContourSet
+    from matplotlib.figure import Figure
 
 _NOTEBOOK_DOTS = 110
 """Dots per inch at which a notebook shows a figure."""
@@ -102,7 +102,7 @@ class Drawing:
         Time a frame is shown [s]; 0 for a still figure.
     """
 
-    figure: Figure
+    figure: "Figure"
     data: pd.DataFrame
     frames: tuple[np.ndarray, ...] = ()
     frame_duration: float = 0.0
@@ -125,18 +125,51 @@ class Drawing:
         InputError
             Another suffix, or a file that cannot be written.
         """
-        path, savers = Path(path), _savers(self)
-        if path.suffix not in savers:
+        path, writers = Path(path), self.writers()
+        if path.suffix not in writers:
             raise InputError(
-                f"{path}: figures are not written as '{path.suffix}'; end the name in {' or '.join(savers)}"
+                f"{path}: figures are not written as '{path.suffix}'; end the name in {' or '.join(writers)}"
             )
-        parquet.write_atomically(path, savers[path.suffix])
+        parquet.write_atomically(path, writers[path.suffix])
         return path
+
+    def writers(self) -> dict[str, Callable]:
+        """Functions that write the drawing to a file, by suffix."""
+        if self.frames:
+            return {".gif": self._write_gif}
+        with matplotlib_style():
+            self.figure.draw_without_rendering()  # lays the panels out, once for both formats
+        self.figure.set_layout_engine("none")
+        return {".svg": self._write_svg, ".png": self._write_png}
+
+    def _write_svg(self, file) -> None:
+        with matplotlib_style():
+            self.figure.savefig(file, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None, "Creator": None})
+
+    def _write_png(self, file) -> None:
+        from PIL import Image
+
+        drawn = BytesIO()
+        with matplotlib_style():
+            self.figure.savefig(drawn, format="png", dpi=DOTS_PER_INCH)
+        # a palette of 256 colours is enough for curves and maps, and halves the size of pages and reports
+        reduced = Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        reduced.save(file, format="PNG", optimize=True, dpi=(DOTS_PER_INCH, DOTS_PER_INCH))
+
+    def _write_gif(self, file) -> None:
+        from PIL import Image
+
+        # One palette for all frames, from the last one, which shows every colour: what does not move stays the same
+        frames = [Image.fromarray(frame) for frame in self.frames]
+        palette = frames[-1].quantize(128, method=Image.Quantize.MAXCOVERAGE)
+        first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+        timing = {"duration": round(1000 * self.frame_duration), "loop": 0}
+        first.save(file, format="GIF", save_all=True, append_images=others, optimize=True, **timing)
 
     def _repr_mimebundle_(self, include=None, exclude=None) -> tuple[dict[str, str], dict[str, dict[str, int]]]:
         """The picture, for a notebook."""
         suffix, content = ".gif" if self.frames else ".png", BytesIO()
-        _savers(self)[suffix](content)
+        self.writers()[suffix](content)
         kind = f"image/{suffix[1:]}"
         width = {} if self.frames else {"width": round(self.figure.get_figwidth() * _NOTEBOOK_DOTS)}
         return {kind: b64encode(content.getvalue()).decode()}, {kind: width}
@@ -147,70 +180,79 @@ class Drawing:
 
 def matplotlib_style() -> AbstractContextManager[None]:
     """Context in which figures are made and saved."""
-    return mpl.rc_context(LOOK)
+    from matplotlib import rc_context
+
+    return rc_context(LOOK)
 
 
 def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
-    """Write a drawing and the data it shows.
-
-    Neither file carries a date or the name of the software: the same drawing gives the same bytes.
-    """
+    """Write a drawing and the data it shows; the same drawing gives the same bytes (no date, no version)."""
     stem = Path(stem)
     paths = []
-    for suffix, saver in _savers(drawing).items():
-        path = stem.with_name(stem.name + suffix)
-        parquet.write_atomically(path, saver)
-        paths.append(path)
+    for suffix, writer in drawing.writers().items():
+        paths.append(stem.with_name(stem.name + suffix))
+        parquet.write_atomically(paths[-1], writer)
     data = stem.with_name(stem.name + ".parquet")
     parquet.write(schema.PLOTTED, drawing.data, data)
     return (*paths, data)
 
 
-def _savers(drawing: Drawing) -> dict[str, Callable]:
-    """Functions that write the `drawing`, by suffix."""
-    return _moving(drawing) if drawing.frames else _still(drawing)
+@dataclass(frozen=True)
+class FigureSpec:
+    """One figure of a scenario or a campaign."""
+
+    title: str
+    category: str  # Section of the report
+    tables: tuple[str, ...]  # Names of the tables that it shows
+    caption: str
+    nothing: str  # What it says where there is nothing to draw; empty: its tables are required
+    function: Callable[[Mapping[str, pd.DataFrame], Any], Drawing]
+    call: str  # Its name in Python's `plot`
+    moving: bool = False  # An animation, saved as GIF
 
 
-def _still(drawing: Drawing) -> dict[str, Callable]:
-    figure = drawing.figure
-    with matplotlib_style():
-        figure.draw_without_rendering()  # lays the panels out, once for both formats
-    figure.set_layout_engine("none")
+class Figures(dict[str, FigureSpec]):
+    """The figures of a kind of results by name, in the order in which modules register them."""
 
-    def vectors(path):
+    def figure(
+        self, name: str, title: str, category: str, tables: Iterable[str], caption: str, nothing: str = "", **more
+    ) -> Callable[[Callable], Callable]:
+        """A decorator that registers a function from tables and a scenario (or a verdict) to a `Drawing`."""
+
+        def register(function: Callable) -> Callable:
+            given = {"call": getattr(function, "__name__", name)} | more
+            self[name] = FigureSpec(title, category, tuple(tables), caption, nothing, function, **given)
+            return function
+
+        return register
+
+    @property
+    def still(self) -> tuple[str, ...]:
+        """Names of those that are saved as SVG and PNG."""
+        return tuple(name for name, spec in self.items() if not spec.moving)
+
+    def spec(self, name: str) -> FigureSpec:
+        """The figure `name`."""
+        if name not in self:
+            raise InputError(f"no figure '{name}'; {did_you_mean(name, self)}")
+        return self[name]
+
+    def needed_tables(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Names of the tables that the figures `names` show, sorted."""
+        return tuple(sorted({table for name in names for table in self.spec(name).tables}))
+
+    def draw(self, name: str, frames: Mapping[str, pd.DataFrame | None], of: Any) -> Drawing:
+        """Draw one figure from `frames` of its tables `of` a scenario or the content of a verdict."""
+        spec = self.spec(name)
+        missing = [table for table in spec.tables if frames.get(table) is None]
+        if missing and not spec.nothing:
+            raise InputError(
+                f"figure {name} needs the table '{missing[0]}'; give it (needed: {', '.join(spec.tables)})"
+            )
         with matplotlib_style():
-            figure.savefig(path, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None, "Creator": None})
-
-    def pixels(path):
-        drawn = BytesIO()
-        with matplotlib_style():
-            figure.savefig(drawn, format="png", dpi=DOTS_PER_INCH)
-        # a palette of 256 colours is enough for curves and maps, and halves what pages and reports weigh
-        reduced = Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE)
-        reduced.save(path, format="PNG", optimize=True, dpi=(DOTS_PER_INCH, DOTS_PER_INCH))
-
-    return {".svg": vectors, ".png": pixels}
-
-
-def _moving(drawing: Drawing) -> dict[str, Callable]:
-    def gif(path):
-        # One palette for all frames, taken from a frame late enough to hold every colour: what stands still stays the
-        # same
-        # in each frame, and only what moves is stored again.
-        frames = [Image.fromarray(frame) for frame in drawing.frames]
-        palette = frames[-1].quantize(128, method=Image.Quantize.MAXCOVERAGE)
-        reduced = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-        reduced[0].save(
-            path,
-            format="GIF",
-            save_all=True,
-            append_images=reduced[1:],
-            duration=round(1000 * drawing.frame_duration),
-            loop=0,
-            optimize=True,
-        )
-
-    return {".gif": gif}
+            if spec.nothing and (missing or frames[spec.tables[0]].empty):
+                return message_sheet(spec.title, spec.nothing)
+            return spec.function(frames, of)
 
 
 @dataclass(frozen=True)
@@ -246,6 +288,15 @@ def tick_label(value: float, position: int) -> str:
     return rf"${lead}10^{{{exponent}}}$"
 
 
+def label_ticks(axis, locator) -> None:
+    """Major ticks of a matplotlib `axis` where the `locator` says, with plain labels; no minor ticks."""
+    from matplotlib.ticker import NullLocator
+
+    axis.set_major_locator(locator)
+    axis.set_major_formatter(tick_label)
+    axis.set_minor_locator(NullLocator())
+
+
 def width_for(columns: int) -> float:
     """Width of a figure with one column of panels for each loose joint [inches]: the usual one holds two."""
     return WIDTH * max(1.0, columns / 2)
@@ -263,7 +314,7 @@ CRANK_ANGLE = Quantity("crank angle", "deg", r"$\theta_2$")
 class Panel:
     """One pair of axes of a sheet."""
 
-    def __init__(self, axes: Axes, title: str, x: Quantity, y: Quantity):
+    def __init__(self, axes: "Axes", title: str, x: Quantity, y: Quantity):
         self.axes, self.title, self.x, self.y = axes, title, x, y
         self.records: list[dict[str, np.ndarray]] = []
         axes.set_title(title)
@@ -298,7 +349,7 @@ class Panel:
 
     def contours(
         self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **style
-    ) -> QuadContourSet:
+    ) -> "QuadContourSet":
         """Filled contours of a `value` (len(y), len(x)) over the grid of `x` and `y`; gives what a colour bar needs.
 
         `quantity` says what the value is; `series` and `style` as in `line`.
@@ -349,13 +400,14 @@ class Panel:
         self.axes.axvline(x, label=series if named else None, color=COLOURS["limit"], linewidth=0.9, linestyle="--")
         self.record(series, [x], [np.nan])
 
-    def over_crank_angle(self, start: float, end: float) -> None:
-        """Ticks and limits for crank angles from `start` to `end` [deg]."""
+    def over_crank_angle(self, start: float, end: float, step: float | None = None) -> None:
+        """Ticks, every `step` if given, and limits for crank angles from `start` to `end` [deg]."""
+        from matplotlib.ticker import MultipleLocator
+
         span = end - start
         self.axes.set_xlim(start, end)
-        self.axes.xaxis.set_major_locator(
-            MultipleLocator(180 if span > 600 else 60 if span > 200 else 15 if span > 50 else 5)
-        )
+        usual = 180 if span > 600 else 60 if span > 200 else 15 if span > 50 else 5
+        self.axes.xaxis.set_major_locator(MultipleLocator(step or usual))
 
     def square(self, half_width: float) -> None:
         """Equal scales on both axes, from -`half_width` to `half_width`."""
@@ -365,26 +417,26 @@ class Panel:
 
     def logarithmic(self) -> None:
         """A logarithmic ordinate with plain numbers at it; call it after plotting."""
+        from matplotlib.ticker import LogLocator
+
         low, high = self.axes.dataLim.intervaly
         steps = (1.0, 2.0, 5.0) if 0.0 < high < 1e3 * max(low, 1e-300) else (1.0,)
         self.axes.set_yscale("log")
-        self.axes.yaxis.set_major_locator(LogLocator(subs=steps))
-        self.axes.yaxis.set_major_formatter(FuncFormatter(tick_label))
-        self.axes.yaxis.set_minor_locator(NullLocator())
+        label_ticks(self.axes.yaxis, LogLocator(subs=steps))
 
     def linear_then_logarithmic(self, threshold: float, named: bool = True) -> None:
         """An ordinate that is linear up to +-`threshold` (grey band) and logarithmic beyond; call it after plotting.
 
         The legend says so if `named`.
         """
+        from matplotlib.ticker import FixedLocator
+
         bottom, top = self.axes.dataLim.intervaly
         decades = 10.0 ** np.arange(np.floor(np.log10(threshold)) + 1.0, 20.0)
         beyond = decades[decades > 4.0 * threshold]  # a label nearer would touch that of the threshold
         ticks = [-threshold, 0.0, threshold, *beyond[beyond <= 1.3 * top], *-beyond[beyond <= -1.3 * bottom]]
         self.axes.set_yscale("symlog", linthresh=threshold, linscale=1.2)
-        self.axes.yaxis.set_major_locator(FixedLocator(sorted(ticks)))
-        self.axes.yaxis.set_major_formatter(FuncFormatter(tick_label))
-        self.axes.yaxis.set_minor_locator(NullLocator())
+        label_ticks(self.axes.yaxis, FixedLocator(sorted(ticks)))
         self.axes.set_ylim(min(1.5 * bottom, -1.2 * threshold), max(1.5 * top, 1.2 * threshold))
         if named:
             self.axes.axhspan(-threshold, threshold, color="#EEEEEE", zorder=0, label=LINEAR_BAND)
@@ -424,6 +476,8 @@ class Sheet:
     """A figure in the one style and the record of what is on it."""
 
     def __init__(self, height: float, rows: int, columns: int, width: float = WIDTH, **grid):
+        from matplotlib.figure import Figure
+
         self.figure = Figure(figsize=(width, height), layout="constrained")
         self.grid = self.figure.add_gridspec(rows, columns, **grid)
         self.panels: list[Panel] = []
@@ -461,3 +515,13 @@ class Sheet:
         names = [column.name for column in schema.PLOTTED.columns]
         data = pd.DataFrame({name: np.concatenate([record[name] for record in records]) for name in names})
         return Drawing(self.figure, data)
+
+
+def message_sheet(title: str, sentence: str) -> Drawing:
+    """A sheet with a `title` that says in a `sentence` why there is nothing to draw."""
+    sheet = Sheet(1.2, 1, 1)
+    panel = sheet.panel((0, 0), title, Quantity("", ""), Quantity("", ""))
+    panel.axes.set_axis_off()
+    panel.axes.text(0.5, 0.4, sentence, ha="center", va="center", transform=panel.axes.transAxes)
+    panel.record(sentence, [], [])
+    return sheet.drawing()

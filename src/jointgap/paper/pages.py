@@ -11,7 +11,7 @@ from jointgap.core.page import Block, Cell, FigureBlock, Heading, Link, Page, Pa
 from jointgap.core.words import fall_in_percent
 from jointgap.paper.compare import VariantOptimum, conclusion, looseness_variants, variant_optimum
 from jointgap.paper.printed import AGREES, LENGTH_AGREES, departures
-from jointgap.scenario.figures_catalogue import CATALOGUE
+from jointgap.scenario.figures import FIGURES
 
 _SECTIONS = {
     "number": (
@@ -249,7 +249,7 @@ def overview_page(table: pd.DataFrame) -> Page:
     """The `table` overview on one page, with a small figure of each scenario; figures and links are relative to the
     folder of results.
     """
-    spec = CATALOGUE[_FIGURE]
+    spec = FIGURES[_FIGURE]
     figures = [
         FigureBlock(f"{name}/figures/{_FIGURE}", f"{spec.title}: {name}", small=True) for name in table["scenario"]
     ]

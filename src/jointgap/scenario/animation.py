@@ -1,19 +1,15 @@
 """The mechanism in motion over the first revolution, its clearances magnified."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
-from matplotlib.ticker import MultipleLocator
 
 from jointgap.config import Scenario
 from jointgap.core.joints import JOINT, JOINT_NUMBERS
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Panel, Quantity, Sheet
 from jointgap.core.words import in_words
-from jointgap.scenario.figures import degrees, loose_joints, revolution, round_number
+from jointgap.scenario.figures_base import CONTACT_PART, Tables, degrees, figure, loose_joints, revolution, round_number
 from jointgap.scenario.figures_motion import SMALLEST_FORCE, eccentricity
 
 OPENING, SHARE = 60.0, 0.5  # [deg] the opening, where the journals fly and hit, gets this share of the frames
@@ -41,12 +37,20 @@ class Pin:
     arrow: np.ndarray
 
 
-def animation(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
+@figure(
+    "animation",
+    "The mechanism in motion",
+    CONTACT_PART,
+    ("trajectory",),
+    "First revolution. Top: the mechanism with its clearances magnified by the factor in the title; rings are "
+    "bearings, dots are journals, grey in flight. Arrows: forces on the journals, 30 mm longer per factor of ten "
+    "above 1 N. Bottom: path of each loose joint's journal in its true clearance circle, and the normal forces. The "
+    "first 60 deg, where the journals fly and hit, take half of the frames.",
+    moving=True,
+)
+def animation(tables: Tables, scenario: Scenario) -> Drawing:
     """Mechanism with its clearances magnified, the loose joints' journals in their bearings, contact force by arrow and
-    curve.
-
-    Arguments as in `draw`.
-    """
+    curve."""
     first = revolution(tables["trajectory"], scenario, 1)
     chosen = _frames(len(first) - 1, scenario.figures.animation_frames)
     samples = first.iloc[chosen].reset_index(drop=True)
@@ -70,6 +74,8 @@ def _frames(samples: int, frames: int) -> np.ndarray:
 
 def _film(sheet: Sheet, moving: list, frames: int) -> tuple[np.ndarray, ...]:
     """Draw what stands still once, and what moves on top of it frame by frame."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     canvas = FigureCanvasAgg(sheet.figure)
     sheet.figure.set_dpi(DOTS_PER_INCH)
     artists = [artist for part in moving for artist in part.artists]
@@ -121,6 +127,8 @@ class _Mechanism:
     """Crank, rod and piston; the rings and journals of the pins, and of the crank pivot where it is loose."""
 
     def __init__(self, sheet: Sheet, samples: pd.DataFrame, scenario: Scenario):
+        from matplotlib.patches import Circle, FancyArrowPatch, Rectangle
+
         mechanism, times = scenario.mechanism.applied(), magnification(scenario)
         angle = samples["crank_angle"].to_numpy()
         crank = mechanism.crank.length * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -228,8 +236,7 @@ class _Forces:
             panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.5)
         panel.axes.set_yscale("log")
         panel.axes.set_ylim(bottom=SMALLEST_FORCE)
-        panel.over_crank_angle(angle[0], angle[-1])
-        panel.axes.xaxis.set_major_locator(MultipleLocator(120.0))
+        panel.over_crank_angle(angle[0], angle[-1], step=120.0)
         self.angle = degrees(samples["crank_angle"])
         self.cursor = panel.axes.axvline(angle[0], color=INK, linewidth=1.0)
         self.artists = (self.cursor,)

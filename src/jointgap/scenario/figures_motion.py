@@ -1,7 +1,5 @@
 """Figures of motion and contact."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -11,72 +9,45 @@ from jointgap.config import Joint, Scenario
 from jointgap.core.joints import JOINT, JOINT_NUMBERS
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, IMPACTS_DWARF, Drawing, Panel, Quantity, Sheet, round_up
 from jointgap.core.words import in_words
-from jointgap.dynamics.kinematics import clearance_lift, transmission_angle
-from jointgap.scenario.figures import (
-    NETWORKS,
+from jointgap.scenario.figures_base import (
+    CONTACT_PART,
+    FIGURES,
+    MOTION_PART,
+    Tables,
+    by_source,
     degrees,
+    figure,
+    first_and_settled,
     loose_joints,
-    predicted,
-    revolution,
     round_number,
-    settled_revolution,
 )
-
-Tables = Mapping[str, pd.DataFrame]
-_SIMULATED, _PREDICTED, _DESIRED = (
-    "with clearance: simulation",
-    "with clearance: networks",
-    "without clearance (desired)",
-)
-
 
 _NETWORKS = "networks_paper_form"
-"""Source of what the networks say, which is not there where none were trained."""
+"""Source of what the networks predict, which is not there where none were trained."""
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A column of the table kinematics as figures show it."""
-
-    column: str
-    title: str
-    name: str
-    unit: str
-    factor: float = 1.0
-
-
-def _orders(body: str, axis: str, words: str) -> dict[str, Curve]:
-    shown = (("position", "mm", 1e3), ("velocity", "m/s", 1.0), ("acceleration", "m/s²", 1.0))
-    return {order: Curve(f"{body}_{order}{axis}", words, order, unit, factor) for order, unit, factor in shown}
-
-
-ROD = [_orders("rod", f"_{axis}", f"rod's mass centre, {axis}") for axis in "xy"]
-PISTON = [_orders("slider", "", "piston")]
-TRANSMISSION = Curve("transmission_angle", "transmission angle", "transmission angle", "deg", 180.0 / np.pi)
-
-
-def _compare(curves: list[Curve], tables: Tables, scenario: Scenario) -> Drawing:
-    """Desired and actual above, their difference below, a column for each curve."""
-    sources = dict(list(tables["kinematics"].groupby("source")))
+def _compare(
+    columns: dict[str, str], name: str, unit: str, factor: float, tables: Tables, scenario: Scenario
+) -> Drawing:
+    """Desired and actual above, their difference below: a column of panels for each of the `columns` of the table
+    kinematics, which come with their titles.
+    """
+    sources = by_source(tables)
     angle = degrees(sources["simulation"]["crank_angle"])
-    sheet = Sheet(5.0, 2, len(curves))
-    for column, curve in enumerate(curves):
-        desired, simulated = (
-            curve.factor * sources[source][curve.column].to_numpy() for source in ("ideal", "simulation")
-        )
-        actual = {_SIMULATED: (simulated, "simulation", 0.9)}
-        if _NETWORKS in sources:  # below the simulation's
-            networks = curve.factor * sources[_NETWORKS][curve.column].to_numpy()
-            actual = {_PREDICTED: (networks, "network", 0.8)} | actual
-        above = sheet.panel((0, column), curve.title, CRANK_ANGLE, Quantity(curve.name, curve.unit))
-        below = sheet.panel(
-            (1, column), "deviation", CRANK_ANGLE, Quantity("actual − desired", curve.unit), below=above
-        )
+    sheet = Sheet(5.0, 2, len(columns))
+    for place, (column, title) in enumerate(columns.items()):
+        values = {source: factor * frame[column].to_numpy() for source, frame in sources.items()}
+        desired = values["ideal"]
+        actual = {"with clearance: simulation": (values["simulation"], "simulation", 0.9)}
+        if _NETWORKS in values:  # below the simulation's
+            actual = {"with clearance: networks": (values[_NETWORKS], "network", 0.8)} | actual
+        above = sheet.panel((0, place), title, CRANK_ANGLE, Quantity(name, unit))
+        below = sheet.panel((1, place), "deviation", CRANK_ANGLE, Quantity("actual − desired", unit), below=above)
         for panel, less in ((above, 0.0), (below, desired)):
-            for series, (values, colour, width) in actual.items():
-                panel.line(series, angle, values - less, colour, linewidth=width)
-            _spread_scale(panel, desired, np.concatenate([values - less for values, _, _ in actual.values()]))
-        above.line(_DESIRED, angle, desired, "ideal", linestyle="--", linewidth=1.1)
+            for series, (shown, colour, width) in actual.items():
+                panel.line(series, angle, shown - less, colour, linewidth=width)
+            _spread_scale(panel, desired, np.concatenate([shown - less for shown, _, _ in actual.values()]))
+        above.line("without clearance (desired)", angle, desired, "ideal", linestyle="--", linewidth=1.1)
         below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()
     return sheet.drawing()
@@ -89,66 +60,47 @@ def _spread_scale(panel: Panel, desired: np.ndarray, shown: np.ndarray) -> None:
         panel.linear_then_logarithmic(round_up(peak))
 
 
-rod_position, rod_velocity, rod_acceleration = (
-    partial(_compare, [axis[order] for axis in ROD]) for order in ("position", "velocity", "acceleration")
-)
-"""Rod's mass centre, figures 9-11: both axes."""
+_BODIES = {
+    "rod": ("rod", {f"rod_{{}}_{axis}": f"rod's mass centre, {axis}" for axis in "xy"}),
+    "piston": ("piston", {"slider_{}": "piston"}),
+}
+_ORDERS = {"position": ("mm", 1e3), "velocity": ("m/s", 1.0), "acceleration": ("m/s²", 1.0)}
+_ABOUT = {  # what the figures of positions, velocities and accelerations show besides
+    ("rod", "position"): "The deviation stays within about one clearance.",
+    ("rod", "velocity"): "Steps are impacts, most of them early in the revolution. The paper's equations take the "
+    "clearance as constant, so the networks cannot follow the free flight at the start.",
+    ("rod", "acceleration"): "Impacts exceed the desired acceleration many times. In free flight the rod has nearly no "
+    "acceleration; the paper's equations, which neglect derivatives of the clearance, differ there.",
+    ("piston", "position"): "The deviation reaches plus and minus the sum of all clearances, because they align with "
+    "the rod at load reversal.",
+    (
+        "piston",
+        "velocity",
+    ): "Deviations are largest at the start, where the piston flies freely, and at load reversals.",
+    ("piston", "acceleration"): "Zero acceleration is free flight, spikes are impacts; in contact the journal "
+    "oscillates along its bearing's wall.",
+}
+for _number, ((_body, _order), _about) in enumerate(_ABOUT.items(), 9):
+    _columns = {column.format(_order): title for column, title in _BODIES[_body][1].items()}
+    FIGURES.figure(
+        f"figure_{_number:02}",
+        f"{_order.capitalize()} of the {_body} (the paper's figure {_number})",
+        MOTION_PART,
+        ("kinematics",),
+        "First revolution. Top: without clearance (desired, dashed), simulated with clearance, and from the paper's "
+        f"equations with the networks. Bottom: deviation from the desired {_order}. {_about}",
+        call=f"{_body}_{_order}",
+    )(partial(_compare, _columns, _order, *_ORDERS[_order]))
 
-piston_position, piston_velocity, piston_acceleration = (
-    partial(_compare, [axis[order] for axis in PISTON]) for order in ("position", "velocity", "acceleration")
-)
-"""Piston, figures 12-14."""
-
-transmission_angles = partial(_compare, [TRANSMISSION])
-"""Transmission angle with and without clearance, figure 15."""
-
-
-ACTUAL, OPTIMISED = "desired − actual", "desired − optimised"
-
-
-def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
-    """Errors of the transmission angle before and after the optimisation, clearance motion frozen (figure 16).
-
-    Arguments as in `draw`.
-    """
-    samples = revolution(tables["trajectory"], scenario, 1)
-    crank_angle, angle = samples["crank_angle"].to_numpy(), degrees(samples["crank_angle"])
-    coordinates = [f"{name}{number}" for number in loose_joints(scenario).values() for name in ("r", "gamma")]
-    motions = {
-        NETWORKS: {name: predicted(tables, NETWORKS, name)["value"].to_numpy() for name in coordinates},
-        "simulation": {name: samples[name].to_numpy() for name in coordinates},
-    }
-    mechanism = scenario.mechanism.applied()
-    crank, rod, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
-    desired = transmission_angle(crank, rod, crank_angle, 0.0, offset)
-    optima = tables["optimise_optima"]
-    box = next(iter(scenario.optimise.boxes))
-    sheet = Sheet(5.4, 2, 1)
-    above: Panel | None = None
-    for row, (source, motion) in enumerate(motions.items()):
-        lift = clearance_lift(motion)
-        best = optima[(optima["source"] == source) & (optima["box"] == box) & (optima["method"] == "genetic")].iloc[0]
-        pairs = {
-            ACTUAL: (crank, rod, "simulation"),
-            OPTIMISED: (best["crank_length"], best["rod_length"], "genetic"),
-        }
-        title = (
-            f"{source}: $L_2$ = {1e3 * best['crank_length']:.3f} mm, $L_3$ = {1e3 * best['rod_length']:.3f} mm, "
-            f"RMS in the window {-100 * best['rms_reduction']:+.1f} %"
-        ).replace("-", "−")
-        error = Quantity("error of the angle", "deg", r"$\mu$")
-        panel = sheet.panel((row, 0), title, CRANK_ANGLE, error, below=above)
-        for series, (crank_length, rod_length, colour) in pairs.items():
-            actual = transmission_angle(crank_length, rod_length, crank_angle, lift, offset)
-            panel.line(series, angle, np.degrees(desired - actual), colour, linewidth=1.0)
-        panel.horizontal_line("zero", 0.0)
-        for edge in np.degrees(scenario.optimise.window):
-            if 0.0 < edge < 359.99:
-                panel.vertical_line("edge of the window", angle[0] + edge)
-        panel.over_crank_angle(angle[0], angle[-1])
-        above = panel
-    sheet.legend()
-    return sheet.drawing()
+FIGURES.figure(
+    "figure_15",
+    "Transmission angle (the paper's figure 15)",
+    MOTION_PART,
+    ("kinematics",),
+    "First revolution. Top: angle between the rod and the normal to the slide. Bottom: actual minus desired, the error "
+    "that the optimisation minimises; it is small compared with the variation of the angle itself.",
+    call="transmission_angles",
+)(partial(_compare, {"transmission_angle": "transmission angle"}, "transmission angle", "deg", 180.0 / np.pi))
 
 
 DEPTH_DRAWN = 0.3  # [1] of the clearance: about as deep the settled orbit's largest penetration is drawn
@@ -160,37 +112,36 @@ MODES = ("flight", "impact", "contact")
 
 
 def eccentricity(samples: pd.DataFrame, name: str, joint: Joint | None) -> tuple[np.ndarray, np.ndarray]:
-    """Journal's centre seen from its bearing's centre, components along the fixed x and y [m].
-
-    `samples` are rows of table `TRAJECTORY`, `name` is that of the `joint`. The table's vector points to the centre of
-    the joint's body (`jointgap.core.joints`), so it is turned round where this body carries the bearing. Undefined
-    directions (centres
-    coincide, as always in an ideal joint) give nan.
+    """Journal's centre relative to its bearing's centre, components along the fixed x and y [m], in `samples` of the
+    trajectory; nan where the direction is undefined, because the centres coincide.
     """
+    # the table's vector points to the centre of the joint's body, which may carry the journal or the bearing
     sign = 1.0 if joint is not None and joint.journal == JOINT[name].body else -1.0
     r, gamma = (samples[f"{quantity}{JOINT_NUMBERS[name]}"].to_numpy() for quantity in ("r", "gamma"))
     return sign * r * np.cos(gamma), sign * r * np.sin(gamma)
 
 
-def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Orbit of each journal's centre in its bearing, and how far it goes beyond the clearance.
-
-    Arguments as in `draw`.
-    """
-    trajectory, number_settled = tables["trajectory"], scenario.optimise.ensemble.settled_revolution
-    mechanism = scenario.mechanism.applied()
-    drawn = loose_joints(scenario)
-    shown = (
-        ("first revolution", "first", revolution(trajectory, scenario, 1)),
-        (f"settled revolution ({number_settled})", "settled", settled_revolution(trajectory, scenario)),
-    )
+@figure(
+    "orbits",
+    "Orbits of the journals",
+    CONTACT_PART,
+    ("trajectory",),
+    "Left: path of the journal's centre in the first revolution; the circle is the clearance. Middle: settled "
+    "revolution, with the penetration into the wall magnified by the factor in the panel. Right: distance of the "
+    "centres minus the clearance; negative values are flight. A settled curve that never falls below zero means "
+    "permanent contact.",
+)
+def orbits(tables: Tables, scenario: Scenario) -> Drawing:
+    """Orbit of each journal's centre in its bearing, and how far it goes beyond the clearance."""
+    mechanism, drawn = scenario.mechanism.applied(), loose_joints(scenario)
+    shown = first_and_settled(tables["trajectory"], scenario)
     sheet = Sheet(2.9 * len(drawn), len(drawn), 3, width_ratios=[1.0, 1.0, 1.25])
     circle = np.linspace(0.0, 2.0 * np.pi, 181)
     for row, (name, number) in enumerate(drawn.items()):
         joint: Joint = mechanism.joint(name)
         words, radius = in_words(name), 1e3 * joint.clearance
         depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("beyond clearance", "µm", "$r - r_c$"))
-        for column, (series, colour, samples) in enumerate(shown):
+        for column, (series, (colour, samples)) in enumerate(shown.items()):
             panel = sheet.panel(
                 (row, column), f"{words}, {colour}", Quantity("journal, x", "mm"), Quantity("journal, y", "mm")
             )
@@ -214,17 +165,20 @@ def orbits(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
     return sheet.drawing()
 
 
-def contact_forces(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Normal force in the loose joints over the crank angle, and their modes as bands; first and settled revolution.
-
-    Arguments as in `draw`.
-    """
-    settled, joints = scenario.optimise.ensemble.settled_revolution, loose_joints(scenario)
-    parts = {"first revolution": 1, f"settled revolution ({settled})": settled}
+@figure(
+    "contact_forces",
+    "Contact forces and modes",
+    CONTACT_PART,
+    ("trajectory",),
+    "Normal force in the loose joints, first and settled revolution; gaps are flight. The bands show the mode of each "
+    "joint: flight, impact (the journal hits and rebounds) or contact (it stays and oscillates about its equilibrium).",
+)
+def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
+    """Normal force in the loose joints over the crank angle, and their modes as bands; first and settled revolution."""
+    parts, joints = first_and_settled(tables["trajectory"], scenario), loose_joints(scenario)
     sheet = Sheet(4.4 + 0.5 * len(joints), 4, 1, height_ratios=[2.0, 0.25 * len(joints)] * 2)
     largest = max(tables["trajectory"][f"{name}_normal_force"].max() for name in joints)
-    for row, (title, number) in enumerate(parts.items()):
-        samples = revolution(tables["trajectory"], scenario, number)
+    for row, (title, (_, samples)) in enumerate(parts.items()):
         angle = degrees(samples["crank_angle"])
         panel = sheet.panel((2 * row, 0), title, CRANK_ANGLE, Quantity("normal force", "N"))
         below = sheet.panel((2 * row + 1, 0), f"{title}: modes", CRANK_ANGLE, Quantity("joint", ""), below=panel)
@@ -249,11 +203,18 @@ _KINDS = (
 """Contacts in words, whether they stay, and how they are marked."""
 
 
-def impacts(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """Every contact of the simulation at the crank angle where it begins: impulse, peak force, approach speed.
-
-    Arguments as in `draw`.
-    """
+@figure(
+    "impacts",
+    "Impacts",
+    CONTACT_PART,
+    ("trajectory", "events"),
+    "Each contact of the simulation at the crank angle where it begins: impulse and maximum of its normal force, and "
+    "approach speed. Filled: the journal rebounds; open: it stays in contact, and the impulse is that of the load "
+    "until it separates. A contact that has not ended shows its approach speed only. The axis ends after the last "
+    "contact that begins.",
+)
+def impacts(tables: Tables, scenario: Scenario) -> Drawing:
+    """Every contact of the simulation at the crank angle where it begins: impulse, peak force, approach speed."""
     events, trajectory = tables["events"], tables["trajectory"]
     turn = degrees(trajectory["crank_angle"])[0] - np.degrees(trajectory["crank_angle"].iloc[0])
     begins = np.degrees(events.loc[events["event"] == "impact", "crank_angle"]) + turn
@@ -290,13 +251,18 @@ def _contacts(events: pd.DataFrame) -> pd.DataFrame:
     return begins[["crank_angle", "approach_speed"]].join(ends[["impulse", "peak_force", "maxima"]])
 
 
-def drive_and_guide(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> Drawing:
-    """What drives the crank and what guides the slider: crank speed and torque, force and moment of the guide.
-
-    Arguments as in `draw`.
-    """
-    settled = scenario.optimise.ensemble.settled_revolution
-    parts = {"first revolution": (1, "first"), f"settled revolution ({settled})": (settled, "settled")}
+@figure(
+    "drive_and_guide",
+    "Drive and guide",
+    CONTACT_PART,
+    ("trajectory",),
+    "Speed of the crank and torque of its drive; force of the guide on the slider, and its moment about the piston "
+    "pin, which balances the friction moment in the pin. First and settled revolution. The speed is constant unless "
+    "a motor, a measured angle or a fluctuation drives the crank.",
+)
+def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
+    """What drives the crank and what guides the slider: crank speed and torque, force and moment of the guide."""
+    parts = first_and_settled(tables["trajectory"], scenario)
     shown = (
         ("crank_speed", "crank's speed", "speed", "rpm", 30.0 / np.pi),
         ("crank_torque", "torque on the crank", "torque", "N m", 1.0),
@@ -307,8 +273,7 @@ def drive_and_guide(tables: Mapping[str, pd.DataFrame], scenario: Scenario) -> D
     for place, (column, title, words, unit, factor) in enumerate(shown):
         panel = sheet.panel(divmod(place, 2), title, CRANK_ANGLE, Quantity(words, unit))
         drawn = []
-        for series, (number, colour) in parts.items():
-            samples = revolution(tables["trajectory"], scenario, number)
+        for series, (colour, samples) in parts.items():
             angle, values = degrees(samples["crank_angle"]), factor * samples[column].to_numpy()
             panel.line(series, angle, values, colour, linewidth=1.7 if colour == "first" else 0.9)
             panel.over_crank_angle(angle[0], angle[-1])

@@ -1,16 +1,21 @@
-"""The valley of the objective, and what the optimum is worth when simulated again."""
-
-from collections.abc import Mapping
+"""Figures of the optimum: errors before and after (figure 16), the objective, and the gain simulated again."""
 
 import numpy as np
 import pandas as pd
-from matplotlib.colors import LogNorm
 
 from jointgap.config import Scenario
-from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
-from jointgap.scenario.figures import NETWORKS
+from jointgap.core.plot import CRANK_ANGLE, Drawing, Panel, Quantity, Sheet
+from jointgap.scenario.figures_base import (
+    NETWORKS,
+    OPTIMUM_PART,
+    Tables,
+    degrees,
+    figure,
+    loose_joints,
+    predicted,
+    revolution,
+)
 
-Tables = Mapping[str, pd.DataFrame]
 CRANK = Quantity("crank length", "mm", "$L_2$")
 ROD = Quantity("rod length", "mm", "$L_3$")
 RMS = Quantity("RMS error of μ", "deg")
@@ -35,11 +40,74 @@ LENGTHS = {
 """Where lengths come from, by point or by the source that the genetic algorithm searched, for the eye."""
 
 
-def valley(tables: Tables, scenario: Scenario) -> Drawing:
-    """Objective over both lengths with what the optimisers did on it; reductions along the valley's floor.
+@figure(
+    "figure_16",
+    "Errors of the transmission angle (the paper's figure 16)",
+    OPTIMUM_PART,
+    ("trajectory", "predictions", "optimise_optima"),
+    "First revolution: desired minus actual angle at the original lengths, and desired minus optimised at the "
+    "lengths of the genetic algorithm, with the joint motion frozen; top from the networks (as in the paper), bottom "
+    "from the simulation. Other lengths can add little more than a multiple of the sine of the crank angle, so they "
+    "cannot remove the journals' oscillation.",
+)
+def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
+    """Errors of the transmission angle before and after the optimisation, clearance motion frozen (figure 16)."""
+    from jointgap.dynamics.kinematics import clearance_lift, transmission_angle
 
-    Arguments as in `draw`.
-    """
+    samples = revolution(tables["trajectory"], scenario, 1)
+    crank_angle, angle = samples["crank_angle"].to_numpy(), degrees(samples["crank_angle"])
+    coordinates = [f"{name}{number}" for number in loose_joints(scenario).values() for name in ("r", "gamma")]
+    motions = {
+        NETWORKS: {name: predicted(tables, name)["value"].to_numpy() for name in coordinates},
+        "simulation": {name: samples[name].to_numpy() for name in coordinates},
+    }
+    mechanism = scenario.mechanism.applied()
+    crank, rod, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
+    desired = transmission_angle(crank, rod, crank_angle, 0.0, offset)
+    optima = tables["optimise_optima"]
+    box = next(iter(scenario.optimise.boxes))
+    sheet = Sheet(5.4, 2, 1)
+    above: Panel | None = None
+    for row, (source, motion) in enumerate(motions.items()):
+        lift = clearance_lift(motion)
+        best = optima[(optima["source"] == source) & (optima["box"] == box) & (optima["method"] == "genetic")].iloc[0]
+        pairs = {
+            "desired − actual": (crank, rod, "simulation"),
+            "desired − optimised": (best["crank_length"], best["rod_length"], "genetic"),
+        }
+        title = (
+            f"{source}: $L_2$ = {1e3 * best['crank_length']:.3f} mm, $L_3$ = {1e3 * best['rod_length']:.3f} mm, "
+            f"RMS in the window {-100 * best['rms_reduction']:+.1f} %"
+        ).replace("-", "−")
+        error = Quantity("error of the angle", "deg", r"$\mu$")
+        panel = sheet.panel((row, 0), title, CRANK_ANGLE, error, below=above)
+        for series, (crank_length, rod_length, colour) in pairs.items():
+            actual = transmission_angle(crank_length, rod_length, crank_angle, lift, offset)
+            panel.line(series, angle, np.degrees(desired - actual), colour, linewidth=1.0)
+        panel.horizontal_line("zero", 0.0)
+        for edge in np.degrees(scenario.optimise.window):
+            if 0.0 < edge < 359.99:
+                panel.vertical_line("edge of the window", angle[0] + edge)
+        panel.over_crank_angle(angle[0], angle[-1])
+        above = panel
+    sheet.legend()
+    return sheet.drawing()
+
+
+@figure(
+    "valley",
+    "The valley of the objective",
+    OPTIMUM_PART,
+    ("optimise_valley", "optimise_floor", "optimise_paths", "optimise_population", "optimise_optima"),
+    "Joint motion frozen, from the networks. Left: RMS error over both lengths in the main box, with bounds, "
+    "constraint, starts and paths of the local optimiser, the best of each generation of the genetic algorithm, both "
+    "optima and, for the paper's mechanism, its three points. The error depends almost only on the ratio of the "
+    "lengths: one flat valley, not many minima. Right: reduction of the error along the valley's floor, each measure "
+    "at its own best crank length. It rises with the rod length, so the bound on the rod length determines the "
+    "optimum.",
+)
+def valley(tables: Tables, scenario: Scenario) -> Drawing:
+    """Objective over both lengths with what the optimisers did on it; reductions along the valley's floor."""
     box, optima = next(iter(scenario.optimise.boxes)), tables["optimise_optima"]
     source = NETWORKS if NETWORKS in set(optima["source"]) else SETTLED  # where no networks were trained
     chosen = {
@@ -55,6 +123,8 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
 
 
 def _map(sheet: Sheet, chosen: dict[str, pd.DataFrame], optima: pd.DataFrame, scenario: Scenario, box: str) -> None:
+    from matplotlib.colors import LogNorm
+
     panel = sheet.panel((0, 0), f"error over both lengths, box '{box}'", CRANK, ROD)
     grid = chosen["valley"].pivot(index="rod_length", columns="crank_length", values="rms")
     x, y, value = 1e3 * grid.columns.to_numpy(), 1e3 * grid.index.to_numpy(), np.degrees(grid.to_numpy())
@@ -123,11 +193,18 @@ def _points(panel: Panel, optima: pd.DataFrame, box: str, x: str, x_factor: floa
         )
 
 
+@figure(
+    "resimulation",
+    "Frozen and true reductions",
+    OPTIMUM_PART,
+    ("optimise_resimulated",),
+    "Reduction of the error of the transmission angle with the lengths named on the left (from the paper, and from the "
+    "genetic algorithm on each source). Open diamonds: estimate with unchanged joint motion (frozen). Dots: simulated "
+    "again, median of an ensemble of perturbed starts; bars: 5 to 95 %. Left: window of the first revolution; right: a "
+    "settled revolution. A bar that crosses zero means no reliable gain.",
+)
 def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
-    """Reductions with the clearance motion frozen, beside those of the mechanism simulated with the new lengths.
-
-    Arguments as in `draw`.
-    """
+    """Reductions with the clearance motion frozen, beside those of the mechanism simulated with the new lengths."""
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
     origin_of = {
         name if name.startswith("printed_") else f"{name}_{box}_genetic": words for name, words in LENGTHS.items()

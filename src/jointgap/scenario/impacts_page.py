@@ -10,7 +10,7 @@ from jointgap.config import Scenario
 from jointgap.core.errors import needs
 from jointgap.core.plot import COLOURS
 from jointgap.core.words import in_words
-from jointgap.scenario.figures import degrees, loose_joints
+from jointgap.scenario.figures_base import degrees, loose_joints
 from jointgap.scenario.figures_motion import MODES
 
 if TYPE_CHECKING:

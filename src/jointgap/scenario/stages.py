@@ -220,11 +220,11 @@ _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
 def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path | None = None) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
     from jointgap.networks.trained import trained_surrogates
-    from jointgap.scenario.figures import draw_all, predictions
-    from jointgap.scenario.figures_catalogue import FIGURES, needed_tables
+    from jointgap.scenario.figures import FIGURES, draw_all
+    from jointgap.scenario.figures_base import predictions
 
-    wanted = names or FIGURES
-    needed = needed_tables(wanted)
+    wanted = names or FIGURES.still
+    needed = FIGURES.needed_tables(wanted)
     frames = results.read_all(name for name in needed if name != "predictions")
     if "predictions" in needed:
         frames["predictions"] = predictions(trained_surrogates(results), frames["trajectory"], results.scenario)
