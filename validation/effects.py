@@ -4,16 +4,21 @@ One number is the size, zero where the effect is absent; further parameters (a r
 drawn once and stay.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from jointgap.effects import EFFECTS
-from jointgap.effects.base import LARGEST_SIZE, Effect, TrialContext, TrialSize, random_sign
 from jointgap.rig.sensors import DELAY_SHARES, ENCODER_OFFSET, FAULTS, LAG_AND_DELAY, SENSOR_DELAY, SensorFault
 
 Parameters = dict[str, float]
+
+
+LARGEST_SIZE = 200.0
+"""How many times the first amplitude a trial may give an effect that nothing else bounds."""
 
 
 @dataclass(frozen=True)
@@ -71,10 +76,124 @@ DrawEffect = Callable[[RigScales, np.random.Generator], InjectedEffect | None]
 """Draws an effect for a rig; None where it cannot act."""
 
 
-def _effect(page: type[Effect], site: str) -> DrawEffect:
+class TrialSize(NamedTuple):
+    """How a trial hides an effect: by one number, 0 where the effect is absent; all else is drawn once and stays."""
+
+    parameters: Callable[[float], Parameters]  # From the amplitude to the parameters that a verdict states
+    first: float  # Amplitude to begin the search with, its largest and its smallest value
+    largest: float
+    smallest: float = 0.0
+
+    @classmethod
+    def of(cls, key: str, first: float, largest: float | None = None, sign: float = 1.0, **drawn: float) -> "TrialSize":
+        """The amplitude, from `first` up to `largest`, times `sign` is the parameter `key`; others are as `drawn`."""
+        bound = LARGEST_SIZE * first if largest is None else largest
+        return cls(lambda amplitude: {key: sign * amplitude, **drawn}, first, bound)
+
+
+def _random_sign(rng: np.random.Generator) -> float:
+    return float(rng.choice([-1.0, 1.0]))
+
+
+def _random_angle(rng: np.random.Generator) -> float:
+    return float(rng.uniform(-math.pi, math.pi))
+
+
+def _spring(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+    middle, half = rig.stroke
+    rest = float(middle + rng.uniform(-0.7, 0.7) * half)
+    return TrialSize.of("stiffness_N_m", 0.05 * rig.force / half, rest_position_m=rest)
+
+
+def _gas(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+    length, exponent = float(rig.stroke[1] * rng.uniform(0.2, 0.8)), float(rng.uniform(1.0, 1.4))
+    return TrialSize.of("force_N", 0.1 * rig.force, dead_length_m=length, exponent=exponent)
+
+
+def _harmonic_force(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+    frequency, phase = float(rig.speed / (2 * math.pi) * rng.uniform(1.3, 6.0)), _random_angle(rng)
+    return TrialSize.of("force_N", 0.05 * rig.force, frequency_Hz=frequency, phase_rad=phase)
+
+
+def _pin_friction(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+    nominal = rig.mechanism["contacts"]["steel"]["friction"] if site in rig.loose else 0.0
+    return TrialSize(lambda size: {"coefficient": nominal + size}, 0.05, 0.6 - nominal)
+
+
+def _unbalance(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+    return TrialSize.of("unbalance_kg_m", 0.1 * rig.force / rig.speed**2, 1.0, angle_rad=_random_angle(rng))
+
+
+def _speed_fluctuation(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+    order, phase = int(rng.choice([1, 2, 3, 4])), _random_angle(rng)
+    return TrialSize.of("ratio", 0.005, 0.3, order=order, phase_rad=phase)
+
+
+def _link_length(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+    return TrialSize.of(str(rng.choice(["crank_m", "rod_m"])), 1e-4, 0.02, _random_sign(rng))
+
+
+def _clearance(joint: str) -> Callable[[RigScales, np.random.Generator, str], TrialSize]:
+    def size(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+        data = rig.mechanism["joints"][joint]
+        nominal = data["bearing_radius"] - data["journal_radius"] if joint in rig.loose else 0.0
+        return TrialSize(lambda size: {"clearance_m": nominal + size}, 1e-5 if nominal else 5e-5, 1.5e-3, 2e-6)
+
+    return size
+
+
+def _bending(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize:
+    damping, softest = float(rng.uniform(0.005, 0.05)), 5 * rig.speed / (2 * math.pi)
+    # Amplitudes are squares of periods, as in a fit. A rod above 2000 Hz shows in no channel.
+    sizes = (1 / (2 * math.pi * frequency) ** 2 for frequency in (200.0, softest, 2000.0))
+    return TrialSize(
+        lambda size: {"frequency_Hz": 1 / (2 * math.pi * math.sqrt(size)), "damping_ratio": damping}, *sizes
+    )
+
+
+def _film(rig: RigScales, rng: np.random.Generator, site: str) -> TrialSize | None:
+    if site not in rig.loose:
+        return None
+    length = 2 * rig.mechanism["joints"][site]["journal_radius"]
+    return TrialSize(lambda viscosity: {"viscosity_Pa_s": viscosity, "length_m": length}, 0.1, 1.0, 0.03)
+
+
+_SIZES: dict[str, Callable[[RigScales, np.random.Generator, str], TrialSize | None]] = {
+    "gravity": lambda rig, rng, site: TrialSize.of("acceleration_m_s2", 5.0, 15.0),
+    "slider_coulomb_friction": lambda rig, rng, site: TrialSize.of("force_N", 0.05 * rig.force),
+    "slider_viscous_friction": lambda rig, rng, site: TrialSize.of("damping_N_s_m", 0.05 * rig.force / rig.velocity),
+    "slider_quadratic_drag": lambda rig, rng, site: TrialSize.of("drag_N_s2_m2", 0.05 * rig.force / rig.velocity**2),
+    "slider_load_friction": lambda rig, rng, site: TrialSize.of("coefficient", 0.1, 1.0),
+    "slider_constant_force": lambda rig, rng, site: TrialSize.of(
+        "force_N", 0.05 * rig.force, 10 * rig.force, _random_sign(rng)
+    ),
+    "slider_spring": _spring,
+    "gas_pressure": _gas,
+    "harmonic_force": _harmonic_force,
+    "pin_friction": _pin_friction,
+    "crank_coulomb_friction": lambda rig, rng, site: TrialSize.of("torque_N_m", 0.05 * rig.force * rig.stroke[1]),
+    "crank_viscous_friction": lambda rig, rng, site: TrialSize.of(
+        "damping_N_m_s", 0.05 * rig.force * rig.stroke[1] / rig.speed
+    ),
+    "crank_unbalance": _unbalance,
+    "added_slider_mass": lambda rig, rng, site: TrialSize.of("mass_kg", 0.03, 3.0),
+    "speed_fluctuation": _speed_fluctuation,
+    "slider_offset": lambda rig, rng, site: TrialSize.of("offset_m", 1e-3, 0.1, _random_sign(rng)),
+    "link_length_error": _link_length,
+    "crank_pivot_clearance": _clearance("crank_pivot"),
+    "crank_pin_clearance": _clearance("crank_pin"),
+    "piston_pin_clearance": _clearance("piston_pin"),
+    "rod_flexibility": _bending,
+    "lubricated_joint": _film,
+}
+"""How large an effect of the list is at first and at most, by name in the order of the catalogue; None where it cannot
+act."""
+
+
+def _effect(name: str, site: str) -> DrawEffect:
     def make(rig: RigScales, rng: np.random.Generator) -> InjectedEffect | None:
-        size = page.trial(TrialContext(rig, rng, site))
-        return None if size is None else InjectedEffect(page.NAME, site or page.SITE, *size)
+        size = _SIZES[name](rig, rng, site)
+        return None if size is None else InjectedEffect(name, site or EFFECTS[name].SITE, *size)
 
     return make
 
@@ -83,7 +202,7 @@ def _fault(fault: SensorFault) -> DrawEffect:
     def make(rig: RigScales, rng: np.random.Generator) -> InjectedEffect:
         encoder = fault.name == ENCODER_OFFSET
         channel = "crank_angle" if encoder else str(rng.choice(rig.channels))
-        sign = random_sign(rng) if fault.either_sign else max(random_sign(rng), 1.0)
+        sign = _random_sign(rng) if fault.either_sign else max(_random_sign(rng), 1.0)
         size = TrialSize.of(fault.parameter, *fault.trial(rig, channel), sign)
         return InjectedEffect(fault.name, "sensor" if encoder else channel, *size, sensor=channel)
 
@@ -92,10 +211,9 @@ def _fault(fault: SensorFault) -> DrawEffect:
 
 LISTED: dict[str, DrawEffect] = {
     **{
-        f"{page.NAME}:{site}" if site else page.NAME: _effect(page, site)
-        for page in EFFECTS.values()
-        if page.trial.__func__ is not Effect.trial.__func__
-        for site in page.sites() or ("",)
+        f"{name}:{site}" if site else name: _effect(name, site)
+        for name in _SIZES
+        for site in EFFECTS[name].sites() or ("",)
     },
     **{fault.name: _fault(fault) for fault in FAULTS.values() if fault.trial},
 }

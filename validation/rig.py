@@ -14,7 +14,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.config.load import validate
 from jointgap.core.joints import JOINTS, PINS, REFERENCE_APPROACH_SPEED
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.effects.joint_clearance import FRICTIONS, RESTITUTIONS, STIFFNESS_FACTOR
+from jointgap.effects.clearance import FRICTIONS, RESTITUTIONS, STIFFNESS_FACTOR
 from jointgap.rig.sensors import FAULTS
 from validation.effects import InjectedEffect, RigScales
 from validation.integrator import integrate

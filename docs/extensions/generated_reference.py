@@ -16,7 +16,7 @@ from sphinx.application import Sphinx
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.core import schema
 from jointgap.effects import EFFECTS
-from jointgap.effects.describe import example, parameters_of
+from jointgap.effects.base import example, parameters_of
 from jointgap.rig.sensors import FAULTS
 from jointgap.scenario.figures import FIGURES
 

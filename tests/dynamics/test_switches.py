@@ -7,7 +7,7 @@ from jointgap.dynamics.integrate import integrate
 from jointgap.dynamics.sampling import fill_samples
 from jointgap.dynamics.simulate import simulate
 from jointgap.effects import EFFECTS
-from jointgap.effects.describe import example
+from jointgap.effects.base import example
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options
 
 NOTHING = [

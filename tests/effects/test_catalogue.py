@@ -9,7 +9,7 @@ import pytest
 
 from jointgap.config import EFFECTS, Scenario, hertz_stiffness, parse_options, validate
 from jointgap.core.errors import InputError
-from jointgap.effects.describe import example, parameters_of
+from jointgap.effects.base import example, parameters_of
 from tests.config.mechanisms import PIVOT, ROOT, effect, mechanism, paper
 
 DATA = (

@@ -7,7 +7,7 @@ from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
 from jointgap.effects import EFFECTS
-from jointgap.effects.describe import example
+from jointgap.effects.base import example
 from jointgap.rig.sensors import MIRRORED
 from tests.dynamics.cases import SPEED, effect, mechanism, options, with_numbers
 

@@ -8,7 +8,7 @@ from jointgap.config import EFFECTS, Mechanism
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
-from jointgap.effects.describe import example
+from jointgap.effects.base import example
 from jointgap.rig.simulate_run import (
     augmented_mechanism,
     friction_speed,

@@ -312,7 +312,7 @@ def _catalogue(catalogue) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from jointgap.effects.describe import parameters_of
+    from jointgap.effects.base import parameters_of
 
     shown = Table(show_lines=True, width=WIDTH, highlight=False)
     shown.add_column("effect, site", width=24, overflow="fold")
@@ -356,7 +356,7 @@ def _page_of(name: str, effect) -> None:
 
     import yaml
 
-    from jointgap.effects.describe import example, parameters_of
+    from jointgap.effects.base import example, parameters_of
 
     click.echo(click.style(name, bold=True))
     for label, text in (

@@ -21,7 +21,7 @@ from jointgap.core.words import (
     with_unit,
 )
 from jointgap.effects import EFFECTS
-from jointgap.effects.describe import parameters_of
+from jointgap.effects.base import parameters_of
 from jointgap.identification.confirmation import RISES, STAYS, HeldOutTest, share_closed
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.rig.sensors import FAULTS

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
-from jointgap.effects.joint_clearance import LEAST_CLEARANCE
+from jointgap.effects.clearance import LEAST_CLEARANCE
 from jointgap.quantities import split_quantity, to_si
 
 

@@ -1,4 +1,4 @@
-"""What every effect's page has: see `Effect`, and docs/extending.md for how to write one."""
+"""What every effect has: see `Effect`, and docs/extending.md for how to write one."""
 
 import math
 import re
@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
-from pydantic import Field, create_model
+from pydantic import Field, create_model, model_validator
+from pydantic_core import PydanticUndefined
 
-from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import InputError
-from jointgap.core.joints import PINS
+from jointgap.formula import compile_formula
 from jointgap.quantities import quantity
 from jointgap.section import Section
 
@@ -20,7 +21,6 @@ SLIDER_SIGN_SPEED = 0.01
 CRANK_SIGN_SPEED = 0.1
 """Width [rad/s] of the sign of a speed of rotation in friction: sgn w = tanh(w / 0.1 rad/s)."""
 
-SLIDER_SIGN = f"sgn v = tanh(v / {SLIDER_SIGN_SPEED:g} m/s)"
 CRANK_SIGN = f"sgn w = tanh(w / {CRANK_SIGN_SPEED:g} rad/s)"
 
 FRICTION_SURVEY = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083-1138"
@@ -28,12 +28,8 @@ FRICTION_SURVEY = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30
 DETECTABLE_SHARE = 0.02
 """Share of a quantity that noise could just hide: steps of finite differences are of this order."""
 
-LARGEST_SIZE = 200.0
-"""How many times the first amplitude a blind trial may give an effect that nothing else bounds."""
-
 GROUPS = ("slider", "crank", "bodies", "pins", "clearances")
 """What effects act on, in the order in which a fit tries them."""
-
 
 Values = Mapping[str, float]
 """Values of a fit's coordinates by key."""
@@ -109,48 +105,31 @@ class FitContext:
         return {nuisance: key for nuisance, key in amplitudes.items() if nuisance in self.nuisances}
 
 
-class TrialContext(NamedTuple):
-    """What a blind trial knows when it hides an effect.
+class EffectParameter(NamedTuple):
+    """A parameter of an effect; see `parameter`."""
 
-    Attributes
-    ----------
-    rig : validation.effects.RigScales
-        Its `force`, `velocity` and `stroke` say how large the motion is.
-    rng : numpy.random.Generator
-    site : str
-        Where an effect with a choice of sites is to act; else empty.
-    """
-
-    rig: Any
-    rng: Any
-    site: str
+    unit: str
+    meaning: str
+    example: float
+    default: Any
+    compiled: str
+    odd: bool
+    step: Callable[[MotionScale], float] | None
+    limits: Mapping[str, float]
 
 
-class TrialSize(NamedTuple):
-    """How a blind trial hides an effect: by one number, 0 where the effect is absent; all else is drawn once and stays.
-
-    Attributes
-    ----------
-    parameters : function
-        From the amplitude to the parameters that a verdict states.
-    first, largest, smallest : float
-        Amplitude to begin the search with, and its bounds.
-    """
-
-    parameters: Callable[[float], dict[str, float]]
-    first: float
-    largest: float
-    smallest: float = 0.0
-
-    @classmethod
-    def of(cls, key: str, first: float, largest: float | None = None, sign: float = 1.0, **drawn: float) -> "TrialSize":
-        """The amplitude, from `first` up to `largest`, times `sign` is the parameter `key`; others are as `drawn`."""
-        bound = LARGEST_SIZE * first if largest is None else largest
-        return cls(lambda amplitude: {key: sign * amplitude, **drawn}, first, bound)
-
-
-def parameter(unit: str, meaning: str, example: float, default: Any = ..., **limits: float) -> tuple[Any, Any]:
-    """A parameter of an effect's page.
+def parameter(
+    unit: str,
+    meaning: str,
+    example: float,
+    *,
+    default: Any = ...,
+    compiled: str = "",
+    odd: bool = False,
+    step: Callable[[MotionScale], float] | None = None,
+    **limits: float,
+) -> EffectParameter:
+    """A parameter of an effect.
 
     Parameters
     ----------
@@ -160,15 +139,16 @@ def parameter(unit: str, meaning: str, example: float, default: Any = ..., **lim
         Its symbol in the law, and what it is.
     example, default : float
         A typical value; what it is where an entry leaves it out, if it may.
+    compiled : str
+        Field of `jointgap.dynamics.parameters.EffectParameters` that takes it over as it is.
+    odd : bool
+        Whether it has the other sign as seen from behind; see `Effect.mirrored`.
+    step : function
+        Of a parameter that a fit varies and that is 0 where the effect is absent: the size that noise could just hide.
     **limits : float
         ``gt``, ``ge``, ``lt``, ``le``, ``multiple_of``.
     """
-    return quantity(unit, **limits), Field(default, description=meaning, examples=[example])
-
-
-def random_sign(rng: Any) -> float:
-    """-1 or 1, drawn by a `numpy.random.Generator`."""
-    return float(rng.choice([-1.0, 1.0]))
+    return EffectParameter(unit, meaning, example, default, compiled, odd, step, limits)
 
 
 def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: float = math.inf) -> Parameter:
@@ -176,48 +156,19 @@ def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: f
     return Parameter(name, 0.0, low, high, step, unit)
 
 
-def order_of_crank(whole: Iterable[int], runs: Sequence[str]) -> Parameter:
-    """The order of an effect in step with the crank [cycles per revolution]: of the `whole` ones, and the halves beside
-    them where there is one run alone, as in which of two turns a run began nobody knows.
-
-    Parameters
-    ----------
-    whole : iterable of int
-        Rising.
-    runs : sequence of str
-        Of the campaign.
-    """
-    orders = [float(order) for order in whole]
-    if len(runs) == 1:
-        orders = sorted({*orders, *(k + 0.5 for k in range(int(orders[-1])))})
-    return Parameter("order", orders[0], orders[0], orders[-1], 1e-3, whole=True, tried=tuple(orders))
-
-
-def stated_order(value: float) -> float:
-    """The whole or half order next to a fitted `value`."""
-    doubled = round(2.0 * value)
-    return doubled // 2 if doubled % 2 == 0 else doubled / 2.0
-
-
-def from_cosine_and_sine(amplitude: str, angle: str, values: Values) -> dict[str, float]:
-    """The parameters called `amplitude` and `angle` [rad] of the coordinates ``cosine`` and ``sine`` in `values`."""
-    cosine, sine = values["cosine"], values["sine"]
-    return {amplitude: math.hypot(cosine, sine), angle: math.atan2(sine, cosine)}
-
-
 class Effect(Section):
     """A physical effect beyond contact and friction in the joints; off unless a mechanism file lists it.
 
-    A subclass with the decorator `page` is an effect of the catalogue. Its entry in a mechanism file has the keys
-    ``name`` (that of the class, in snake case), those of `KEYS`, and ``parameters``. In the laws v and x are the
-    slider's velocity and position, w is the crank's speed and theta its angle, t is time.
+    A subclass with the decorator `register_effect` is an effect of the catalogue. Its entry in a mechanism file has
+    the keys ``name`` (that of the class, in snake case), those of `KEYS`, and ``parameters``. In the laws v and x are
+    the slider's velocity and position, w is the crank's speed and theta its angle, t is time.
 
     Attributes
     ----------
     NAME, ORDER : str, int
-        Its name and its place in the catalogue, from `page`.
+        Its name and its place in the catalogue, from `register_effect`.
     GROUP : str
-        What it acts on, of `GROUPS`; with ``slider`` the law in `slider_force` is switched on.
+        What it acts on, of `GROUPS`; with ``slider`` the compiled force on the slider is switched on.
     SITE : str
         Where it acts; where there is a choice, the entry has the key ``site``.
     LAW, REFERENCE : str
@@ -226,18 +177,20 @@ class Effect(Section):
         What a verdict calls it; may hold ``{site}``.
     KEYS : mapping of str to (type, Field)
         Keys of an entry beside ``name`` and ``parameters``.
-    PARAMETERS : mapping of str to (type, Field), or Section
-        Its parameters, with units in their names; see `parameter`.
+    PARAMETERS : mapping of str to `parameter`, or Section
+        Its parameters, with units in their names.
+    ANGLE : str
+        The parameter that is the phase or the direction [rad] of the one that has a ``step``: a fit varies the
+        coordinates ``cosine`` and ``sine``, and no angle has to be guessed.
     OPTIONAL : bool
         Whether an entry may leave out ``parameters``, which all have defaults.
-    COMPILED : mapping of str to str
-        Parameter that each field of `jointgap.dynamics.parameters.EffectParameters` takes over as it is.
     ADDS_TO : mapping of str to (str, str)
-        Body and its key in a mechanism file to which each parameter is added; such an effect is nothing but other data.
+        Of a `DataEffect`: body and its key in a mechanism file to which each parameter is added.
     DRIVE : str
         The one kind of drive that it goes with; empty for all.
     MEMBERS : mapping of str to float
-        Of the law of a family: effects that it is, and the shape [1] at which it is each.
+        Of the law of a family, which is no candidate by itself: effects that it is, and the shape [1] at which it is
+        each. The shape is fitted once one of them is found.
     ACTS_AT_ZERO : bool
         Whether it changes the mechanism even where its amplitude is 0.
     """
@@ -247,12 +200,12 @@ class Effect(Section):
     GROUP: ClassVar[str]
     SITE: ClassVar[str]
     LAW: ClassVar[str]
-    REFERENCE: ClassVar[str]
+    REFERENCE: ClassVar[str] = "definition"
     WORDS: ClassVar[str]
     KEYS: ClassVar[Mapping[str, Any]] = {}
-    PARAMETERS: ClassVar[Mapping[str, Any] | type[Section]]
+    PARAMETERS: ClassVar[Mapping[str, EffectParameter] | type[Section]]
+    ANGLE: ClassVar[str] = ""
     OPTIONAL: ClassVar[bool] = False
-    COMPILED: ClassVar[Mapping[str, str]] = {}
     ADDS_TO: ClassVar[Mapping[str, tuple[str, str]]] = {}
     DRIVE: ClassVar[str] = ""
     MEMBERS: ClassVar[Mapping[str, float]] = {}
@@ -269,19 +222,8 @@ class Effect(Section):
         return getattr(self, "site", self.SITE)
 
     def changes_data(self, mechanism: Any) -> bool:
-        """Whether it is nothing but other data of `mechanism`, which `apply` writes."""
-        return bool(self.ADDS_TO) or type(self).apply is not Effect.apply
-
-    def apply(self, data: dict[str, Any]) -> None:
-        """Fold an effect that is nothing but other data into `data`, the content of a mechanism file in SI.
-
-        Raises
-        ------
-        InputError
-            Data that it needs are not there.
-        """
-        for key, (body, datum) in self.ADDS_TO.items():
-            data[body][datum] += getattr(self.parameters, key)
+        """Whether it is nothing but other data of `mechanism`; see `DataEffect`."""
+        return False
 
     def check(self, mechanism: Any) -> None:
         """ValueError where it cannot act in `mechanism`, in which all effects that are nothing but data are folded."""
@@ -290,7 +232,9 @@ class Effect(Section):
         """Write its numbers into the records of the equations of motion, which hold those of the mechanism without
         it.
         """
-        records["effects"] |= {field: getattr(self.parameters, key) for field, key in self.COMPILED.items()}
+        for key, one in self._described():
+            if one.compiled:
+                records["effects"][one.compiled] = getattr(self.parameters, key)
         if self.GROUP == "slider":
             records["effects"]["on_slider"] = True
 
@@ -300,11 +244,17 @@ class Effect(Section):
 
     def mirrored(self) -> "Effect":
         """The effect as seen from behind, where a clockwise crank turns counter-clockwise: the slide is the mirror."""
-        return self
+        return self.with_parameters(
+            **{key: -getattr(self.parameters, key) for key, one in self._described() if one.odd}
+        )
 
     def with_parameters(self, **values: Any) -> "Effect":
         """The effect with other values of parameters."""
         return self.model_copy(update={"parameters": self.parameters.model_copy(update=values)})
+
+    @classmethod
+    def _described(cls) -> Iterable[tuple[str, EffectParameter]]:
+        return () if isinstance(cls.PARAMETERS, type) else cls.PARAMETERS.items()
 
     @classmethod
     def candidate(
@@ -327,9 +277,39 @@ class Effect(Section):
         return Candidate(cls.NAME, site or cls.SITE, coordinates, keys, has_site=bool(site), **attributes)
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
-        """How a fit varies it where it could be missing: one candidate for each site; none where it cannot act."""
+    def sizes(cls, scale: MotionScale) -> tuple[Parameter, ...]:
+        """The coordinates of a fit that are the parameters with a ``step``, or cosine and sine parts of one."""
+        found = []
+        for key, one in cls._described():
+            if one.step:
+                high = float(one.limits.get("le", math.inf))
+                low = -high if cls.ANGLE else float(one.limits.get("ge", -math.inf))
+                names = ("cosine", "sine") if cls.ANGLE else (key,)
+                found += [amplitude(name, one.step(scale), one.unit or "1", low, high) for name in names]
+        return tuple(found)
+
+    @classmethod
+    def stated(cls, values: Values) -> dict[str, float]:
+        """The parameters that a verdict states, from the values of a fit's coordinates."""
+        if not cls.ANGLE:
+            return dict(values)
+        cosine, sine = values["cosine"], values["sine"]
+        (size,) = (key for key, one in cls._described() if one.step)
+        return {size: math.hypot(cosine, sine), cls.ANGLE: math.atan2(sine, cosine)}
+
+    @classmethod
+    def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
+        """Laws of which it is one shape."""
         return ()
+
+    @classmethod
+    def candidates(cls, context: FitContext) -> Candidates:
+        """How a fit varies it where it could be missing: one candidate for each site, none where it cannot act.
+
+        By default its parameters with a ``step``.
+        """
+        sizes = () if cls.MEMBERS else cls.sizes(context.scale)
+        return [cls.candidate(*sizes, parameters=cls.stated, families=cls.families(context))] if sizes else []
 
     @classmethod
     def simulated(cls, values: Values) -> tuple[Values, float]:
@@ -338,12 +318,33 @@ class Effect(Section):
         """
         return values, 1.0
 
-    @classmethod
-    def trial(cls, context: TrialContext) -> TrialSize | None:
-        """How a blind trial hides it, None where it cannot act on this rig; an effect without this method is not
-        hidden.
+
+class DataEffect(Effect):
+    """An effect that is nothing but other data of the mechanism."""
+
+    def changes_data(self, mechanism: Any) -> bool:
+        return True
+
+    def apply(self, data: dict[str, Any]) -> None:
+        """Fold it into `data`, the content of a mechanism file in SI.
+
+        Raises
+        ------
+        InputError
+            Data that it needs are not there.
         """
-        return None
+        for key, (body, datum) in self.ADDS_TO.items():
+            data[body][datum] += getattr(self.parameters, key)
+
+
+def share_family(
+    law: type[Effect], shape: str, scale: MotionScale, *others: Parameter, values: Callable = dict, **attributes: Any
+) -> LawFamily:
+    """The family of a `law` of which the share `shape`, 0 in its one member, varies with what `others` say."""
+    sizes, (own,) = law.sizes(scale), law.MEMBERS.values()
+    share = Parameter(shape, own, 0.0, 1.0, 0.1)
+    candidate = law.candidate(*sizes, *others, share, amplitudes=tuple(one.key for one in sizes), **attributes)
+    return LawFamily(candidate, shape, own, (0.0, 0.5, 1.0), values, idle_at_own=1)
 
 
 def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
@@ -363,26 +364,21 @@ def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
     return entry
 
 
-def data_of_pins(data: dict[str, Any], effect: str) -> list[dict[str, Any]]:
-    """The data of those pins in a mechanism file's `data` that have any, which the `effect` changes.
-
-    Raises
-    ------
-    InputError
-        Neither has.
-    """
-    described = [pin for pin in PINS if data["joints"][pin] != "ideal"] or PINS
-    return [joint_data(data, effect, pin) for pin in described]
-
-
-def page(order: int) -> Callable[[type[Effect]], type[Effect]]:
+def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
     """Make an effect of the catalogue, at the place `order`, of the class that is decorated."""
 
     def decorate(cls: type[Effect]) -> type[Effect]:
         name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
         section, options = cls.PARAMETERS, {"__module__": cls.__module__}
         if not isinstance(section, type):
-            section = create_model(f"{cls.__name__}Parameters", __base__=Section, **options, **section)
+            fields = {
+                key: (
+                    quantity(one.unit, **one.limits),
+                    Field(one.default, description=one.meaning, examples=[one.example]),
+                )
+                for key, one in section.items()
+            }
+            section = create_model(f"{cls.__name__}Parameters", __base__=Section, **options, **fields)
             section.__doc__ = f"Parameters of ``{name}``."
         parameters = (section, section() if cls.OPTIONAL else ...)
         effect = create_model(
@@ -397,5 +393,85 @@ def page(order: int) -> Callable[[type[Effect]], type[Effect]]:
     return decorate
 
 
-PIN = {"site": (Literal["crank_pin", "piston_pin"], Field(description="the pin"))}
-"""The key ``site`` of effects in a pin."""
+class FormulaParameters(Section):
+    """Parameters of ``discovered_slider_force`` and ``discovered_crank_torque``."""
+
+    formula: str = Field(
+        description="SI; of v, x (slider), w, theta (crank), t, pi, sin cos tan tanh exp log sqrt abs sgn, |..|, ^",
+        examples=["-a*v*|v| + b*sin(theta)"],
+    )
+    coefficients: dict[str, quantity("")] = Field(
+        {}, description="names in the formula -> numbers, SI", examples=[{"a": 1.2, "b": 3.0}]
+    )
+
+    @model_validator(mode="after")
+    def _formula_can_be_read(self):
+        compile_formula(self.formula, self.coefficients)
+        return self
+
+
+class DiscoveredLaw(Effect):
+    """A law by its formula; its candidates are the single terms of a regression."""
+
+    REFERENCE = "by regression, e.g. Brunton, Proctor and Kutz, PNAS 113 (2016) 3932-3937"
+    KEYS = {"label": (str, Field("", description="what to call it in tables and figures"))}
+    PARAMETERS = FormulaParameters
+
+    def compile_into(self, records: Records) -> None:
+        super().compile_into(records)
+        program = compile_formula(self.parameters.formula, self.parameters.coefficients)
+        records["formulas"][f"{self.GROUP}_formula"] = program
+
+    def mirrored(self) -> Effect:
+        """Position and velocity of the slider and time stay; angle and speed of the crank have the other sign."""
+        formula = re.sub(r"\b(theta|w)\b", r"(-\1)", self.parameters.formula, flags=re.ASCII)
+        return self.with_parameters(formula=formula)
+
+
+class ParameterDescription(NamedTuple):
+    """One parameter of an effect."""
+
+    name: str
+    unit: str  # "" for text and mappings, "1" for pure numbers
+    bounds: str  # such as "0 .. 15"; "" for none
+    default: str  # "" where it has to be given
+    meaning: str
+
+
+def parameters_of(effect: type[Effect]) -> list[ParameterDescription]:
+    """The parameters of an effect in the order of its section."""
+    section = effect.model_fields["parameters"].annotation
+    properties = section.model_json_schema()["properties"]
+    rows = []
+    for name, field in section.model_fields.items():
+        schema = properties[name]
+        number = next(iter(schema.get("anyOf", [schema])))
+        numeric = number.get("type") in ("number", "integer")
+        unit = schema.get("unit", "1") if numeric else ""
+        rows.append(
+            ParameterDescription(name, unit, _bounds(number), _default(field.default, numeric), schema["description"])
+        )
+    return rows
+
+
+def _default(value: Any, numeric: bool) -> str:
+    if value is PydanticUndefined:
+        return ""
+    if numeric and value is not None:
+        return f"{value:g}"
+    return str(value).lower() if isinstance(value, str | bool) else "none"
+
+
+def _bounds(schema: dict) -> str:
+    if {"minimum", "maximum"} <= schema.keys():
+        return f"{schema['minimum']:g} .. {schema['maximum']:g}"
+    signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+    return ", ".join(f"{sign} {schema[key]:g}" for key, sign in signs.items() if key in schema)
+
+
+def example(effect: type[Effect]) -> dict[str, Any]:
+    """An entry of a mechanism's effects with typical values."""
+    site = {"site": effect.sites()[0]} if effect.sites() else {}
+    fields = effect.model_fields["parameters"].annotation.model_fields
+    typical = {name: field.examples[0] for name, field in fields.items() if field.examples[0] is not None}
+    return {"name": effect.NAME} | site | {"parameters": typical}

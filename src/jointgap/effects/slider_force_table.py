@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from jointgap.core.csv_files import Csv, read_columns
 from jointgap.core.errors import InputError
-from jointgap.effects.base import Effect, Records, page
+from jointgap.effects.base import Effect, Records, register_effect
 from jointgap.quantities import Angle, PositiveLength, quantity, unit_factor
 from jointgap.section import Section
 
@@ -90,14 +90,13 @@ class ForceTableParameters(Section):
         return self
 
 
-@page(order=85)
+@register_effect(order=85)
 class SliderForceTable(Effect):
     """A known load, such as an engine's or a compressor's indicator diagram; smooth between the rows, and periodic."""
 
     GROUP = "slider"
     SITE = "slider"
     LAW = "F = table(theta) or table(t), periodic cubic spline; of a pressure F = -(p - p_ambient) pi bore^2 / 4"
-    REFERENCE = "definition"
     WORDS = "a measured load on the slider"
     PARAMETERS = ForceTableParameters
 

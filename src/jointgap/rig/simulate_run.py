@@ -16,7 +16,7 @@ from jointgap.core.candidates import FAST, Candidate, Effects
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.dynamics.parameters import Parameters
-from jointgap.effects.joint_clearance import START
+from jointgap.effects.clearance import START
 from jointgap.rig import drives, sensors
 from jointgap.rig.channels import Columns, channels_at, tolerance_for
 from jointgap.rig.recording import noise_of

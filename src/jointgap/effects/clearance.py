@@ -15,14 +15,12 @@ from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import REFERENCE_APPROACH_SPEED
 from jointgap.effects.base import (
     Candidates,
-    Effect,
+    DataEffect,
     FitContext,
-    TrialContext,
-    TrialSize,
     Values,
     amplitude,
     joint_data,
-    page,
+    register_effect,
 )
 from jointgap.quantities import FrictionCoefficient, quantity
 from jointgap.section import Section
@@ -88,7 +86,7 @@ class ClearanceParameters(Section):
     )
 
 
-class Clearance(Effect):
+class Clearance(DataEffect):
     """A joint that is loose, or looser."""
 
     GROUP = "clearances"
@@ -167,15 +165,8 @@ class Clearance(Effect):
             unsearched=("log_friction_speed_factor",),
         )
 
-    @classmethod
-    def trial(cls, context: TrialContext) -> TrialSize:
-        data = context.rig.mechanism["joints"][cls.SITE]
-        nominal = data["bearing_radius"] - data["journal_radius"] if cls.SITE in context.rig.loose else 0.0
-        first = 1e-5 if nominal else 5e-5
-        return TrialSize(lambda size: {"clearance_m": nominal + size}, first, 1.5e-3, 2e-6)
 
-
-@page(order=180)
+@register_effect(order=180)
 class CrankPivotClearance(Clearance):
     """The crank pivot is loose, or looser; needs the joint's data (a mapping, not the word ideal)."""
 
@@ -184,7 +175,7 @@ class CrankPivotClearance(Clearance):
     WORDS = "clearance in the crank pivot"
 
 
-@page(order=190)
+@register_effect(order=190)
 class CrankPinClearance(Clearance):
     """The crank pin is loose, or looser; needs the joint's data (a mapping, not the word ideal)."""
 
@@ -193,7 +184,7 @@ class CrankPinClearance(Clearance):
     WORDS = "clearance in the crank pin"
 
 
-@page(order=200)
+@register_effect(order=200)
 class PistonPinClearance(Clearance):
     """The piston pin is loose, or looser; needs the joint's data (a mapping, not the word ideal)."""
 

@@ -1,0 +1,432 @@
+"""Forces on the slider."""
+
+import math
+
+from jointgap.core.candidates import LawFamily, Parameter
+from jointgap.effects.base import (
+    FRICTION_SURVEY,
+    SLIDER_SIGN_SPEED,
+    Candidates,
+    DiscoveredLaw,
+    Effect,
+    FitContext,
+    MotionScale,
+    Records,
+    Values,
+    amplitude,
+    parameter,
+    register_effect,
+    share_family,
+)
+
+_SIGN = f"sgn v = tanh(v / {SLIDER_SIGN_SPEED:g} m/s)"
+
+_STRIBECK_SPEED, _SLOWEST, _FASTEST = 0.2, 0.1, 0.5
+"""Stribeck speed [of the slider's speed, root mean square] from which a fit begins, and its bounds.
+
+The slider is slower than a tenth for 4.5 % of the time: of what falls more steeply so few samples tell that nearly any
+share would do. What falls over more than a half looks like viscous friction of the other sign.
+"""
+
+_TIGHTEST = (0.0, -2.0 / 3.0, 2.0 / 3.0)
+"""Positions [half strokes from mid-stroke] of most friction from which fits begin: each within a third of any other."""
+
+_LARGEST_EXPONENT = 6.0
+
+_FARTHEST_STROKES = 3.0
+"""How far from mid-stroke a spring may rest [strokes]: farther away it is a constant force, to a sixth of it."""
+
+_LEAST_CUBIC, _LARGEST_CUBIC = -0.5, 1.0
+"""Of a spring's cubic part: at -1/2 the stiffness falls to nothing at the distance h from rest, at 1 it does so at
+rest."""
+
+
+def _force(scale: MotionScale) -> float:
+    return scale.force
+
+
+class SliderEffect(Effect):
+    """A force on the slider, along +x."""
+
+    GROUP = "slider"
+    SITE = "slider"
+
+
+@register_effect(order=20)
+class SliderCoulombFriction(SliderEffect):
+    """Dry friction of the slider that does not depend on the load of its guide, as that of piston rings."""
+
+    LAW = f"F = -f sgn v, {_SIGN}"
+    REFERENCE = "Coulomb, Théorie des machines simples (1785)"
+    WORDS = "Coulomb friction of the slider"
+    PARAMETERS = {
+        "force_N": parameter("N", "f, force of friction", 20.0, ge=0, compiled="coulomb", step=_force),
+    }
+
+    @classmethod
+    def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
+        scale = context.scale
+        return (
+            SliderPowerDrag.family_of(cls, scale),
+            SliderStribeckFriction.family(scale),
+            SliderPositionFriction.family(scale),
+        )
+
+
+@register_effect(order=25)
+class SliderStribeckFriction(SliderEffect):
+    """Dry friction of the slider of which a share falls with its speed: a family of Coulomb friction.
+
+    No candidate by itself: the share is fitted once Coulomb friction is found.
+    """
+
+    LAW = f"F = -f (1 - s + s exp(-|v|/v_s)) sgn v, {_SIGN}"
+    REFERENCE = FRICTION_SURVEY
+    WORDS = "dry friction of the slider"
+    MEMBERS = {"slider_coulomb_friction": 0.0}
+    PARAMETERS = {
+        "force_N": parameter(
+            "N", "f, force of friction at the least speed", 20.0, ge=0, compiled="stribeck", step=_force
+        ),
+        "stribeck_speed_m_s": parameter(
+            "m/s", "v_s, Stribeck speed, over which friction falls", 0.3, gt=0, compiled="stribeck_speed"
+        ),
+        "stribeck_share": parameter(
+            "", "s, share of the force that falls with speed", 0.5, ge=0, le=1, compiled="stribeck_share"
+        ),
+    }
+
+    @classmethod
+    def family(cls, scale: MotionScale) -> LawFamily:
+        start, slowest, fastest = (share * scale.speed for share in (_STRIBECK_SPEED, _SLOWEST, _FASTEST))
+        speed = Parameter("stribeck_speed_m_s", start, slowest, fastest, 0.1 * start, "m/s")
+        return share_family(
+            cls, "stribeck_share", scale, speed, values=lambda force: {**force, "stribeck_speed_m_s": start}
+        )
+
+
+@register_effect(order=27)
+class SliderPositionFriction(SliderEffect):
+    """Dry friction of the slider of which a share varies along its stroke: a family of Coulomb friction.
+
+    The least that a bore which is tight in one place, or worn in the other, does: one wave over the stroke. No
+    candidate by itself: the share is fitted once Coulomb friction is found.
+    """
+
+    LAW = f"F = -f [1 - s + s (1 + cos(2 pi (x - x_t) / l)) / 2] sgn v, {_SIGN}"
+    WORDS = "dry friction that varies along the stroke"
+    MEMBERS = {"slider_coulomb_friction": 0.0}
+    PARAMETERS = {
+        "force_N": parameter(
+            "N", "f, force of friction where it is largest", 20.0, ge=0, compiled="position_friction", step=_force
+        ),
+        "tightest_position_m": parameter(
+            "m", "x_t, position of the slider where friction is largest", 0.56, compiled="position_friction_tightest"
+        ),
+        "length_m": parameter(
+            "m", "l, distance after which friction is the same again", 0.3, gt=0, compiled="position_friction_length"
+        ),
+        "varying_share": parameter(
+            "", "s, share of the force that varies", 0.5, ge=0, le=1, compiled="position_friction_share"
+        ),
+    }
+
+    @classmethod
+    def family(cls, scale: MotionScale) -> LawFamily:
+        middle, half = scale.middle, scale.stroke
+        # A stroke to either side of mid-stroke, so that no place on the stroke is a bound of what is periodic.
+        place = Parameter("tightest_position_m", middle, middle - 2.0 * half, middle + 2.0 * half, 0.1 * half, "m")
+        return share_family(
+            cls,
+            "varying_share",
+            scale,
+            place,
+            initial_guesses=tuple({"tightest_position_m": middle + share * half} for share in _TIGHTEST),
+            parameters=lambda values: {**values, "length_m": 2.0 * half},
+        )
+
+
+@register_effect(order=30)
+class SliderViscousFriction(SliderEffect):
+    """Friction of the slider in a film of lubricant."""
+
+    LAW = "F = -c v"
+    REFERENCE = FRICTION_SURVEY
+    WORDS = "viscous friction of the slider"
+    PARAMETERS = {
+        "damping_N_s_m": parameter(
+            "N*s/m",
+            "c, force per velocity",
+            5.0,
+            ge=0,
+            compiled="viscous",
+            step=lambda scale: scale.force / scale.speed,
+        ),
+    }
+
+    @classmethod
+    def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
+        return (SliderPowerDrag.family_of(cls, context.scale),)
+
+
+@register_effect(order=40)
+class SliderQuadraticDrag(SliderEffect):
+    """Drag of a fluid that the slider pushes aside or through an orifice."""
+
+    LAW = "F = -d v |v|"
+    REFERENCE = "Newton, Principia (1687), book II, section II"
+    WORDS = "quadratic drag of the slider"
+    PARAMETERS = {
+        "drag_N_s2_m2": parameter(
+            "N*s^2/m^2",
+            "d, force per velocity squared",
+            0.5,
+            ge=0,
+            compiled="drag",
+            step=lambda scale: scale.force / scale.speed**2,
+        ),
+    }
+
+    @classmethod
+    def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
+        return (SliderPowerDrag.family_of(cls, context.scale),)
+
+
+@register_effect(order=45)
+class SliderPowerDrag(SliderEffect):
+    """Drag of the slider with any power of its speed: the family of dry friction, viscous friction and quadratic drag.
+
+    No candidate by itself: its exponent is fitted once a member of the family is found.
+    """
+
+    LAW = f"F = -f |v/v0|^p sgn v, {_SIGN}"
+    REFERENCE = FRICTION_SURVEY
+    WORDS = "drag of the slider"
+    MEMBERS = {"slider_coulomb_friction": 0.0, "slider_viscous_friction": 1.0, "slider_quadratic_drag": 2.0}
+    PARAMETERS = {
+        "force_N": parameter("N", "f, force at the speed v0", 10.0, ge=0, compiled="power_drag", step=_force),
+        "speed_m_s": parameter("m/s", "v0, speed at which the force is f", 1.0, gt=0, compiled="power_drag_speed"),
+        "exponent": parameter(
+            "", "p, exponent of the speed", 3.0, ge=0, le=_LARGEST_EXPONENT, compiled="power_drag_exponent"
+        ),
+    }
+
+    @classmethod
+    def family_of(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
+        """The family of a `member`, whose one parameter is its force over a power of the speed."""
+        speed, exponent = scale.speed, cls.MEMBERS[member.NAME]
+        (key,) = member.PARAMETERS
+        law = cls.candidate(
+            *cls.sizes(scale),
+            Parameter("exponent", exponent, 0.0, _LARGEST_EXPONENT, 0.1),
+            amplitudes=("force_N",),
+            parameters=lambda values: {**values, "speed_m_s": speed},
+        )
+        in_use = (0.0, 1.0, 2.0, 3.0, 5.0)
+        return LawFamily(law, "exponent", exponent, in_use, lambda values: {"force_N": values[key] * speed**exponent})
+
+
+@register_effect(order=50)
+class SliderLoadFriction(SliderEffect):
+    """Dry friction between slider and guide in proportion to the guide's normal force N."""
+
+    SITE = "guide"
+    LAW = f"F = -k |N| sgn v, {_SIGN}, N: normal force of the guide"
+    REFERENCE = "Amontons, Mém. Acad. R. Sci. (1699) 206-222"
+    WORDS = "friction of the slider in proportion to the load of its guide"
+    PARAMETERS = {
+        "coefficient": parameter(
+            "",
+            "k, coefficient of friction",
+            0.1,
+            ge=0,
+            le=1,
+            compiled="load_friction",
+            step=lambda scale: min(scale.force / scale.guide, 0.1),
+        ),
+    }
+
+
+@register_effect(order=60)
+class SliderConstantForce(SliderEffect):
+    """A constant force, such as a load or a difference of pressures."""
+
+    LAW = "F = f"
+    WORDS = "a constant force on the slider"
+    PARAMETERS = {
+        "force_N": parameter("N", "f, force along +x", -50.0, compiled="constant", step=_force),
+    }
+
+
+@register_effect(order=70)
+class SliderSpring(SliderEffect):
+    """A linear spring between frame and slider."""
+
+    LAW = "F = -k (x - x0)"
+    REFERENCE = "Hooke, De potentia restitutiva (1678)"
+    WORDS = "a linear spring on the slider"
+    PARAMETERS = {
+        "stiffness_N_m": parameter("N/m", "k, force per length", 2000.0, ge=0, compiled="spring_stiffness"),
+        "rest_position_m": parameter("m", "x0, position of the slider without force", 0.56, compiled="spring_rest"),
+    }
+
+    @classmethod
+    def candidates(cls, context: FitContext) -> Candidates:
+        scale = context.scale
+        # Two springs that rest at either end of where one may rest do what any one between them does, and the motion
+        # depends on both stiffnesses linearly.
+        farthest = _FARTHEST_STROKES * 2.0 * scale.stroke
+        ends = [amplitude(key, scale.force / farthest, "N/m", 0.0) for key in ("farthest_out_N_m", "farthest_in_N_m")]
+
+        def parameters(values: Values) -> dict[str, float]:
+            outer, inner = values["farthest_out_N_m"], values["farthest_in_N_m"]
+            stiffness = outer + inner
+            share = (outer - inner) / stiffness if stiffness > 0.0 else 0.0
+            return {"stiffness_N_m": stiffness, "rest_position_m": scale.middle + share * farthest}
+
+        cubic = Parameter("cubic_share", 0.0, _LEAST_CUBIC, _LARGEST_CUBIC, 0.1)
+        law = SliderNonlinearSpring.candidate(
+            *ends,
+            cubic,
+            amplitudes=tuple(end.key for end in ends),
+            parameters=lambda values: {
+                **parameters(values),
+                "length_m": scale.stroke,
+                "cubic_share": values["cubic_share"],
+            },
+        )
+        family = LawFamily(law, "cubic_share", cubic.nominal, (-0.5, 0.0, 0.5, 1.0), dict)
+        yield cls.candidate(*ends, parameters=parameters, families=(family,))
+
+
+@register_effect(order=75)
+class SliderNonlinearSpring(SliderEffect):
+    """A spring between frame and slider that softens or hardens with its stretch: the family of the linear spring.
+
+    No candidate by itself: the share of its cubic part is fitted once a linear spring is found.
+    """
+
+    LAW = "F = -k [(1 - c) (x - x0) + c (x - x0)^3 / h^2]"
+    REFERENCE = "Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918)"
+    WORDS = "a spring on the slider"
+    MEMBERS = {"slider_spring": 0.0}
+    PARAMETERS = {
+        "stiffness_N_m": parameter(
+            "N/m", "k, force per length at the distance h from x0", 2000.0, ge=0, compiled="nonlinear_spring"
+        ),
+        "rest_position_m": parameter(
+            "m", "x0, position of the slider without force", 0.56, compiled="nonlinear_spring_rest"
+        ),
+        "length_m": parameter(
+            "m", "h, distance from x0 at which the force is k h", 0.15, gt=0, compiled="nonlinear_spring_length"
+        ),
+        "cubic_share": parameter(
+            "",
+            "c, share of the cubic part, below 0 softening",
+            1.0,
+            ge=_LEAST_CUBIC,
+            le=_LARGEST_CUBIC,
+            compiled="nonlinear_spring_share",
+        ),
+    }
+
+
+@register_effect(order=80)
+class GasPressure(SliderEffect):
+    """A closed gas spring beyond the slider: compressed and expanded without loss. What a cylinder with valves or
+    combustion does is a `slider_force_table`.
+    """
+
+    LAW = "F = -f (h / (h + x_out - x))^n, closed cycle, x_out: farthest-out position"
+    REFERENCE = "Heywood, Internal combustion engine fundamentals (1988)"
+    WORDS = "the pressure of a closed gas volume on the slider"
+    PARAMETERS = {
+        "force_N": parameter(
+            "N", "f, force with the slider farthest out", 100.0, ge=0, compiled="gas_force", step=_force
+        ),
+        "dead_length_m": parameter(
+            "m", "h, length of the cylinder beyond the farthest-out position", 0.05, gt=0, compiled="gas_length"
+        ),
+        "exponent": parameter(
+            "",
+            "n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air",
+            1.3,
+            ge=1,
+            le=1.4,
+            compiled="gas_exponent",
+        ),
+    }
+
+    def largest_force(self, stroke: float) -> float:
+        given = self.parameters
+        return given.force_N * (1 + stroke / given.dead_length_m) ** given.exponent
+
+    @classmethod
+    def candidates(cls, context: FitContext) -> Candidates:
+        stroke = context.scale.stroke
+        lengths = (0.2 * stroke, stroke)
+        yield cls.candidate(
+            *cls.sizes(context.scale),
+            Parameter("dead_length_m", lengths[0], 0.01 * stroke, 20.0 * stroke, 0.1 * lengths[0], "m"),
+            Parameter("exponent", 1.2, 1.0, 1.4, 0.05),
+            amplitudes=("force_N",),
+            initial_guesses=tuple({"dead_length_m": length, "exponent": 1.2} for length in lengths),
+        )
+
+
+@register_effect(order=90)
+class HarmonicForce(SliderEffect):
+    """A force that swings at a frequency of its own, not locked to the crank."""
+
+    LAW = "F = f cos(2 pi nu t + phase), not locked to the crank"
+    WORDS = "a force on the slider that swings at a frequency of its own"
+    PARAMETERS = {
+        "force_N": parameter("N", "f, amplitude", 10.0, ge=0, compiled="harmonic"),
+        "frequency_Hz": parameter("Hz", "nu, cycles per second", 37.0),
+        "phase_rad": parameter("rad", "phase at t = 0", 0.0, default=0.0, compiled="harmonic_phase"),
+    }
+
+    def compile_into(self, records: Records) -> None:
+        super().compile_into(records)
+        records["effects"]["harmonic_angular_frequency"] = 2 * math.pi * self.parameters.frequency_Hz
+
+    @classmethod
+    def candidates(cls, context: FitContext) -> Candidates:
+        frequency = context.frequency_Hz
+        # Runs are recorded one after the other: each has a phase of its own.
+        parts = [
+            Parameter(part, 0.0, step=context.scale.force, unit="N", run=run)
+            for run in context.runs
+            for part in ("cosine", "sine")
+        ]
+        yield cls.candidate(
+            *parts,
+            Parameter("frequency_Hz", frequency, 0.0, math.inf, 1e-3 * frequency, "Hz"),
+            amplitudes=tuple(part.key for part in parts),
+            initial_guesses=({"frequency_Hz": frequency},),
+            parameters=_amplitude_and_phase,
+            steady_counterpart="slider_constant_force",
+        )
+
+
+def _amplitude_and_phase(values: Values) -> dict[str, float]:
+    """Parameters of one run, or the mean amplitude over runs and the phase in the first."""
+    cosines = {key.removeprefix("cosine"): values[key] for key in values if key.startswith("cosine")}
+    # f cos(w t + phase) = f cos(phase) cos(w t) - f sin(phase) sin(w t)
+    sines = {run: -values[f"sine{run}"] for run in cosines}
+    first = next(iter(cosines))
+    return {
+        "force_N": math.sqrt(sum(cosines[run] ** 2 + sines[run] ** 2 for run in cosines) / len(cosines)),
+        "frequency_Hz": values["frequency_Hz"],
+        "phase_rad": math.atan2(sines[first], cosines[first]),
+    }
+
+
+@register_effect(order=230)
+class DiscoveredSliderForce(DiscoveredLaw):
+    """A force on the slider, along +x [N]."""
+
+    GROUP = "slider"
+    SITE = "slider"
+    LAW = "F = formula of v, x, w, theta, t"
+    WORDS = "a force on the slider that follows a formula found by regression"
