@@ -307,47 +307,42 @@ def _limits(row) -> str:
     return f"{row.bounds or 'any'} {row.unit if row.unit != '1' else ''}".rstrip() if row.unit else ""
 
 
-def _catalogue(catalogue) -> None:
+def _print_table(columns: dict[str, int | None], rows) -> None:
+    """A table under headings with widths; a cell is a tuple of texts, or of texts with their style."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
+    shown = Table(show_lines=True, width=WIDTH, highlight=False)
+    for heading, width in columns.items():
+        shown.add_column(heading, width=width, overflow="fold" if width else "ellipsis")
+    for row in rows:
+        shown.add_row(*(Text.assemble(*cell) for cell in row))
+    Console(width=WIDTH).print(shown)
+
+
+def _catalogue(catalogue) -> None:
     from jointgap.effects.base import parameters_of
 
-    shown = Table(show_lines=True, width=WIDTH, highlight=False)
-    shown.add_column("effect, site", width=24, overflow="fold")
-    shown.add_column("law, reference")
-    shown.add_column("parameters", width=34, overflow="fold")
+    rows = []
     for name, effect in catalogue.items():
-        rows = (f"{row.name}: {limits}" if (limits := _limits(row)) else row.name for row in parameters_of(effect))
-        shown.add_row(
-            Text.assemble((name, "bold"), "\n", effect.SITE),
-            Text.assemble(effect.LAW, "\n", (effect.REFERENCE, "dim")),
-            Text("\n".join(rows)),
+        parameters = (
+            f"{row.name}: {limits}" if (limits := _limits(row)) else row.name for row in parameters_of(effect)
         )
-    console = Console(width=WIDTH)
-    console.print(shown)
-    console.print(
-        "v, x: slider's velocity, position; w, theta: crank's speed, angle; t: time.\n"
-        "None acts unless it is listed. One in full, with what to paste: jointgap effects NAME",
-        markup=False,
-        highlight=False,
-    )
+        law = (effect.LAW, "\n", (effect.REFERENCE, "dim"))
+        rows.append((((name, "bold"), "\n", effect.SITE), law, ("\n".join(parameters),)))
+    _print_table({"effect, site": 24, "law, reference": None, "parameters": 34}, rows)
+    click.echo("v, x: slider's velocity, position; w, theta: crank's speed, angle; t: time.")
+    click.echo("None acts unless it is listed. One in full, with what to paste: jointgap effects NAME")
 
 
 def _faults(faults) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    shown = Table(show_lines=True, width=WIDTH, highlight=False)
-    shown.add_column("fault of a sensor", width=24, overflow="fold")
-    shown.add_column("reading y of the true u")
-    shown.add_column("parameter", width=22, overflow="fold")
-    for name, fault in faults.items():
-        unit = {"": "channel's unit", "1": ""}.get(fault.unit, fault.unit)
-        shown.add_row(Text(name, "bold"), Text(fault.law), Text(f"{fault.parameter} {unit}".rstrip()))
-    Console(width=WIDTH).print(shown)
+    units = {"": "channel's unit", "1": ""}
+    rows = (
+        (((name, "bold"),), (fault.law,), (f"{fault.parameter} {units.get(fault.unit, fault.unit)}".rstrip(),))
+        for name, fault in faults.items()
+    )
+    _print_table({"fault of a sensor": 24, "reading y of the true u": None, "parameter": 22}, rows)
 
 
 def _page_of(name: str, effect) -> None:
