@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run smoke sweep paper campaign blind report test test-integration test-slow test-cluster test-wheel lint docs bench dashboard clean set-up
+.PHONY: help run variants smoke sweep paper campaign blind report test test-integration test-slow test-cluster test-wheel lint docs bench dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -24,8 +24,11 @@ help: ## this list
 set-up: ## what running needs into .venv, once; the other targets do it by themselves
 	@scripts/set-up $(cluster)
 
-run: set-up ## every scenario to every figure, then results/report.html; CONFIG=mine.yaml: your own alone
+run: set-up ## the paper's scenario and both example campaigns, then results/report.html; CONFIG=mine.yaml: your own alone
 	@scripts/in-venv scripts/run-workflow results/report.html all $(snakemake_options)
+
+variants: set-up ## twelve variants of the paper's scenario side by side, then results/report.html: ten minutes
+	@scripts/in-venv scripts/run-workflow results/report.html all --configfile config/variants.yaml $(snakemake_options)
 
 smoke: set-up ## the whole chain, small: two minutes, then results/smoke-report.html
 	@scripts/in-venv scripts/run-workflow results/smoke-report.html all \

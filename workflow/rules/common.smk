@@ -17,8 +17,7 @@ from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.progress import parts
-from jointgap.scenario.figures import FIGURES
-from jointgap.scenario.stages import SCENARIO_STAGES
+from jointgap.scenario.stages import SCENARIO_STAGES, drawn, stages_of
 from jointgap.core.joints import outputs
 from jointgap.core.parquet import write_text
 from jointgap.core.schema import OPTIMISE_RESIMULATED as RESIMULATED
@@ -44,8 +43,8 @@ try:
 except InputError as error:
     raise WorkflowError(str(error)) from None
 
-# Where all joints are ideal there is nothing to learn: such a scenario is simulated and animated.
-LOOSE = [name for name, scenario in SCENARIOS.items() if scenario.mechanism.applied().loose]
+# Scenarios that are compared with the paper, and so with each other.
+COMPARED = [name for name, scenario in SCENARIOS.items() if "compare" in stages_of(scenario)]
 
 
 wildcard_constraints:
@@ -104,18 +103,18 @@ def siblings(scenario):
     return [name for name in looseness_variants(scenario, SCENARIOS) if name != scenario]
 
 
-PICTURES = {
-    "figures": [f"figures/{name}.{ending}" for name in FIGURES.still for ending in ("png", "svg", "parquet")],
-    "conclude": [
-        f"figures/{name}.{ending}" for name in CAMPAIGN_FIGURES for ending in ("png", "svg", "parquet")
-    ],
-    "animate": ["figures/animation.gif", "figures/animation.parquet"],
-}
+# Names of the figures that a job draws, each as a picture, a drawing and a table.
+FIGURES = {"figures": drawn(False), "learned-figures": drawn(True), "conclude": CAMPAIGN_FIGURES}
 
 
 def made_by(stages):
     """Paths that stages write, in the folder of a scenario or a campaign."""
-    paths = [path for stage in stages for path in (*stage.outputs("{part}"), *PICTURES.get(stage.name, ()))]
+    paths = []
+    for stage in stages:
+        pictures = expand(
+            "figures/{name}.{ending}", name=FIGURES.get(stage.name, ()), ending=("png", "svg", "parquet")
+        )
+        paths += [*stage.outputs("{part}"), *pictures]
     return list(dict.fromkeys(paths))
 
 
@@ -149,16 +148,16 @@ def of_campaign(name, paths):
 
 
 def read_by_scenario(stage):
-    """For input: what a stage of a scenario reads."""
-    others = [SCENARIO_STAGES[name] for name in stage.after]
-    paths = [*(table.path for table in stage.reads), *made_by(others)]
+    """For input: what a stage of a scenario reads, of the stages that the scenario goes through."""
 
     def files(wildcards):
-        beside = siblings(wildcards.scenario) if stage.name == "compare" else ()
-        return [
-            *of_scenario(wildcards.scenario, paths),
-            *(f"results/{name}/{RESIMULATED.path}" for name in beside),
-        ]
+        name = wildcards.scenario
+        gone_through = [SCENARIO_STAGES[one] for one in stages_of(SCENARIOS[name])]
+        made = {path for one in gone_through for path in one.outputs()}
+        paths = [table.path for table in stage.reads if table.path in made]
+        paths += made_by(one for one in gone_through if one.name in stage.after)
+        beside = siblings(name) if stage.name == "compare" else ()
+        return [*of_scenario(name, paths), *(f"results/{other}/{RESIMULATED.path}" for other in beside)]
 
     return files
 
@@ -184,6 +183,8 @@ def arguments_of_scenario(stage):
     def arguments(wildcards):
         if stage.name == "surrogate":
             return ["--output-name", wildcards.output]
+        if stage.name == "figures":
+            return [text for name in FIGURES["figures"] for text in ("--figure", name)]
         if stage.name == "compare":
             return named_options("--beside", siblings(wildcards.scenario), "compare")
         return []
@@ -298,12 +299,7 @@ def made_of_scenario(name):
         check_whole(SCENARIOS[name], name)
     except InputError as error:
         refuse(error)
-    wanted = [
-        one
-        for (one,) in SCENARIO_STAGES.jobs().values()
-        if name in LOOSE or one.name in ("simulate", "animate")
-    ]
-    return of_scenario(name, made_by(wanted))
+    return of_scenario(name, made_by(SCENARIO_STAGES[one] for one in stages_of(SCENARIOS[name])))
 
 
 def made_of_campaign(name):
@@ -312,7 +308,7 @@ def made_of_campaign(name):
 
 
 def every_scenario(wildcards=None):
-    overview = ["results/overview.parquet"] if len(LOOSE) > 1 else []
+    overview = ["results/overview.parquet"] if len(COMPARED) > 1 else []
     return whole([*(path for name in SCENARIOS for path in made_of_scenario(name)), *overview])
 
 

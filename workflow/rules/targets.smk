@@ -10,7 +10,7 @@ rule overview:
     input:
         lambda wildcards: [
             f"results/{name}/{path}"
-            for name in LOOSE
+            for name in COMPARED
             for path in ("comparison.parquet", "figures/resimulation.png")
         ],
     output:
@@ -20,7 +20,7 @@ rule overview:
     conda:
         "../envs/jointgap.yaml"
     params:
-        scenarios=lambda wildcards: named_options("--scenario", LOOSE, "overview"),
+        scenarios=lambda wildcards: named_options("--scenario", COMPARED, "overview"),
         code=digest_of("overview"),
     message:
         "put the scenarios side by side"

@@ -62,8 +62,8 @@ def page(
     verdicts = {name: verdict_json.read(_of_campaign(folder, name) / VERDICT) for name in campaigns}
     learned = {name: results for name, results in scenarios.items() if results.scenario.mechanism.applied().loose}
     table = None
-    if learned:
-        read = {name: (own.read_all(scenario_overview.NEEDED), own.scenario) for name, own in learned.items()}
+    if compared := {name: own for name, own in learned.items() if own.scenario.paper}:
+        read = {name: (own.read_all(scenario_overview.NEEDED), own.scenario) for name, own in compared.items()}
         table = scenario_overview.overview(read)
     summaries = {name: _summary(own) for name, own in learned.items()}
     gains = {name: known["headline"] for name, known in summaries.items()}

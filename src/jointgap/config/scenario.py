@@ -508,6 +508,8 @@ class Scenario(Section):
     description: str = Field("", max_length=1000, description="one sentence for the report: what this scenario is for")
     mechanism: Mechanism
     simulate: Simulate = Simulate()
+    networks: bool = Field(False, description="train networks on the motion in the joints, as the paper does")
+    paper: bool = Field(False, description="compare everything with what the paper prints; needs networks")
     surrogate: Surrogate = Surrogate()
     optimise: Optimise = Optimise()
     figures: Figures = Figures()
@@ -523,6 +525,12 @@ class Scenario(Section):
             check_drive(self.mechanism, self.simulate)
             check_tolerance(self.mechanism.applied(), self.simulate)
             self.mechanism.applied().check_contacts(self.simulate.highest_speed)
+        return self
+
+    @model_validator(mode="after")
+    def _the_paper_has_networks(self):
+        if self.paper and "networks" in self.model_fields_set and not self.networks:
+            raise ValueError("paper = true needs networks: true, for most of what the paper prints is about them")
         return self
 
     @model_validator(mode="after")

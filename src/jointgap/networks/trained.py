@@ -11,7 +11,9 @@ from jointgap.scenario.results import CLEARANCE, ScenarioResults, outputs_of
 
 
 def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
-    """Both surrogates, ``networks`` (default seed) and ``clearance``: a function for each output."""
+    """The surrogates ``networks`` (default seed) and ``clearance`` of a scenario that trains any, by output."""
+    if not results.scenario.networks:
+        return {}
     fits = results.read(schema.FIT)
     networks = {output: Network.from_frame(fit) for output, fit in fits.groupby("output", sort=False)}
     fit = results.read(schema.CLEARANCE_FIT)
@@ -21,7 +23,5 @@ def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
     joints = {number: ClearanceNetwork.from_frame(fit, number, speed) for number in numbers}
     return {
         "networks": {output: network.values_and_slopes for output, network in networks.items()},
-        CLEARANCE: {
-            output: partial(joints[number_of(output)].output, output) for output in outputs_of(mechanism)
-        },
+        CLEARANCE: {output: partial(joints[number_of(output)].output, output) for output in outputs_of(mechanism)},
     }

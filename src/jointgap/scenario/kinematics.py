@@ -21,7 +21,7 @@ from scipy.integrate import cumulative_simpson
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import JOINT_NUMBERS
-from jointgap.core.schema import KINEMATICS_QUANTITIES
+from jointgap.core.schema import KINEMATICS_CONTRADICTIONS, KINEMATICS_QUANTITIES
 from jointgap.dynamics.kinematics import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
 
 UNITS = {column.name: column.unit for column in KINEMATICS_QUANTITIES.columns}
@@ -69,7 +69,8 @@ def kinematics(
                 row
                 for name in surrogates
                 for row in _contradictions(name, mechanism.loose, clearances, frames, regions, first)
-            ]
+            ],
+            columns=KINEMATICS_CONTRADICTIONS.names,
         ),
     )
 

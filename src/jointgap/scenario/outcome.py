@@ -9,6 +9,7 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.core.joints import PINS
+from jointgap.core.schema import FIT_ERRORS
 from jointgap.core.words import in_words
 from jointgap.dynamics import mechanism_warnings
 from jointgap.lengths.region import MET, geometric
@@ -264,7 +265,7 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
         floor=valley,
         optima=optima,
         resimulated=again,
-        errors=frames["fit_errors"],
+        errors=frames.get("fit_errors", pd.DataFrame(columns=FIT_ERRORS.names)),
     )
 
 

@@ -11,6 +11,7 @@ from jointgap.core import joints, parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import FIT_ERRORS, TRAJECTORY, Table
+from jointgap.scenario.stages import OF_NETWORKS
 
 CLEARANCE = "clearance"
 """Stands for an output where the second surrogate has all of them in one file."""
@@ -37,6 +38,11 @@ class ScenarioResults(ResultsFolder):
             frame = super().read(table, output)
             frames.append(frame if "output" in frame else frame.assign(output=output))
         return pd.concat(frames, ignore_index=True)
+
+    def made(self, wanted: Iterable[str]) -> list[str]:
+        """Names of those tables among the `wanted` that the scenario has: none of networks where it trains none."""
+        learned = () if self.scenario.networks else {table.name for table in OF_NETWORKS}
+        return [name for name in wanted if name not in learned]
 
     def files(self, wanted: Iterable[Table]) -> dict[str, Path]:
         """Files of the tables `wanted` that exist, by table, or ``table/output`` where there is one per output."""

@@ -51,6 +51,28 @@ if TYPE_CHECKING:
 
 SCENARIO_STAGES = Stages()
 
+
+OF_NETWORKS = (FIT, FIT_HISTORY, FIT_ERRORS, CLEARANCE_FIT)
+"""Tables of a scenario that trains networks."""
+
+
+def stages_of(scenario: "Scenario") -> list[str]:
+    """The stages that a scenario goes through: networks and the comparison with the paper where they are asked for."""
+    if not scenario.mechanism.applied().loose:
+        return ["simulate", "animate"]
+    left_out = set() if scenario.networks else {"surrogate", "clearance", "learned-figures"}
+    left_out |= set() if scenario.paper else {"compare"}
+    return [name for name in SCENARIO_STAGES.jobs() if name not in left_out]
+
+
+def drawn(learned: bool) -> list[str]:
+    """Names of the figures that need networks, or that need none."""
+    from jointgap.scenario.figures import FIGURES
+
+    of_networks = {"predictions", *(table.name for table in OF_NETWORKS)}
+    return [name for name in FIGURES.still if learned != of_networks.isdisjoint(FIGURES.needed_tables([name]))]
+
+
 PUBLISHED = "track/published.json"
 """Place of what was published where."""
 
@@ -58,7 +80,7 @@ IMPACTS_PAGE = "figures/impacts.html"
 """Place of the page to zoom into the impacts, in the folder of a scenario."""
 
 _MOTION = ("mechanism", "simulate")
-_LEARNING = (*_MOTION, "surrogate")
+_LEARNING = (*_MOTION, "networks", "paper", "surrogate")
 _OPTIMUM = (*_LEARNING, "optimise")
 
 
@@ -223,7 +245,7 @@ def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path 
     from jointgap.scenario.figures import FIGURES, draw_all
     from jointgap.scenario.figures_base import predictions
 
-    wanted = names or FIGURES.still
+    wanted = names or [*(drawn(True) if results.scenario.networks else ()), *drawn(False)]
     needed = FIGURES.needed_tables(wanted)
     frames = results.read_all(name for name in needed if name != "predictions")
     if "predictions" in needed:
@@ -231,17 +253,25 @@ def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path 
     draw_all(frames, results.scenario, folder or results.path / "figures", wanted)
 
 
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"), does="draw the figures of the networks")
+def learned_figures(results: "ScenarioResults") -> None:
+    """Draw the figures of the networks alone."""
+    figures(results, drawn(True))
+
+
 @SCENARIO_STAGES.stage(
-    reads=(TRAJECTORY,), files=("figures/animation.gif",), sections=(*_OPTIMUM, "figures"), does="animate"
+    reads=(TRAJECTORY, EVENTS),
+    files=("figures/animation.gif", IMPACTS_PAGE),
+    sections=(*_OPTIMUM, "figures"),
+    does="animate, and a page to zoom into the impacts",
 )
 def animate(results: "ScenarioResults") -> None:
-    """Draw the animation of the motion, a GIF, and the plotted data beside it."""
+    """Draw the animation of the motion, a GIF with the plotted data beside it, and the page of `jointgap explore`."""
     figures(results, ("animation",))
+    explore(results)
 
 
-@SCENARIO_STAGES.stage(
-    reads=(TRAJECTORY, EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION, does="a page to zoom into the impacts"
-)
+@SCENARIO_STAGES.stage(reads=(TRAJECTORY, EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION)
 def explore(results: "ScenarioResults") -> None:
     """Write figures/impacts.html, to zoom into the impacts: gaps, contact forces and modes over the crank angle.
 
@@ -283,7 +313,7 @@ def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"
     files=("summary.json", "summary.md", "summary.html"),
     sections=("description", *_OPTIMUM),
     does="put what came out on one page",
-    after=("figures", "animate"),
+    after=("figures", "learned-figures", "animate"),
 )
 def summarise(results: "ScenarioResults") -> str:
     """Put the outcome on one page: lengths, gain, price and remarks, for whoever designs the mechanism.
@@ -294,7 +324,8 @@ def summarise(results: "ScenarioResults") -> str:
     from jointgap.scenario.outcome import NEEDED, outcome, remarks
     from jointgap.scenario.page import document, page
 
-    found = outcome(results.read_all(NEEDED), results.scenario)
+    frames = results.read_all(results.made(NEEDED))
+    found = outcome(frames, results.scenario)
     remarked, name = remarks(found), results.path.name
     shown, known = page(found, name, remarked), document(found, name, remarked)
     parquet.write_text(results.path / "summary.html", to_html(shown, results.path / "figures"))
@@ -341,7 +372,7 @@ def report(
     files=(PUBLISHED,),
     sections=("description", *_OPTIMUM),
     does="publish to MLflow",
-    after=("figures", "animate"),
+    after=("figures", "learned-figures", "animate"),
     minutes=20,
     publishes=True,
 )
