@@ -39,7 +39,7 @@ from jointgap.core.page import (
 )
 from jointgap.core.plot import FigureSpec
 from jointgap.core.words import fall_in_percent
-from jointgap.paper import pages as scenario_overview
+from jointgap.scenario import overview as scenario_overview
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
 

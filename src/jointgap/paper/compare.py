@@ -1,239 +1,364 @@
-"""The paper's numbers and claims beside ours."""
+"""The paper's numbers and claims compared with ours: table `comparison` and its page."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.core.joints import JOINT_NUMBERS
+from jointgap.core.page import Block, Cell, Heading, Page, Paragraph, TableBlock
 from jointgap.core.words import in_words
 from jointgap.paper.printed import (
-    AGREES,
-    LENGTH_AGREES,
-    MISSED,
+    CLAIMS,
     OPTIMA,
-    PISTON_DEVIATION_M,
-    REACHED,
-    ROD_DEVIATION_M,
     TRAINING_ITERATIONS,
     TRAINING_MSE,
-    UNSTABLE_UNTIL_DEG,
     PrintedOptimum,
-    Row,
-    claim,
     departures,
 )
 
-MM = 1e3  # [1/m] numbers in mm
-PERCENT = 100  # [1] shares in percent
+NEEDED = (
+    "trajectory",
+    "kinematics",
+    "fit_errors",
+    "optimise_optima",
+    "optimise_tolerance",
+    "optimise_resimulated",
+    "optimise_worth",
+)
+"""Names of the tables that are compared."""
+
+AGREES, LENGTH_AGREES = 0.01, 0.001
+"""Share of the paper's value within which a number, or an optimum length, agrees."""
+
+ABOUT = 1.2  # how far a number that the paper calls "about", or shows in a figure, may go beyond it
+ALIKE = 0.05  # two sizes that differ by less are alike
+TIE = 0.001  # percentage points by which an optimiser has to lead
+IN_CONTACT = 0.999  # share of the clearance from which on the journal counts as on its bearing
+FOLLOWS = 30.0  # [deg] RMS deviation up to which a direction follows the crank
+ONE_POINT = 1e-6  # [m] within which two end points are one
+_TONES = {"agrees": "good", "reached": "good", "holds": "good"}
+_TONES |= {"differs": "bad", "missed": "bad", "does not hold": "bad"}
+
+Row = dict[str, Any]
 
 
-def numbers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[Row]:
-    """A row for each printed number, none for another mechanism than the paper's.
+def _row(kind: str, item: str, unit: str, paper: float | None, ours: float | None, verdict: str, why: str) -> Row:
+    ours = None if ours is None or pd.isna(ours) else float(ours)
+    ratio = ours / paper if paper and ours is not None else None
+    row = {"kind": kind, "item": item, "unit": unit, "paper": paper, "ours": ours, "ratio": ratio}
+    return row | {"verdict": verdict, "sentence": why}
 
-    Arguments as in `jointgap.paper.compare.compare`.
+
+def number(item: str, unit: str, paper: float, ours: float, why: str, within: float = AGREES) -> Row:
+    """A printed number and ours."""
+    verdict = "agrees" if abs(ours / paper - 1.0) <= within else "differs"
+    return _row("number", item, unit, paper, ours, verdict, why)
+
+
+def limit(item: str, paper: float, ours: float, why: str) -> Row:
+    """A printed error and ours, which reaches it where it is not larger."""
+    return _row("number", item, "1", paper, ours, "reached" if ours <= paper else "missed", why)
+
+
+def claim(key: str, ours: float | None, holds: bool | None, why: str) -> Row:
+    """A claim of the paper (key of `CLAIMS`) and our evidence; `holds` is None where it cannot be told."""
+    item, unit, *paper = CLAIMS[key]
+    verdict = "cannot be told" if holds is None else "holds" if holds else "does not hold"
+    unit = unit if paper or ours is not None else ""
+    return _row("claim", item, unit, float(paper[0]) if paper else None, ours, verdict, why)
+
+
+def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[Row]) -> pd.DataFrame:
+    """Every number and claim of the paper beside ours: frame of the table comparison.
+
+    `variants` are rows of `variant_optimum`. For another mechanism than the paper's, only claims without a size.
     """
+    first = frames["trajectory"].iloc[: scenario.simulate.samples_per_revolution + 1].reset_index(drop=True)
+    turned = np.degrees(first["crank_angle"] - first["crank_angle"].iloc[0]).to_numpy()
+    ideal = frames["kinematics"].query("source == 'ideal'").reset_index(drop=True)
+    loose = scenario.mechanism.applied().loose
+    found = _of_networks(frames["optimise_optima"], scenario).set_index("method")
+    ends = _of_networks(frames["optimise_tolerance"], scenario)
+    rows = [
+        *([superposition_claim(first, ideal, loose)] if len(loose) > 1 else []),
+        *optimiser_claims(found, ends),
+        joints_claim(pd.DataFrame(list(variants))),
+        *gain_claims(frames["optimise_resimulated"], frames["optimise_worth"], scenario),
+    ]
     if departures(scenario.mechanism, scenario.simulate):
-        return
-    yield from _training_errors(frames["fit_errors"], scenario)
-    yield from _second_surrogate(frames["fit_errors"])
-    optima = frames["optimise_optima"]
-    main = next(iter(scenario.optimise.boxes))
-    of_networks = optima[(optima["source"] == "networks") & (optima["box"] == main)].set_index("method")
-    ends = frames["optimise_tolerance"]
-    ends = ends[(ends["source"] == "networks") & (ends["box"] == main)]
-    for printed, method in zip(OPTIMA[:2], ("genetic", "local"), strict=True):
-        yield from _optimum(printed, of_networks.loc[method])
-    yield from _another_end(OPTIMA[2], ends)
-    yield from _printed_points(optima)
+        return pd.DataFrame([row | {"paper": None, "ratio": None} for row in rows])
+    errors = frames["fit_errors"].query("region == 'all'")
+    numbers = [
+        *training_errors(errors, scenario.surrogate.seeds[0]),
+        *second_surrogate(errors),
+        *(
+            row
+            for printed, method in zip(OPTIMA, ("genetic", "local"), strict=False)
+            for row in optimum(printed, found.loc[method])
+        ),
+        *another_end(OPTIMA[2], ends),
+        *printed_points(frames["optimise_optima"]),
+    ]
+    claims = [
+        *contact_claims(first, turned, scenario),
+        *deviation_claims(first, turned, ideal),
+        networks_claim(errors, scenario.surrogate.seeds[0]),
+        evaluations_claim(found),
+    ]
+    return pd.DataFrame([*numbers, *claims, *rows])
 
 
-def _training_errors(errors: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
-    networks = errors[(errors["model"] == "network") & (errors["region"] == "all")]
-    default = networks[networks["seed"] == scenario.surrogate.seeds[0]].set_index("output")
+def _of_networks(table: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:
+    """Rows of an optimisation on the networks' motion in the main box."""
+    return table[(table["source"] == "networks") & (table["box"] == next(iter(scenario.optimise.boxes)))]
+
+
+def training_errors(errors: pd.DataFrame, default: int) -> Iterator[Row]:
+    """Training errors of the networks, default start."""
+    networks = errors[errors["model"] == "network"]
     for output, printed in TRAINING_MSE.items():
-        ours = default.loc[output]
-        done = int(ours["iterations"])
-        budget = (
-            ""
-            if done >= TRAINING_ITERATIONS
-            else f" of the paper's {TRAINING_ITERATIONS} ({ours['stop'].split(';')[0]})"
-        )
-        reached = (
-            ""
-            if pd.isna(ours["iterations_to_paper"])
-            else f" It came to the paper's error after {ours['iterations_to_paper']:.0f} iterations, with "
-            f"{ours['held_out_mse_at_paper']:.2g} between the points then."
-        )
-        yield Row(
-            "number",
-            f"training MSE of {output}",
-            "1",
-            printed,
-            float(ours["training_mse"]),
-            f"Default seed after {done} iterations{budget}, another simulation's data. Between its training points "
-            f"the same network has {ours['held_out_mse']:.2g}, a spline through them "
-            f"{ours['spline_held_out_mse']:.2g}: the training error alone says little.{reached} "
-            f"{_over_seeds(networks[networks['output'] == output])}",
-            REACHED if ours["training_mse"] <= printed else MISSED,
-        )
+        every = networks[networks["output"] == output]
+        ours = every[every["seed"] == default].iloc[0]
+        done, stop = ours["iterations"], ours["stop"].partition(";")[0]
+        why = f"Default start, {done:.0f} of {TRAINING_ITERATIONS} iterations ({stop})."
+        if not pd.isna(ours["iterations_to_paper"]):
+            why += f" Reached the paper's error after {ours['iterations_to_paper']:.0f} iterations."
+        held_out, spline = ours["held_out_mse"], ours["spline_held_out_mse"]
+        why += f" Held-out MSE {held_out:.2g}; spline through the same points {spline:.2g}."
+        if len(every) > 1:
+            shown = (
+                f"{name} {every[column].median():.2g} ({every[column].min():.2g} to {every[column].max():.2g})"
+                for name, column in (("training", "training_mse"), ("held-out", "held_out_mse"))
+            )
+            why += f" Median (range) of {len(every)} starts: {', '.join(shown)}."
+        yield limit(f"training MSE of {output}", printed, ours["training_mse"], why)
 
 
-def _over_seeds(rows: pd.DataFrame) -> str:
-    """The spread over the seeds, in a sentence; empty for one seed."""
-    if len(rows) < 2:
-        return ""
-    training, held_out = rows["training_mse"], rows["held_out_mse"]
-    fewest, most = rows["iterations"].min(), rows["iterations"].max()
-    return (
-        f"Over {len(rows)} seeds ({fewest} to {most} iterations): training median {training.median():.2g} "
-        f"({training.min():.2g} to {training.max():.2g}), between the points median {held_out.median():.2g} "
-        f"({held_out.min():.2g} to {held_out.max():.2g})."
-    )
-
-
-def _second_surrogate(errors: pd.DataFrame) -> Iterator[Row]:
-    """The consistent set, held out, beside the errors that the paper has in training."""
-    ours = errors[(errors["model"] == "clearance") & (errors["region"] == "all")].set_index("output")
+def second_surrogate(errors: pd.DataFrame) -> Iterator[Row]:
+    """Held-out errors of the second surrogate against the paper's training errors."""
+    ours = errors[errors["model"] == "clearance"].set_index("output")
     for output, printed in TRAINING_MSE.items():
         row = ours.loc[output]
-        better = row["held_out_mse"] <= row["spline_held_out_mse"]
-        yield Row(
-            "number",
-            f"held-out MSE of {output}, second surrogate",
-            "1",
-            printed,
-            float(row["held_out_mse"]),
-            f"The paper's is a training error. {row['training_points']:.0f} points of its own, none held out, "
-            f"{row['weights']:.0f} weights for the joint; a spline through the same points has "
-            f"{row['spline_held_out_mse']:.2g}: {'the network' if better else 'the spline'} wins.",
-            REACHED if row["held_out_mse"] <= printed else MISSED,
+        why = (
+            f"The paper's is a training error. {row['training_points']:.0f} training points, {row['weights']:.0f} "
+            f"weights for the joint; spline through the same points {row['spline_held_out_mse']:.2g}."
         )
+        yield limit(f"held-out MSE of {output}, second surrogate", printed, row["held_out_mse"], why)
 
 
-def _optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
-    where = (
-        "here no bound is active: the search stopped before it came to one"
-        if ours["active_bounds"] == "none"
-        else f"ours lies at: {ours['active_bounds']}"
-    )
-    yield Row(
-        "number",
-        f"{printed.name}: crank length L2",
-        "mm",
-        printed.crank_length * MM,
-        ours["crank_length"] * MM,
-        f"Follows from the rod's length along the valley: L2/L3 = {ours['ratio']:.5f}, the paper's "
-        f"{printed.crank_length / printed.rod_length:.5f}.",
-        agrees=LENGTH_AGREES,
-    )
-    yield Row(
-        "number",
-        f"{printed.name}: rod length L3",
-        "mm",
-        printed.rod_length * MM,
-        ours["rod_length"] * MM,
-        "Along the valley the error falls with L3 all the way, so that bounds decide, which the paper does not print; "
-        f"{where}.",
-        agrees=LENGTH_AGREES,
-    )
-    yield Row(
-        "number",
-        f"{printed.name}: error decreases by",
-        "%",
-        printed.reduction * PERCENT,
-        ours["rms_reduction"] * PERCENT,
-        f"RMS, {np.degrees(ours['rms']) / (1 - ours['rms_reduction']):.4f} deg before and "
-        f"{np.degrees(ours['rms']):.4f} deg after; by mean absolute {ours['mean_absolute_reduction']:.2%}, peak "
-        f"{ours['peak_reduction']:.2%}, sum of squares {ours['sum_of_squares_reduction']:.2%}. Measure, window, "
-        "friction and carrier of the journals decide, none of which the paper prints.",
+def _lengths_and_reduction(printed: PrintedOptimum, ours: pd.Series, *why: str) -> Iterator[Row]:
+    for name, key, unit, factor, within, sentence in (
+        ("crank length L2", "crank_length", "mm", 1e3, LENGTH_AGREES, why[0]),
+        ("rod length L3", "rod_length", "mm", 1e3, LENGTH_AGREES, why[1]),
+        ("error decreases by", "reduction", "%", 100, AGREES, why[2]),
+    ):
+        value = ours["rms_reduction" if key == "reduction" else key]
+        yield number(f"{printed.name}: {name}", unit, factor * getattr(printed, key), factor * value, sentence, within)
+
+
+def optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
+    """The paper's optimum of an optimiser and ours, a row of optimise_optima."""
+    after = np.degrees(ours["rms"])
+    others = ("mean_absolute", "peak", "sum_of_squares")
+    bounds = ours["active_bounds"]
+    yield from _lengths_and_reduction(
+        printed,
+        ours,
+        f"L2/L3 = {ours['ratio']:.5f}; paper {printed.crank_length / printed.rod_length:.5f}.",
+        "The error falls with L3 along the valley, so bounds decide; the paper does not print them. "
+        + ("No bound is active: the search stopped before." if bounds == "none" else f"Active: {bounds}."),
+        f"RMS error {after / (1 - ours['rms_reduction']):.4f} -> {after:.4f} deg; other measures: "
+        + ", ".join(f"{in_words(name)} {ours[f'{name}_reduction']:.2%}" for name in others)
+        + ". The result depends on measure, window and friction, which the paper does not print.",
     )
     if printed.evaluations is not None:
         within = ours["evaluations_within_1_percent"]
-        reached = (
-            "never within 1 % of the lowest value"
-            if pd.isna(within)
-            else f"within 1 % of the lowest value after {within:.0f}"
-        )
-        yield Row(
-            "number",
-            f"{printed.name}: function evaluations",
-            "1",
-            printed.evaluations,
-            float(ours["evaluations"]),
-            f"{str(ours['status']).capitalize()}; {reached}. "
-            + (
-                "Population and generations are settings, which the paper does not print."
-                if ours.name == "genetic"
-                else "Of the best start; gradients are exact and not counted, by differences each would take two calls "
-                "more."
-            ),
-        )
+        reached = "never" if pd.isna(within) else f"after {within:.0f} evaluations"
+        why = f"{str(ours['status']).capitalize()}; within 1 % of the lowest value {reached}."
+        yield number(f"{printed.name}: function evaluations", "1", printed.evaluations, ours["evaluations"], why)
 
 
-def _another_end(printed: PrintedOptimum, ends: pd.DataFrame) -> Iterator[Row]:
-    """The paper's poorer end point beside the poorest of our six, at the loosest stopping tolerance tried."""
-    loosest = ends[ends["tolerance"] == ends["tolerance"].max()]
-    ours = loosest.loc[loosest["rms_reduction"].idxmin()]
-    tightest = ends[ends["tolerance"] == ends["tolerance"].min()]
-    spread = tightest["rms_reduction"].max() - tightest["rms_reduction"].min()
-    sentence = (
-        f"The poorest of our six end points at the loosest tolerance tried ({ours['tolerance']:.0e}); at the tightest "
-        f"({tightest['tolerance'].iloc[0]:.0e}) the six differ by {spread * PERCENT:.2g} percentage points: such end "
-        "points are where a search stopped in a flat valley."
+def another_end(printed: PrintedOptimum, ends: pd.DataFrame) -> Iterator[Row]:
+    """The paper's poorer end point and the poorest of ours, at the loosest stopping tolerance tried."""
+    loosest, tightest = (ends[ends["tolerance"] == ends["tolerance"].agg(edge)] for edge in ("max", "min"))
+    why = (
+        f"The poorest of {len(loosest)} end points at the loosest tolerance ({loosest['tolerance'].iloc[0]:.0e}). At "
+        f"the tightest ({tightest['tolerance'].iloc[0]:.0e}) they differ by "
+        f"{100 * np.ptp(tightest['rms_reduction']):.2g} percentage points: the search stopped in a flat valley."
     )
-    for name, theirs, value, unit in (
-        ("crank length L2", printed.crank_length * MM, ours["crank_length"] * MM, "mm"),
-        ("rod length L3", printed.rod_length * MM, ours["rod_length"] * MM, "mm"),
-        ("error decreases by", printed.reduction * PERCENT, ours["rms_reduction"] * PERCENT, "%"),
-    ):
-        agrees = LENGTH_AGREES if unit == "mm" else AGREES
-        yield Row("number", f"{printed.name}: {name}", unit, theirs, float(value), sentence, agrees=agrees)
+    yield from _lengths_and_reduction(printed, loosest.loc[loosest["rms_reduction"].idxmin()], why, why, why)
 
 
-def _printed_points(optima: pd.DataFrame) -> Iterator[Row]:
-    """What the paper's own lengths give on our motion."""
-    points = optima[(optima["source"] == "networks") & (optima["method"] == "printed")]
+def printed_points(optima: pd.DataFrame) -> Iterator[Row]:
+    """The error at the paper's own lengths on our motion."""
+    points = optima[(optima["source"] == "networks") & (optima["method"] == "printed")].set_index("point")
     for printed in OPTIMA:
-        ours = points[points["point"] == printed.key].iloc[0]
-        yield Row(
-            "number",
+        ours, theirs = points.loc[printed.key], 1e3 * (1 - printed.reduction) * printed.rod_length
+        yield number(
             f"at the printed lengths of: {printed.name}, error decreases by",
             "%",
-            printed.reduction * PERCENT,
-            float(ours["rms_reduction"]) * PERCENT,
-            f"RMS on our motion; (1 - R) L3 = {ours['invariant'] * MM:.2f} mm, the paper's "
-            f"{(1 - printed.reduction) * printed.rod_length * MM:.2f} mm: constant along the valley for any measure "
-            "linear in the angle, so the three printed points are one valley.",
+            100 * printed.reduction,
+            100 * ours["rms_reduction"],
+            f"RMS on our motion. (1 - R) L3 = {1e3 * ours['invariant']:.2f} mm; paper {theirs:.2f} mm. It is constant "
+            "along the valley: the three printed points are one valley.",
         )
 
 
-_CLAIM = "better results with an increasing number of joints with clearance"
+def contact_claims(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Iterator[Row]:
+    """Where contact is lost in the first revolution, `turned` (n,) [deg], and whether gamma2 follows the crank."""
+    mechanism, last, shares = scenario.mechanism.applied(), {}, []
+    until = CLAIMS["unstable"][2]
+    for joint in mechanism.loose:
+        lost = first[f"r{JOINT_NUMBERS[joint]}"].to_numpy() < IN_CONTACT * mechanism.clearance(joint)
+        last[joint] = float(turned[lost].max(initial=0.0))
+        shares.append(
+            f"{in_words(joint)} at {last[joint]:.1f} deg ({lost[turned > until].mean():.1%} of the rest without "
+            "contact)"
+        )
+    worst = max(last.values())
+    why = f"Contact (r >= {IN_CONTACT} rc) is lost last: {'; '.join(shares)}."
+    yield claim("unstable", worst, worst <= ABOUT * until, why)
+    past = turned >= 60.0
+    gamma = np.degrees(first["gamma2"].to_numpy())[past]
+    turns = (gamma[-1] - gamma[0]) / (turned[past][-1] - turned[past][0])
+    deviation = gamma - turned[past]
+    deviation -= deviation.mean()
+    rms = np.sqrt(np.mean(deviation**2))
+    why = (
+        f"Past 60 deg gamma2 deviates from the crank angle by {rms:.1f} deg RMS, {np.abs(deviation).max():.0f} deg at "
+        f"most, apart from a constant; less than {FOLLOWS:g} deg RMS counts as following."
+    )
+    yield claim("gamma2", turns, rms < FOLLOWS, why)
 
 
-@dataclass(frozen=True)
-class VariantOptimum:
-    """The optimum of one scenario, simulated again, by RMS."""
+def deviation_claims(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) -> Iterator[Row]:
+    """Sizes of the deviations from the `ideal` motion over the first revolution, `turned` (n,) [deg]."""
 
-    scenario: str  # Its name
-    loose: tuple[str, ...]  # Names of its loose joints
-    reduction: float  # Median, 5 % and 95 % quantile of the reduction over the window
-    low: float  # Median, 5 % and 95 % quantile of the reduction over the window
-    high: float  # Median, 5 % and 95 % quantile of the reduction over the window
-    settled: float  # Median of the reduction over a whole settled revolution
-    original_error: float  # RMS error over the window at the original lengths and at the optimum, medians [rad]
-    error: float  # RMS error over the window at the original lengths and at the optimum, medians [rad]
+    def sizes(column: str) -> tuple[float, float, float]:
+        """RMS, peak, and the angle of the peak [deg]."""
+        size = (first[column] - ideal[column]).abs().to_numpy()
+        return np.sqrt(np.nanmean(size**2)), np.nanmax(size), turned[np.nanargmax(size)]
+
+    (_, x, _), (_, y, _), (_, piston, _) = map(sizes, ("rod_position_x", "rod_position_y", "slider_position"))
+    for key, largest, why in (
+        ("rod", 1e3 * max(x, y), f"Largest deviation {1e3 * x:.3f} mm in X, {1e3 * y:.3f} mm in Y"),
+        ("piston", 1e3 * piston, f"Largest deviation {1e3 * piston:.3f} mm"),
+    ):
+        holds = largest <= ABOUT * CLAIMS[key][2]
+        yield claim(key, largest, holds, f"{why}; up to {ABOUT - 1:.0%} more than the paper's counts as about.")
+    for quantity, unit in (("velocity", "m/s"), ("acceleration", "m/s^2")):
+        (x, peak_x, _), (y, peak_y, _) = (sizes(f"rod_{quantity}_{axis}") for axis in "xy")
+        holds = None if abs(y / x - 1) < ALIKE else y > x
+        why = (
+            f"RMS {x:.4g} in X, {y:.4g} {unit} in Y; peaks {peak_x:.4g}, {peak_y:.4g} {unit}. Less than {ALIKE:.0%} "
+            "apart: alike."
+        )
+        yield claim(f"rod_{quantity}", y / x, holds, why)
+    peaks = {
+        "rod in X": sizes("rod_acceleration_x"),
+        "rod in Y": sizes("rod_acceleration_y"),
+        "piston": sizes("slider_acceleration"),
+    }
+    latest = max(angle for _, _, angle in peaks.values())
+    where = ", ".join(f"{words} at {angle:.1f} deg by {peak:.4g} m/s^2" for words, (_, peak, angle) in peaks.items())
+    yield claim("peaks", latest, latest <= ABOUT * CLAIMS["peaks"][2], f"Largest deviations: {where}.")
 
 
-def _apart_from_looseness(scenario: Scenario) -> dict:
-    mechanism = scenario.mechanism.applied().model_dump()
-    for joint in mechanism["joints"].values():
-        if isinstance(joint, dict):
-            joint.pop("loose")
-    mechanism.pop("contacts")  # each joint carries its own
-    return {"mechanism": mechanism, "simulate": scenario.simulate, "optimise": scenario.optimise}
+def superposition_claim(first: pd.DataFrame, ideal: pd.DataFrame, loose: Sequence[str]) -> Row:
+    """How much of the piston's deviation the clearances of the `loose` joints along the slide explain."""
+    numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
+    signs = {number: -1.0 if number == 3 else 1.0 for number in numbers}
+    defined = first[[f"gamma{number}" for number in numbers]].notna().all(axis=1).to_numpy()
+    deviation = (first["slider_position"] - ideal["slider_position"]).to_numpy()[defined]
+    parts = [
+        sign * (first[f"r{number}"] * np.cos(first[f"gamma{number}"])).to_numpy()[defined]
+        for number, sign in signs.items()
+    ]
+    explained, *alone = (1.0 - np.var(deviation - part) / np.var(deviation) for part in (sum(parts), *parts))
+    terms = "".join(f" {'-' if sign < 0 else '+'} r{number} cos gamma{number}" for number, sign in signs.items())
+    why = (
+        f"{terms.removeprefix(' + ')} explains {explained:.1%} of the variance of the piston's deviation, the best "
+        f"single joint {max(alone):.1%}; the rest comes from the rod's tilt."
+    )
+    return claim("superposed", explained, explained > 0.95, why)
+
+
+def networks_claim(errors: pd.DataFrame, default: int) -> Row:
+    """Held-out errors of the networks against the paper's training errors."""
+    own = errors[(errors["model"] == "network") & (errors["seed"] == default)].set_index("output")
+    ratios = (own["held_out_mse"] / own["paper_mse"]).dropna()
+    worst = ratios.idxmax()
+    held_out, training = own.loc[worst, ["held_out_mse", "training_mse"]]
+    why = (
+        f"Held-out error at or below the paper's training error: {int((ratios <= 1).sum())} of {len(ratios)} networks. "
+        f"Farthest: {worst}, {held_out:.2g} held out, {training:.2g} in training."
+    )
+    if ratios.max() > 1:
+        overfit = "Overfitting: contacts oscillate faster than the training points resolve."
+        why += " The training stopped short." if held_out < 2.0 * training else f" {overfit}"
+    return claim("networks", ratios.max(), bool((ratios <= 1.0).all()), why)
+
+
+def evaluations_claim(found: pd.DataFrame) -> Row:
+    """Evaluations until both optimisers came near the optimum."""
+    within = [found.loc[method, "evaluations_within_1_percent"] for method in ("genetic", "local")]
+    enough = all(not pd.isna(own) and own <= printed.evaluations for own, printed in zip(within, OPTIMA, strict=False))
+    shown = ["never" if pd.isna(own) else f"after {own:.0f} evaluations" for own in within]
+    why = f"Within 1 % of the lowest sum of squares: genetic {shown[0]}, best local start {shown[1]}."
+    return claim("evaluations", within[0], enough, why)
+
+
+def optimiser_claims(found: pd.DataFrame, ends: pd.DataFrame) -> Iterator[Row]:
+    """Genetic against local, and in how many points the local optimiser ends."""
+    genetic, local = found.loc["genetic"], found.loc["local"]
+    lead = 100 * (genetic["rms_reduction"] - local["rms_reduction"])
+    why = (
+        f"Genetic {genetic['rms_reduction']:.4%} after {genetic['evaluations']:.0f} evaluations, best local "
+        f"{local['rms_reduction']:.4%} after {local['evaluations']:.0f}; a lead of {TIE:g} percentage points or less "
+        "is a tie."
+    )
+    yield claim("genetic", lead, lead > TIE, why)
+    counts = {
+        tolerance: distinct(part[["crank_length", "rod_length"]].to_numpy())
+        for tolerance, part in ends.groupby("tolerance")
+    }
+    (tightest, few), *_, (loosest, many) = counts.items()
+    why = (
+        f"End points more than {1e6 * ONE_POINT:.0f} um apart: {few} at the tolerance {tightest:.0e}, {many} at "
+        f"{loosest:.0e}. Apparent minima are where the search stopped."
+    )
+    yield claim("minima", few, few > 1, why)
+
+
+def distinct(points: np.ndarray) -> int:
+    """How many of the points, shape (n, 2) [m], lie farther than `ONE_POINT` from every earlier one."""
+    kept: list[np.ndarray] = []
+    for point in points:
+        if all(np.hypot(*(point - other)) > ONE_POINT for other in kept):
+            kept.append(point)
+    return len(kept)
+
+
+def gain_claims(again: pd.DataFrame, worth: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
+    """Whether the gain of the genetic algorithm's lengths remains when simulated again."""
+    point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
+    rows = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
+    machine = worth[(worth["point"] == point) & (worth["cycle"] == "simulated")].iloc[0]
+    for stretch in ("window", "settled"):
+        row = rows.loc[stretch]
+        low, middle, high = (100 * row[name] for name in ("reduction_low", "reduction", "reduction_high"))
+        why = (
+            f"RMS error {np.degrees(row['original_error']):.4f} -> {np.degrees(row['error']):.4f} deg: {middle:.2f} % "
+            f"(5-95 %: {low:.2f} to {high:.2f} %) over {row['members']:.0f} perturbed starts for each pair of lengths, "
+            f"improved in {row['share_better']:.0%} of run pairs; frozen {100 * row['frozen_reduction']:.2f} %. Stroke "
+            f"{1e3 * machine['stroke_change']:+.3f} mm, smallest transmission angle "
+            f"{np.degrees(machine['smallest_transmission_angle_change']):+.3f} deg."
+        )
+        yield claim(f"gain_{stretch}", middle, True if low > 0 else False if high < 0 else None, why)
 
 
 def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
@@ -249,414 +374,116 @@ def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[st
     )
 
 
-def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> VariantOptimum:
-    """What the lengths found on the simulation's own motion gain in the `scenario` called `name`, by its table
-    `resimulated`.
+def _apart_from_looseness(scenario: Scenario) -> dict:
+    mechanism = scenario.mechanism.applied().model_dump()
+    for joint in mechanism["joints"].values():
+        if isinstance(joint, dict):
+            joint.pop("loose")
+    mechanism.pop("contacts")  # each joint carries its own
+    return {"mechanism": mechanism, "simulate": scenario.simulate, "optimise": scenario.optimise}
 
-    Lengths found on networks would hang on how long these were trained, which may differ between scenarios.
+
+def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> Row:
+    """The re-simulated optimum of a scenario, found on the simulation's own motion: columns of the table overview.
+
+    Lengths found on networks would depend on their training, which may differ between scenarios.
     """
     point = f"simulation_{next(iter(scenario.optimise.boxes))}_genetic"
     rows = resimulated[(resimulated["point"] == point) & (resimulated["measure"] == "rms")].set_index("stretch")
-    window = rows.loc["window"]
-    return VariantOptimum(
-        scenario=name,
-        loose=scenario.mechanism.applied().loose,
-        reduction=float(window["reduction"]),
-        low=float(window["reduction_low"]),
-        high=float(window["reduction_high"]),
-        settled=float(rows.loc["settled", "reduction"]),
-        original_error=float(window["original_error"]),
-        error=float(window["error"]),
-    )
+    window, applied = rows.loc["window"], scenario.mechanism.applied()
+    return {
+        "scenario": name,
+        "loose": ", ".join(f"{in_words(joint)} ({applied.joint(joint).journal})" for joint in applied.loose),
+        "loose_joints": len(applied.loose),
+        "found_reduction": float(window["reduction"]),
+        "found_low": float(window["reduction_low"]),
+        "found_high": float(window["reduction_high"]),
+        "found_settled": float(rows.loc["settled", "reduction"]),
+        "found_original_error": float(window["original_error"]),
+        "found_error": float(window["error"]),
+    }
 
 
-def _by_count(variants: Iterable[VariantOptimum]) -> dict[int, list[VariantOptimum]]:
-    """Variants by how many joints are loose, counts rising."""
-    groups: dict[int, list[VariantOptimum]] = {}
-    for variant in sorted(variants, key=lambda variant: len(variant.loose)):
-        groups.setdefault(len(variant.loose), []).append(variant)
-    return groups
+def more_is_better(variants: pd.DataFrame) -> bool | None:
+    """Whether the reduction grows with the count of loose joints, spreads included; None where it cannot be told.
 
-
-def more_is_better(variants: Iterable[VariantOptimum]) -> bool | None:
-    """Whether the reduction grows with the count of loose joints.
-
-    True where all scenarios with one joint more lie above all with one fewer, spreads included; False where, spreads
-    included, some scenario with more joints lies below one with fewer; None where spreads overlap or there is one count
-    alone.
+    `variants` are rows of `variant_optimum`.
     """
-    counts = list(_by_count(variants).values())
-    if len(counts) < 2:
-        return None
-    pairs = [
-        (few, many) for i, fewer in enumerate(counts) for more in counts[i + 1 :] for few in fewer for many in more
-    ]
-    if any(many.high < few.low for few, many in pairs):
+    pairs = variants.merge(variants, how="cross", suffixes=("_few", "_many")).query(
+        "loose_joints_few < loose_joints_many"
+    )
+    if (pairs["found_high_many"] < pairs["found_low_few"]).any():
         return False
-    return True if all(many.low > few.high for few, many in pairs) else None
+    return True if len(pairs) and (pairs["found_low_many"] > pairs["found_high_few"]).all() else None
 
 
-def joints_claim(variants: Sequence[VariantOptimum]) -> Row:
-    """The paper's last claim, judged by the reductions of scenarios that differ in their loose joints alone."""
-    counts = _by_count(variants)
-    if len(counts) < 2:
-        needs = "Needs scenarios in the same run that differ from this one in nothing but which joints are loose."
-        return claim(_CLAIM, None, None, "", None, needs)
-    fewest, most = (
-        float(np.mean([variant.reduction for variant in counts[count]])) for count in (min(counts), max(counts))
+def joints_claim(variants: pd.DataFrame) -> Row:
+    """The claim that more loose joints gain more, judged by scenarios that differ in their loose joints only."""
+    if variants["loose_joints"].nunique() < 2:
+        return claim("joints", None, None, "Needs scenarios in the same run that differ only in their loose joints.")
+    means = variants.groupby("loose_joints")["found_reduction"].mean()
+    numbers = "; ".join(
+        f"{row.loose_joints} loose ({row.scenario}): {row.found_reduction:.2%} ({row.found_low:.2%} to "
+        f"{row.found_high:.2%})"
+        for row in variants.sort_values("loose_joints", kind="stable").itertuples()
     )
-    difference = 100 * (most - fewest)
-    return claim(_CLAIM, None, difference, "percentage points", more_is_better(variants), _sentence(variants))
+    why = f"RMS reduction over the window, simulated again, median (5-95 %): {numbers}. {conclusion(variants)}"
+    return claim("joints", 100 * (means.iloc[-1] - means.iloc[0]), more_is_better(variants), why)
 
 
-def _sentence(variants: Sequence[VariantOptimum]) -> str:
-    """The reductions by count of loose joints, and what they say."""
-    parts = []
-    for count, group in _by_count(variants).items():
-        numbers = ", ".join(
-            f"{v.reduction:.2%} ({in_words(' + '.join(v.loose))}; 5-95 %: {v.low:.2%} to {v.high:.2%}; "
-            f"error {np.degrees(v.original_error):.4f} to {np.degrees(v.error):.4f} deg)"
-            for v in group
-        )
-        parts.append(f"with {count} loose {'joint' if count == 1 else 'joints'} {numbers}")
-    return (
-        "RMS reduction over the window at the lengths found on each simulation's own motion, simulated again: "
-        f"{'; '.join(parts)}. {conclusion(variants)}"
-    )
-
-
-def conclusion(variants: Sequence[VariantOptimum]) -> str:
-    """The verdict in plain words."""
+def conclusion(variants: pd.DataFrame) -> str:
+    """What the `variants` show about the count of loose joints, in words."""
     verdict = more_is_better(variants)
-    if verdict:
-        return "Every scenario with more loose joints gains more than every one with fewer, spreads included."
     if verdict is None:
         return "The spreads overlap, so this cannot be decided."
-    ranked = sorted(variants, key=lambda variant: variant.reduction)
+    if verdict:
+        return "Each scenario with more loose joints gains more than each with fewer, spreads included."
+    most, least = (variants.loc[getattr(variants["found_reduction"], edge)()] for edge in ("idxmax", "idxmin"))
     return (
-        f"{_with_count(ranked[-1])} gains most and {_with_count(ranked[0])} least, so the number of loose joints is "
-        "not what matters. What matters is how much of the error is proportional to the sine of the crank angle, the "
-        "only part that another length ratio can remove."
+        f"{most['scenario']} (loose joints: {most['loose_joints']}) gains most, {least['scenario']} (loose joints: "
+        f"{least['loose_joints']}) least: the number of loose joints does not determine the gain. The part of the "
+        "error that is proportional to the sine of the crank angle does, because another length ratio removes only "
+        "that part."
     )
 
 
-def _with_count(variant: VariantOptimum) -> str:
-    count = len(variant.loose)
-    return f"{variant.scenario} with {count} loose {'joint' if count == 1 else 'joints'}"
-
-
-ABOUT = 1.2  # how far a number that the paper calls "about", or shows in a figure, may go beyond it
-ALIKE = 0.05  # two sizes that differ by less are alike
-TIE = 0.001  # percentage points by which an optimiser has to lead
-IN_CONTACT = 0.999  # share of the clearance from which on the journal counts as on its bearing
-ONE_POINT = 1e-6  # [m] within which two end points are one
-_MM, UM = 1e3, 1e6  # [1/m] numbers in mm and um
-
-
-def claims(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[VariantOptimum]) -> Iterator[Row]:
-    """A row for each claim that has a subject in this mechanism. Arguments as in `comparison.compare`.
-
-    Of a mechanism that is not the paper's, those alone that hold or do not hold whatever its size and speed, and beside
-    none of the paper's numbers.
-    """
-    if departures(scenario.mechanism, scenario.simulate):
-        yield from (replace(row, paper=None) for row in _general(frames, scenario, variants))
-        return
-    first, turned, ideal = _first_revolution(frames, scenario)
-    yield from _contact(first, turned, scenario)
-    yield from _deviations(first, turned, ideal)
-    if frames["fit_errors"]["paper_mse"].notna().any():
-        yield _networks(frames["fit_errors"], scenario)
-    yield _evaluations(_main_optima(frames, scenario))
-    yield from _general(frames, scenario, variants)
-
-
-def _first_revolution(
-    frames: Mapping[str, pd.DataFrame], scenario: Scenario
-) -> tuple[pd.DataFrame, np.ndarray, pd.DataFrame]:
-    """Samples of the first revolution, the angle turned since the start [deg], and the motion without clearance."""
-    first = frames["trajectory"].iloc[: scenario.simulate.samples_per_revolution + 1].reset_index(drop=True)
-    turned = np.degrees(first["crank_angle"] - first["crank_angle"].iloc[0]).to_numpy()
-    motion = frames["kinematics"]
-    return first, turned, motion[motion["source"] == "ideal"].reset_index(drop=True)
-
-
-def _general(
-    frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[VariantOptimum]
-) -> Iterator[Row]:
-    """Claims without a size in them."""
-    first, _, ideal = _first_revolution(frames, scenario)
-    loose = scenario.mechanism.applied().loose
-    if len(loose) > 1:
-        yield _superposed(first, ideal, loose)
-    yield from _optimisers(frames, scenario)
-    yield joints_claim(variants)
-    yield from _real_gain(frames["optimise_resimulated"], frames["optimise_worth"], scenario)
-
-
-def _contact(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Iterator[Row]:
-    mechanism, last, share = scenario.mechanism.applied(), {}, {}
-    for joint in mechanism.loose:
-        lost = first[f"r{JOINT_NUMBERS[joint]}"].to_numpy() < IN_CONTACT * mechanism.clearance(joint)
-        last[joint] = float(turned[lost].max(initial=0.0))
-        share[joint] = float(lost[turned > UNSTABLE_UNTIL_DEG].mean())
-    worst = max(last.values())
-    last_losses = [
-        f"in the {joint.replace('_', ' ')} at {last[joint]:.1f} deg ({share[joint]:.1%} of what follows 30 deg is off "
-        "contact)"
-        for joint in last
-    ]
-    yield claim(
-        "motion is unstable only between 0 and about 30 deg, then r = rc",
-        UNSTABLE_UNTIL_DEG,
-        worst,
-        "deg",
-        worst <= ABOUT * UNSTABLE_UNTIL_DEG,
-        f"Contact (r >= {IN_CONTACT} rc) is last lost {' and '.join(last_losses)}.",
-    )
-    if "crank_pin" not in mechanism.loose:
-        return
-    past = turned >= 60.0
-    gamma = np.degrees(first["gamma2"].to_numpy())[past]
-    departure = gamma - turned[past]
-    departure -= departure.mean()
-    yield claim(
-        "gamma2 follows the crank angle",
-        1.0,
-        float((gamma[-1] - gamma[0]) / (turned[past][-1] - turned[past][0])),
-        "turns per turn",
-        bool(np.sqrt(np.mean(departure**2)) < 30.0),
-        f"Past 60 deg gamma2 departs from the crank angle by {np.sqrt(np.mean(departure**2)):.1f} deg RMS and "
-        f"{np.abs(departure).max():.0f} deg at most, a constant apart; below 30 deg RMS it counts as following.",
-    )
-
-
-def _largest(first: pd.DataFrame, ideal: pd.DataFrame, column: str) -> tuple[float, int]:
-    size = (first[column] - ideal[column]).abs().to_numpy()
-    return float(np.nanmax(size)), int(np.nanargmax(size))
-
-
-def _rms(first: pd.DataFrame, ideal: pd.DataFrame, column: str) -> float:
-    return float(np.sqrt(np.nanmean((first[column] - ideal[column]) ** 2)))
-
-
-def _deviations(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) -> Iterator[Row]:
-    x, _ = _largest(first, ideal, "rod_position_x")
-    y, _ = _largest(first, ideal, "rod_position_y")
-    yield claim(
-        "the rod's centre deviates by about +-1 mm",
-        ROD_DEVIATION_M * _MM,
-        max(x, y) * _MM,
-        "mm",
-        max(x, y) <= ABOUT * ROD_DEVIATION_M,
-        f"Largest deviation {x * _MM:.3f} mm in X and {y * _MM:.3f} mm in Y; up to 20 % more than the paper's counts "
-        "as about.",
-    )
-    piston, _ = _largest(first, ideal, "slider_position")
-    yield claim(
-        "the piston deviates by +-2 mm",
-        PISTON_DEVIATION_M * _MM,
-        piston * _MM,
-        "mm",
-        piston <= ABOUT * PISTON_DEVIATION_M,
-        f"Largest deviation {piston * _MM:.3f} mm; up to 20 % more counts. The clearances and the rod's tilt allow "
-        "little else.",
-    )
-    for quantity, unit in (("velocity", "m/s"), ("acceleration", "m/s^2")):
-        sizes = {axis: _rms(first, ideal, f"rod_{quantity}_{axis}") for axis in "xy"}
-        peaks = {axis: _largest(first, ideal, f"rod_{quantity}_{axis}")[0] for axis in "xy"}
-        yield claim(
-            f"the rod's {quantity} deviates more in Y than in X",
-            None,
-            sizes["y"] / sizes["x"],
-            "Y / X, RMS",
-            None if abs(sizes["y"] / sizes["x"] - 1) < ALIKE else sizes["y"] > sizes["x"],
-            f"RMS {sizes['x']:.4g} in X and {sizes['y']:.4g} {unit} in Y; peaks {peaks['x']:.4g} and {peaks['y']:.4g} "
-            f"{unit}. Within {ALIKE:.0%} of each other they count as alike.",
+def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
+    """The `comparison` (table comparison) of a `scenario` on one page."""
+    if differences := departures(scenario.mechanism, scenario.simulate):
+        basis = (
+            f"This mechanism is not the paper's ({'; '.join(differences)}), so only its claims without a size are "
+            "compared. Results for this mechanism: `summary.html`."
         )
-    peaks = {
-        words: _largest(first, ideal, column)
-        for words, column in (
-            ("rod's in X", "rod_acceleration_x"),
-            ("rod's in Y", "rod_acceleration_y"),
-            ("piston's", "slider_acceleration"),
+    else:
+        basis = (
+            f"A number agrees within {AGREES:.0%} of the paper's, an optimum length within {LENGTH_AGREES:.1%}. "
+            "Nothing is tuned to match: contact parameters, bounds and window are those of the configuration."
         )
-    }
-    latest = float(max(turned[at] for _, at in peaks.values()))
-    yield claim(
-        "the accelerations' peaks come early in the motion (first 30 deg)",
-        UNSTABLE_UNTIL_DEG,
-        latest,
-        "deg",
-        latest <= ABOUT * UNSTABLE_UNTIL_DEG,
-        "Accelerations deviate most: "
-        + ", ".join(f"the {words} at {turned[at]:.1f} deg by {size:.4g} m/s^2" for words, (size, at) in peaks.items())
-        + ".",
-    )
+    texts = (scenario.description, f"{_counts(comparison)} {basis}")
+    blocks: list[Block] = [Paragraph(text) for text in texts if text]
+    for kind, title, why in (("number", "Printed numbers", "remark"), ("claim", "Claims", "our evidence")):
+        rows = comparison[comparison["kind"] == kind]
+        if len(rows):
+            heads = (kind, "unit", "paper", "ours", "ours / paper", "verdict", why)
+            blocks += [Heading(title), TableBlock(heads, tuple(map(_cells, rows.itertuples())), "llrrrll")]
+    return Page("The paper and this simulation side by side", tuple(blocks))
 
 
-def _superposed(first: pd.DataFrame, ideal: pd.DataFrame, loose: Sequence[str]) -> Row:
-    deviation = (first["slider_position"] - ideal["slider_position"]).to_numpy()
-    numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
-    defined = first[[f"gamma{number}" for number in numbers]].notna().all(axis=1).to_numpy()
-    signs = {number: -1.0 if number == 3 else 1.0 for number in numbers}
-    shares = [
-        sign * (first[f"r{number}"] * np.cos(first[f"gamma{number}"])).to_numpy()[defined]
-        for number, sign in signs.items()
-    ]
-    terms = "".join(f" {'-' if sign < 0 else '+'} r{number} cos gamma{number}" for number, sign in signs.items())
-    deviation = deviation[defined]
-    left = float(np.var(deviation - sum(shares)) / np.var(deviation))
-    alone = min(float(np.var(deviation - share) / np.var(deviation)) for share in shares)
-    return claim(
-        "the piston carries the joints' clearances superposed",
-        1.0,
-        1.0 - left,
-        "share of variance",
-        1.0 - left > 0.95,
-        f"{terms.removeprefix(' + ')} explains {1 - left:.1%} of the variance of the piston's deviation, the best of "
-        f"the joints alone {1 - alone:.1%}; the rod's tilt does the rest.",
-    )
+def _counts(comparison: pd.DataFrame) -> str:
+    """How many numbers agree and claims hold, in words."""
+    sentences = []
+    for kind, rows in comparison.groupby("kind", sort=False):
+        counts = (f"{verdict} {count}" for verdict, count in rows["verdict"].value_counts().items())
+        sentences.append(f"{kind.capitalize()}s: {', '.join(counts)}.")
+    return " ".join(sentences)
 
 
-def _networks(errors: pd.DataFrame, scenario: Scenario) -> Row:
-    default = errors[
-        (errors["model"] == "network") & (errors["region"] == "all") & (errors["seed"] == scenario.surrogate.seeds[0])
-    ].set_index("output")
-    ratios = (default["held_out_mse"] / default["paper_mse"]).dropna()
-    worst = ratios.idxmax()
-    held_out, trained = (float(default.loc[worst, f"{kind}_mse"]) for kind in ("held_out", "training"))
-    why = (
-        "So it is the training that stopped short, not what lies between its points."
-        if held_out < 2.0 * trained
-        else "Between the points it trained at it does not know the motion: contacts ring faster than the points can "
-        "show."
-    )
-    return claim(
-        "the networks deviate by nearly zero on inputs not used in training",
-        1.0,
-        float(ratios.max()),
-        "held-out MSE / paper's MSE",
-        bool((ratios <= 1.0).all()),
-        f"On samples between the training points {int((ratios <= 1).sum())} of {len(ratios)} networks stay at or "
-        f"below the paper's training MSE; farthest from it is {worst} with {held_out:.2g} against {trained:.2g} in "
-        f"training{'.' if ratios.max() <= 1 else '. ' + why}",
-    )
+def _cells(row) -> tuple[str | Cell, ...]:
+    numbers = map(_number, (row.paper, row.ours, row.ratio))
+    return (row.item, row.unit, *numbers, Cell(row.verdict, _TONES.get(row.verdict, "open")), row.sentence)
 
 
-def _optimisers(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Iterator[Row]:
-    main = next(iter(scenario.optimise.boxes))
-    genetic, local = _main_optima(frames, scenario)
-    lead = 100 * float(genetic["rms_reduction"] - local["rms_reduction"])
-    yield claim(
-        "the genetic algorithm beats the local optimiser",
-        100 * (OPTIMA[0].reduction - OPTIMA[1].reduction),
-        lead,
-        "percentage points",
-        lead > TIE,
-        f"Genetic {genetic['rms_reduction']:.4%} after {genetic['evaluations']:.0f} evaluations, best local "
-        f"{local['rms_reduction']:.4%} after {local['evaluations']:.0f}, same box and objective; a lead of {TIE:g} "
-        "percentage points or less is a tie.",
-    )
-    ends = frames["optimise_tolerance"]
-    ends = ends[(ends["source"] == "networks") & (ends["box"] == main)]
-    counts = {
-        tolerance: _distinct(part[["crank_length", "rod_length"]].to_numpy())
-        for tolerance, part in ends.groupby("tolerance")
-    }
-    tightest, loosest = min(counts), max(counts)
-    yield claim(
-        "there are a lot of local minima",
-        None,
-        float(counts[tightest]),
-        "end points",
-        counts[tightest] > 1,
-        f"Six starts end in {counts[tightest]} {'point' if counts[tightest] == 1 else 'points'} (more than "
-        f"{ONE_POINT * UM:.0f} um apart) at the tolerance {tightest:.0e} and in {counts[loosest]} at {loosest:.0e}: "
-        "what looks like minima is where a search stopped.",
-    )
-
-
-def _main_optima(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> tuple[pd.Series, pd.Series]:
-    """What the genetic and the local optimiser found on the networks in the main box."""
-    main = next(iter(scenario.optimise.boxes))
-    optima = frames["optimise_optima"]
-    of_networks = optima[(optima["source"] == "networks") & (optima["box"] == main)].set_index("method")
-    return of_networks.loc["genetic"], of_networks.loc["local"]
-
-
-def _evaluations(found: tuple[pd.Series, pd.Series]) -> Row:
-    within = tuple(each["evaluations_within_1_percent"] for each in found)
-    enough = [
-        not pd.isna(calls) and calls <= printed.evaluations for calls, printed in zip(within, OPTIMA[:2], strict=True)
-    ]
-    return claim(
-        "32 and 17 evaluations are enough",
-        32.0,
-        None if pd.isna(within[0]) else float(within[0]),
-        "evaluations (genetic)",
-        all(enough),
-        "Within 1 % of the lowest sum of squares: genetic "
-        + ", best local start ".join("never" if pd.isna(calls) else f"after {calls:.0f} calls" for calls in within)
-        + ".",
-    )
-
-
-def _distinct(points: np.ndarray) -> int:
-    """How many of the points, shape (n, 2) [m], lie farther than ONE_POINT from every earlier one."""
-    kept: list[np.ndarray] = []
-    for point in points:
-        if all(np.hypot(*(point - other)) > ONE_POINT for other in kept):
-            kept.append(point)
-    return len(kept)
-
-
-def _real_gain(again: pd.DataFrame, machine: pd.DataFrame, scenario: Scenario) -> Iterator[Row]:
-    main = next(iter(scenario.optimise.boxes))
-    point = f"networks_{main}_genetic"
-    rows = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
-    for stretch, words in (("window", "the configured window"), ("settled", "a whole settled revolution")):
-        row = rows.loc[stretch]
-        low, middle, high = (100 * float(row[name]) for name in ("reduction_low", "reduction", "reduction_high"))
-        yield claim(
-            f"the optimum's gain is real: simulated again, over {words}",
-            OPTIMA[0].reduction * 100,
-            middle,
-            "%",
-            True if low > 0 else False if high < 0 else None,
-            f"RMS reduction {middle:.2f} % (5-95 %: {low:.2f} to {high:.2f} %) in {row['members']:.0f} perturbed "
-            f"starts for each pair of lengths, beside {100 * row['frozen_reduction']:.2f} % with the clearance "
-            f"motion frozen; better in {row['share_better']:.0%} of the pairs. In degrees: RMS error "
-            f"{np.degrees(row['original_error']):.4f} before and {np.degrees(row['error']):.4f} after. "
-            f"{_machine_metrics(machine, point)}",
-        )
-
-
-def _machine_metrics(machine: pd.DataFrame, point: str) -> str:
-    """What the lengths mean for the machine over a settled revolution, in a sentence."""
-    row = machine[(machine["point"] == point) & (machine["cycle"] == "simulated")].iloc[0]
-    smallest, departure = np.degrees(row["smallest_transmission_angle"]), np.degrees(row["largest_departure"])
-    change = np.degrees(row["smallest_transmission_angle_change"])
-    return (
-        f"Over the settled cycle the smallest transmission angle becomes {smallest:.3f} deg ({change:+.3f} deg), "
-        f"{departure:.3f} deg from 90 deg at most; the stroke changes by {row['stroke_change'] * _MM:+.3f} mm, the "
-        f"dead centres by {row['outer_dead_centre_change'] * _MM:+.3f} mm (outer) and "
-        f"{row['inner_dead_centre_change'] * _MM:+.3f} mm (inner)."
-    )
-
-
-NEEDED = (
-    "trajectory",
-    "kinematics",
-    "fit_errors",
-    "optimise_optima",
-    "optimise_tolerance",
-    "optimise_resimulated",
-    "optimise_worth",
-)
-
-
-def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[VariantOptimum]) -> pd.DataFrame:
-    """Every number and claim of the paper beside ours."""
-    rows: list[Row] = [*numbers(frames, scenario), *claims(frames, scenario, variants)]
-    return pd.DataFrame([row.record() for row in rows])
+def _number(value: float | None) -> str:
+    if value is None or math.isnan(value):
+        return "–"
+    return f"{value:.6g}" if 1e-3 <= abs(value) < 1e6 or value == 0 else f"{value:.4e}"

@@ -293,9 +293,8 @@ def explore(results: "ScenarioResults") -> None:
 def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"]) -> None:
     """Put every number and claim of the paper beside ours."""
     from jointgap.core.page import to_html, to_markdown
-    from jointgap.paper.compare import NEEDED, variant_optimum
+    from jointgap.paper.compare import NEEDED, comparison_page, variant_optimum
     from jointgap.paper.compare import compare as compared
-    from jointgap.paper.pages import comparison_page
 
     frames = results.read_all(NEEDED)
     compared_with = {results.path.name: results, **siblings}
@@ -343,7 +342,7 @@ def summarise(results: "ScenarioResults") -> str:
 def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
     from jointgap.core.page import to_html, to_markdown
-    from jointgap.paper import pages
+    from jointgap.scenario import overview as pages
 
     needed = {name: (results.read_all(pages.NEEDED), results.scenario) for name, results in scenarios.items()}
     result = pages.overview(needed)

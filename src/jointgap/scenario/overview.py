@@ -1,0 +1,166 @@
+"""The scenarios of a run compared: table `overview` and its page."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Scenario
+from jointgap.core.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
+from jointgap.core.words import fall_in_percent
+from jointgap.paper.compare import conclusion, looseness_variants, variant_optimum
+from jointgap.scenario.figures import FIGURES
+
+NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
+"""Names of the tables of a scenario that its row is made of."""
+
+TITLE = "Comparison of scenarios"
+_TEXT = (
+    "Reductions of the RMS error of the transmission angle at the lengths that the genetic algorithm finds on the "
+    "networks (main box), relative to the original lengths. Frozen: estimate with unchanged joint motion. Simulated "
+    "again: the result that counts, median and 5-95 % of an ensemble. Training and held-out MSE: outputs at or below "
+    "the paper's training error."
+)
+_HEADS = (
+    "scenario",
+    "loose joints (journal on)",
+    "drive",
+    "friction, largest",
+    "window [deg]",
+    "crank [mm]",
+    "rod [mm]",
+    "networks, frozen [%]",
+    "simulation, frozen [%]",
+    "simulated again, window [%]",
+    "simulated again, settled [%]",
+    "training MSE reached",
+    "held-out MSE reached",
+    "second surrogate, held out",
+    "other printed numbers that agree",
+)
+_COUNT_HEADS = (
+    "loose joints",
+    "scenario",
+    "which",
+    "simulated again, window [%]",
+    "simulated again, settled [%]",
+    "error before [deg]",
+    "after [deg]",
+)
+
+
+def overview(loaded: Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]) -> pd.DataFrame:
+    """One row a scenario, columns of the table overview, from its tables `NEEDED` and its configuration."""
+    scenarios = {name: scenario for name, (_, scenario) in loaded.items()}
+    rows = [
+        _row(name, *own)
+        | {"family": looseness_variants(name, scenarios)[0]}
+        | variant_optimum(name, own[1], own[0]["optimise_resimulated"])
+        for name, own in loaded.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> dict:
+    errors = frames["fit_errors"]
+    judged = errors[(errors["region"] == "all") & errors["paper_mse"].notna()]
+    networks = judged[(judged["model"] == "network") & (judged["seed"] == scenario.surrogate.seeds[0])]
+    second = judged[judged["model"] == "clearance"]
+    verdicts = frames["comparison"].query("kind == 'number'")["verdict"]
+    point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
+    best = frames["optimise_optima"].set_index("point").loc[point]
+    again = frames["optimise_resimulated"].query("measure == 'rms'").set_index(["point", "stretch"]).loc[point]
+    applied = scenario.mechanism.applied()
+    return {
+        "drive": scenario.simulate.drive.kind,
+        "friction": max(applied.joint(joint).contact.friction for joint in applied.loose),
+        "window_start": scenario.optimise.window[0],
+        "window_end": scenario.optimise.window[1],
+        "judged": len(networks),
+        "training_reached": int((networks["training_mse"] <= networks["paper_mse"]).sum()),
+        "held_out_reached": int((networks["held_out_mse"] <= networks["paper_mse"]).sum()),
+        "second_reached": int((second["held_out_mse"] <= second["paper_mse"]).sum()),
+        "printed": int(verdicts.isin(("agrees", "differs")).sum()),
+        "printed_agree": int((verdicts == "agrees").sum()),
+        "crank_length": best["crank_length"],
+        "rod_length": best["rod_length"],
+        "networks_reduction": best["rms_reduction"],
+        "simulation_reduction": again.loc["window", "frozen_reduction"],
+    } | {
+        f"{stretch}_{column}": float(again.loc[stretch, column])
+        for stretch in ("window", "settled")
+        for column in ("reduction", "reduction_low", "reduction_high")
+    }
+
+
+def headline(table: pd.DataFrame) -> str:
+    """The result of the scenarios of the `table` overview, in a line."""
+    return (
+        f"In {len(table)} scenarios the RMS error of the transmission angle "
+        f"{fall_in_percent(100.0 * table['window_reduction'])} at the lengths found, simulated again"
+    )
+
+
+def overview_page(table: pd.DataFrame) -> Page:
+    """The `table` overview on one page, with a small figure of each scenario; figures and links are relative to the
+    folder of results.
+    """
+    spec = FIGURES["resimulation"]
+    figures = [
+        FigureBlock(f"{name}/figures/resimulation", f"{spec.title}: {name}", small=True) for name in table["scenario"]
+    ]
+    blocks = (*side_by_side(table), Heading("Gain when simulated again"), Paragraph(spec.caption), *figures)
+    return Page(headline(table), blocks, subject=TITLE, footer=written_today(), width="100rem")
+
+
+def side_by_side(table: pd.DataFrame) -> list[Block]:
+    """The `table` overview in words and tables."""
+    cells = tuple(map(_cells, table.itertuples(index=False)))
+    return [Paragraph(_TEXT), TableBlock(_HEADS, cells, "lllrrrrrrrrrrrr"), *_by_count(table)]
+
+
+def _cells(row) -> tuple[str | Link, ...]:
+    reached = (row.training_reached, row.held_out_reached, row.second_reached)
+    return (
+        Link(row.scenario, f"{row.scenario}/summary.html"),
+        row.loose,
+        row.drive,
+        f"{row.friction:g}",
+        f"{np.degrees(row.window_start):.0f}-{np.degrees(row.window_end):.0f}",
+        f"{1e3 * row.crank_length:.3f}",
+        f"{1e3 * row.rod_length:.3f}",
+        f"{100 * row.networks_reduction:.2f}",
+        f"{100 * row.simulation_reduction:.2f}",
+        _spread(row.window_reduction, row.window_reduction_low, row.window_reduction_high),
+        _spread(row.settled_reduction, row.settled_reduction_low, row.settled_reduction_high),
+        *(f"{count} of {row.judged}" if row.judged else "–" for count in reached),
+        f"{row.printed_agree} of {row.printed}" if row.printed else "–",
+    )
+
+
+def _spread(middle: float, low: float, high: float) -> str:
+    return f"{100 * middle:.2f} ({100 * low:.2f} to {100 * high:.2f})"
+
+
+def _by_count(table: pd.DataFrame) -> Iterator[Block]:
+    """Scenarios that differ in their loose joints only, by the count of these."""
+    for _, rows in table.groupby("family", sort=False):
+        if rows["loose_joints"].nunique() < 2:
+            continue
+        cells = tuple(
+            (
+                str(row.loose_joints),
+                row.scenario,
+                ", ".join(joint.partition(" (")[0] for joint in row.loose.split(", ")),
+                _spread(row.found_reduction, row.found_low, row.found_high),
+                f"{100 * row.found_settled:.2f}",
+                *(f"{np.degrees(angle):.4f}" for angle in (row.found_original_error, row.found_error)),
+            )
+            for row in rows.sort_values("loose_joints", kind="stable").itertuples()
+        )
+        yield Heading("By count of loose joints")
+        yield Paragraph(
+            "These scenarios differ only in their loose joints. RMS reductions at the lengths that the genetic "
+            f"algorithm finds on each simulation's own motion, simulated again. {conclusion(rows)}"
+        )
+        yield TableBlock(_COUNT_HEADS, cells, "rllrrrr")
