@@ -28,9 +28,9 @@ def code_digest(function: Callable[..., Any]) -> str:
     for name in sorted(modules):
         source = source_of(name)
         digest.update(name.encode() + source.read_bytes())
-        if source.name == "__init__.py":  # templates are code too
-            for template in sorted(source.parent.glob("templates/*.j2")):
-                digest.update(template.name.encode() + template.read_bytes())
+        data = source.parent.glob("templates/*.j2" if source.name == "__init__.py" else f"{source.stem}.yaml")
+        for file in sorted(data):  # templates, and the data of a module, are code too
+            digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()[:12]
 
 
