@@ -171,7 +171,8 @@ def nearest_configuration(found: InferredSettings) -> str:
     )
     content["optimise"] = {"window": list(found.designs.counting(chosen).window)}
     content["surrogate"] = {"iterations": 2000, "seeds": [0]}
-    return yaml.safe_dump({"run": [NEAREST_NAME], "scenarios": {NEAREST_NAME: content}}, sort_keys=False)
+    whole = {"run": [NEAREST_NAME], "networks": True, "paper": True, "scenarios": {NEAREST_NAME: content}}
+    return yaml.safe_dump(whole, sort_keys=False)
 
 
 def page(found: InferredSettings) -> Page:
