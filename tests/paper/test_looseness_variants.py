@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 
 from jointgap.config import read_yaml, resolve
+from jointgap.config.layers import merge
 from jointgap.core import parquet, schema
 from jointgap.core.page import to_html, to_markdown
 from jointgap.paper.compare import (
@@ -22,7 +23,7 @@ HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot be told"
 
 @pytest.fixture(scope="module")
 def scenarios():
-    return resolve(read_yaml("config/config.yaml"))
+    return resolve(merge(read_yaml("config/config.yaml"), read_yaml("config/variants.yaml")))
 
 
 def variants(*given):

@@ -4,6 +4,7 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Simulate, Surrogate, read_yaml, resolve
+from jointgap.config.layers import merge
 from jointgap.core.joints import OUTPUTS
 from jointgap.dynamics.simulate import simulate
 from jointgap.networks.clearance import train_clearance
@@ -13,8 +14,9 @@ pytestmark = pytest.mark.slow
 
 
 def scenario(root, name):
-    file = root / "config/config.yaml"
-    return resolve(read_yaml(file), (root, file.parent), str(file))[name]
+    folder = root / "config"
+    whole = merge(read_yaml(folder / "config.yaml"), read_yaml(folder / "variants.yaml"))
+    return resolve(whole, (root, folder))[name]
 
 
 def motion(pytestconfig, name, samples):
