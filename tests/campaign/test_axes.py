@@ -13,6 +13,8 @@ from jointgap.campaign.augment import missing_force
 from jointgap.config import Mechanism, load_mechanism
 from jointgap.core.candidates import Parameter
 
+pytestmark = pytest.mark.integration
+
 
 def spans(*pairs):
     rows = pd.DataFrame(pairs, columns=["start_deg", "end_deg"])

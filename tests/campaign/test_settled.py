@@ -20,6 +20,8 @@ from jointgap.identification import force_law, model_selection
 from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.disagreement import map_disagreement
 
+pytestmark = pytest.mark.integration
+
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
 

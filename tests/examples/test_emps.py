@@ -15,6 +15,8 @@ from examples.emps.effects import STROKE
 from examples.emps.model import ADDRESS, AVERAGED, CYCLE, FILES, SAMPLE_TIME, Emps
 from jointgap.core.errors import InputError
 
+pytestmark = pytest.mark.integration
+
 LOOP = {"gtau": 35.0, "kp": 160.0, "kv": 240.0}
 MASS, VISCOUS = 95.0, 200.0
 VALUES = {"mass": MASS, "viscous": VISCOUS}

@@ -27,6 +27,8 @@ from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
 from tests.identification.toy import FALLING_SPEED, RINGING, Toy, candidate_of, stated_noise, toy
 
+pytestmark = pytest.mark.integration
+
 QUADRATIC = candidate_of("quadratic")
 (DRAG,) = QUADRATIC.families
 RISE = 6.635  # 99 % quantile of chi2 with one degree of freedom

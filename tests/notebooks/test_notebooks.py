@@ -6,6 +6,8 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+pytestmark = pytest.mark.integration
+
 FOLDER = Path(__file__).parents[2] / "docs/notebooks"
 NAMES = ["first_simulation", "own_mechanism", "own_data", "sweep"]
 

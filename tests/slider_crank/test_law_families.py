@@ -12,6 +12,8 @@ from jointgap.campaign.analyse import analyse
 from jointgap.campaign.sentences import answer
 from tests.slider_crank.test_library import written_campaign
 
+pytestmark = pytest.mark.integration
+
 SCHEMA = json.loads(Path("workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
 
 

@@ -21,6 +21,8 @@ from jointgap.rig.model import build_model
 from jointgap.rig.read_files import read_measurements
 from tests.slider_crank.test_library import MECHANISM
 
+pytestmark = pytest.mark.integration
+
 MOTOR = {"stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}
 LINES = {"slow": (24.0, 24.7), "mid": (31.0, 33.5), "fast": (29.5, 41.0)}  # stall torque [N m], no-load speed [rad/s]
 STATED = {"slow": 24.0, "mid": 33.0, "fast": 40.0}  # rad/s

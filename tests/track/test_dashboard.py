@@ -20,6 +20,8 @@ from jointgap.core.errors import InputError
 from tests.track import synthetic
 from tests.track.conftest import publish
 
+pytestmark = pytest.mark.integration
+
 SERVE = """
 import sys
 from pathlib import Path

@@ -7,6 +7,8 @@ import pytest
 from benchmarks.project import ROOT, run
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 
+pytestmark = pytest.mark.integration
+
 
 @pytest.fixture
 def own(tmp_path):

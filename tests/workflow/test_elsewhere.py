@@ -8,6 +8,8 @@ import yaml
 
 from benchmarks.project import ROOT, run
 
+pytestmark = pytest.mark.integration
+
 OUTER = """
 configfile: "outer.yaml"
 

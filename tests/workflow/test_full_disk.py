@@ -3,7 +3,11 @@
 import re
 import subprocess
 
+import pytest
+
 from benchmarks.project import ROOT, environment
+
+pytestmark = pytest.mark.integration
 
 
 def said_of_a_job(folder, command: str) -> str:

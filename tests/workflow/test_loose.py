@@ -7,6 +7,8 @@ import yaml
 
 from benchmarks.project import ROOT, run
 
+pytestmark = pytest.mark.integration
+
 IDEAL = {"crank_pin": {"loose": False}, "piston_pin": {"loose": False}}
 JOINTS = {
     "none": (IDEAL, 0),

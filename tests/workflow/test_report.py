@@ -12,6 +12,8 @@ from jointgap.core.page import to_html
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
 
+pytestmark = pytest.mark.integration
+
 STILL = [FIGURES[name] for name in FIGURES.still]
 
 

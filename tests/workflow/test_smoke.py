@@ -12,6 +12,8 @@ import pytest
 
 from benchmarks.project import ROOT, SMOKE_REPORT, copy_project, environment, in_venv, run, smoke_command
 
+pytestmark = pytest.mark.integration
+
 STAGES = ("simulate", "surrogate", "kinematics", "optimise")
 
 
