@@ -61,6 +61,17 @@ def open_results(options: str, path: Path, places: Mapping[str, Path] | None = N
     return ScenarioResults(path, parse_options(options), places)
 
 
+def options_of(stage: Stage) -> list[Decorator]:
+    """Options of a stage's command, from the annotations of its function."""
+    kinds = {"file": FILE, "folder": FOLDER}
+    made = []
+    for name, option in stage.command_options.items():
+        kind = option.settings.get("type")
+        given = {"type": click.IntRange(min=kind) if isinstance(kind, int) else kinds[kind]} if kind is not None else {}
+        made.append(click.option(*option.flags, name, **option.settings | given))
+    return made
+
+
 def add_command(name: str, text: str, command: Callable[..., Any], options: Sequence[Decorator], section: str) -> None:
     """Add a subcommand."""
 
@@ -138,30 +149,13 @@ _campaign = click.argument("campaign", type=FILE)
 _folder = click.option(
     "--folder", type=FOLDER, help="Folder of the campaign's results; results/campaigns/NAME when absent."
 )
-_parts = click.option(
-    "--parts",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Into how many parts the fits are divided.",
-)
-_part = click.option(
-    "--part", type=click.IntRange(min=0), default=0, show_default=True, help="Which of them to fit, counted from 0."
-)
-_anyway = click.option("--anyway", is_flag=True, help="Go on where channels contradict each other.")
-_OPTIONS = {
-    "noise": (_anyway,),
-    "fit": (_part, _parts),
-    "pair": (_part, _parts),
-    "decide": (_parts,),
-}
 _go_on = click.option(
     "--go-on", is_flag=True, help="A stage that only adds to the verdict does not fail: the verdict says what it lacks."
 )
 _then = click.option(
     "--then",
     "further",
-    type=click.Choice([name for name in CAMPAIGN_STAGES if name not in _OPTIONS]),
+    type=click.Choice([name for name, stage in CAMPAIGN_STAGES.items() if not stage.command_options]),
     metavar="STAGE",
     multiple=True,
     help="Another stage, of those without options of their own, to run afterwards in the same process; repeatable.",
@@ -216,9 +210,7 @@ def _stage_command(stage: Stage) -> None:
             _end_if_something_failed(state)
         return "\n".join(filter(None, shown))
 
-    add_command(
-        stage.name, stage.help, command, [_campaign, _folder, _then, _go_on, *_OPTIONS.get(stage.name, ())], OF_CAMPAIGN
-    )
+    add_command(stage.name, stage.help, command, [_campaign, _folder, _then, _go_on, *options_of(stage)], OF_CAMPAIGN)
 
 
 for _each in CAMPAIGN_STAGES.values():
@@ -237,7 +229,7 @@ def rechain(arguments: tuple[str, ...]) -> NoReturn:
 @cli.command()
 @_campaign
 @_folder
-@_anyway
+@click.option("--anyway", is_flag=True, help="Go on where channels contradict each other.")
 def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     """Find what is missing in the model of CAMPAIGN: every stage in one go, down to verdict.json, summary and figures.
 
@@ -494,49 +486,6 @@ def _quantity(option: str, text: str, unit: str) -> float:
 _scenario = click.option(
     "--scenario", "scenarios", nargs=2, multiple=True, required=True, help="Name and options of a scenario, repeatable."
 )
-_stage_commands_OPTIONS = {
-    "surrogate": (
-        click.option(
-            "--output-name", "output", required=True, help="What to learn: a column such as r2 or gamma3_ddot."
-        ),
-    ),
-    "figures": (
-        click.option(
-            "--figure", "names", multiple=True, help="Name of a figure, repeatable; all still figures when absent."
-        ),
-        click.option("--folder", type=FOLDER, help="Folder to write to; figures/ among the results when absent."),
-    ),
-    "compare": (
-        click.option(
-            "--beside",
-            "siblings",
-            nargs=2,
-            multiple=True,
-            help="Name and options of a scenario, in the folder beside --results, that differs in its loose joints "
-            "alone; repeatable.",
-        ),
-    ),
-    "sweep-designs": (
-        click.option("--first", type=click.IntRange(min=0), required=True, help="First design, from 0 on."),
-        click.option("--number", type=click.IntRange(min=1), required=True, help="How many designs."),
-        need("--designs", "Parquet file to write: these designs and what was measured of them."),
-        workers_option,
-    ),
-    "optimise-robust": (workers_option,),
-    "sweep": (
-        need("--folder", "Folder to write designs/, summary.md and summary.html to.", FOLDER),
-        workers_option,
-    ),
-    "infer-settings": (
-        need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),
-        need("--folder", "Folder to write summary.md, summary.html, tables and a scenario to.", FOLDER),
-    ),
-    "sensitivity": (
-        need("--designs", "Folder of the designs that `jointgap sweep` wrote.", FOLDER),
-        need("--folder", "Folder to write summary.md, summary.html, tables and figures/ to.", FOLDER),
-    ),
-}
-"""Options of a stage besides the scenario's and its results, by the names of its function's arguments."""
 
 
 def _flagged(stage: Stage) -> dict[str, Table]:
@@ -583,7 +532,7 @@ def _results_command(stage: Stage) -> None:
         stage.name,
         stage.help,
         command,
-        [options_option, folder, *files, *_stage_commands_OPTIONS.get(stage.name, ())],
+        [options_option, folder, *files, *options_of(stage)],
         OF_SCENARIO,
     )
 
@@ -609,7 +558,7 @@ def _scenario_command(stage: Stage) -> None:
                 *(_with_file(line, options, type(scenario).model_fields) for line in error.args)
             ) from error
 
-    add_command(stage.name, stage.help, command, [options_option, *_stage_commands_OPTIONS[stage.name]], OF_SCENARIO)
+    add_command(stage.name, stage.help, command, [options_option, *options_of(stage)], OF_SCENARIO)
 
 
 def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:

@@ -5,7 +5,7 @@ alone does not wait for the compiled dynamics."""
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from jointgap.campaign.campaign_files import FIT_TABLES, MECHANISM, NOISE_TABLES, OUTCOME_TABLES, SUMMARIES, VERDICT
 from jointgap.core import parquet
@@ -37,13 +37,23 @@ from jointgap.core.schema import (
     THRESHOLDS,
     Table,
 )
-from jointgap.core.stage import Stages
+from jointgap.core.stage import Option, Stages
 
 if TYPE_CHECKING:
     from jointgap.campaign.fits_on_disk import Outcome
     from jointgap.campaign.state import CampaignState
 
 CAMPAIGN_STAGES = Stages()
+
+Anyway = Annotated[bool, Option("--anyway", is_flag=True, help="Go on where channels contradict each other.")]
+Parts = Annotated[
+    int,
+    Option("--parts", type=1, default=1, show_default=True, help="Into how many parts the fits are divided."),
+]
+Part = Annotated[
+    int,
+    Option("--part", type=0, default=0, show_default=True, help="Which of them to fit, counted from 0."),
+]
 
 PUBLISHED = "track/published.json"
 """Place of what was published where."""
@@ -122,7 +132,7 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     memory=1500,
     job="recalibrate",
 )
-def noise(state: "CampaignState", anyway: bool = False) -> None:
+def noise(state: "CampaignState", anyway: Anyway = False) -> None:
     """Find the noise of every channel of every run, from what does not repeat."""
     from jointgap.identification.noise import noise_of_model
 
@@ -189,7 +199,7 @@ _SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
 @CAMPAIGN_STAGES.stage(
     reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES), does="fit candidates, part {part}", memory=1500, minutes=120
 )
-def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
+def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """Fit the chosen effects by forward simulation."""
     from jointgap.identification.hypothesis_fits import fit_singles
 
@@ -205,7 +215,7 @@ def fit(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     memory=1500,
     minutes=120,
 )
-def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
+def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """Fit the pairs of effects that are worth it by forward simulation.
 
     Beside the single effects, which as many parts have fitted. Where none of these is enough the first part takes a
@@ -226,7 +236,7 @@ def pair(state: "CampaignState", part: int = 0, parts: int = 1) -> None:
     memory=1500,
     minutes=90,
 )
-def decide(state: "CampaignState", parts: int = 1) -> None:
+def decide(state: "CampaignState", parts: Parts = 1) -> None:
     """Weigh the fits: what is missing, or why it cannot be told, and what else of a law's family fits."""
     from jointgap.campaign.fits_on_disk import family_frame, outcome_of
     from jointgap.identification.decide_by_features import with_feature_gains

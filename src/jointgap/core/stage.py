@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.core.schema import Table
 
@@ -124,6 +124,21 @@ def _exists(name: str) -> bool:
     return all(part.isidentifier() for part in name.split(".")) and source_of(name).is_file()
 
 
+class Option:
+    """An option of a stage's command; it stands in the annotation of the argument that it fills.
+
+    `settings` are those of `click.option`; their type is "file", "folder", or the least whole number.
+    """
+
+    def __init__(self, *flags: str, **settings: Any):
+        self.flags, self.settings = flags, settings
+
+
+Workers = Annotated[
+    int | None, Option("--workers", type=1, help="Runs side by side; as many as there are cores when absent.")
+]
+
+
 @dataclass(frozen=True)
 class Stage:
     """A stage of a scenario or of a campaign; its command, its rule and its line in the docs follow from it."""
@@ -143,6 +158,15 @@ class Stage:
     minutes: int = 30
     threads: int = 1
     publishes: bool = False  # to MLflow, one job after the other
+
+    @property
+    def command_options(self) -> dict[str, Option]:
+        """Options of its command, besides those of every stage, by the argument that each fills."""
+        return {
+            name: option
+            for name, annotation in self.function.__annotations__.items()
+            for option in getattr(annotation, "__metadata__", ())
+        }
 
     @property
     def help(self) -> str:

@@ -7,7 +7,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 from jointgap.core import parquet
 from jointgap.core.schema import (
@@ -41,7 +41,7 @@ from jointgap.core.schema import (
     SENSITIVITY_SURROGATES,
     TRAJECTORY,
 )
-from jointgap.core.stage import Stages
+from jointgap.core.stage import Option, Stages, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,6 +78,11 @@ PUBLISHED = "track/published.json"
 
 IMPACTS_PAGE = "figures/impacts.html"
 """Place of the page to zoom into the impacts, in the folder of a scenario."""
+
+_Designs = Annotated[
+    Path, Option("--designs", type="folder", required=True, help="Folder of the designs that `jointgap sweep` wrote.")
+]
+
 
 _MOTION = ("mechanism", "simulate")
 _LEARNING = (*_MOTION, "networks", "paper", "surrogate")
@@ -120,7 +125,12 @@ def simulate(results: "ScenarioResults") -> None:
     does="train the networks of {output}",
     minutes=60,
 )
-def surrogate(results: "ScenarioResults", output: str) -> None:
+def surrogate(
+    results: "ScenarioResults",
+    output: Annotated[
+        str, Option("--output-name", required=True, help="What to learn: a column such as r2 or gamma3_ddot.")
+    ],
+) -> None:
     """Train the networks of one output with Levenberg-Marquardt: the paper's, and a regularised one whose errors
     hold.
     """
@@ -239,7 +249,17 @@ _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
 
 
 @SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"), does="draw the figures")
-def figures(results: "ScenarioResults", names: Sequence[str] = (), folder: Path | None = None) -> None:
+def figures(
+    results: "ScenarioResults",
+    names: Annotated[
+        Sequence[str],
+        Option("--figure", multiple=True, help="Name of a figure, repeatable; all still figures when absent."),
+    ] = (),
+    folder: Annotated[
+        Path | None,
+        Option("--folder", type="folder", help="Folder to write to; figures/ among the results when absent."),
+    ] = None,
+) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
     from jointgap.networks.trained import trained_surrogates
     from jointgap.scenario.figures import FIGURES, draw_all
@@ -290,7 +310,19 @@ def explore(results: "ScenarioResults") -> None:
     sections=("description", *_OPTIMUM),
     does="compare with the paper",
 )
-def compare(results: "ScenarioResults", siblings: Mapping[str, "ScenarioResults"]) -> None:
+def compare(
+    results: "ScenarioResults",
+    siblings: Annotated[
+        Mapping[str, "ScenarioResults"],
+        Option(
+            "--beside",
+            nargs=2,
+            multiple=True,
+            help="Name and options of a scenario, in the folder beside --results, that differs in its loose joints "
+            "alone; repeatable.",
+        ),
+    ],
+) -> None:
     """Put every number and claim of the paper beside ours."""
     from jointgap.core.page import to_html, to_markdown
     from jointgap.paper.compare import NEEDED, comparison_page, variant_optimum
@@ -390,7 +422,21 @@ def track(results: "ScenarioResults") -> None:
 
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
-def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, workers: int | None) -> None:
+def sweep_designs(
+    scenario: "Scenario",
+    first: Annotated[int, Option("--first", type=0, required=True, help="First design, from 0 on.")],
+    number: Annotated[int, Option("--number", type=1, required=True, help="How many designs.")],
+    designs: Annotated[
+        Path,
+        Option(
+            "--designs",
+            type="file",
+            required=True,
+            help="Parquet file to write: these designs and what was measured of them.",
+        ),
+    ],
+    workers: Workers,
+) -> None:
     """Simulate and measure some designs of the sweep, for `jointgap sweep`; those that the file holds are kept."""
     from jointgap.designs.run import write_designs
     from jointgap.designs.sampling import designs_of
@@ -399,7 +445,16 @@ def sweep_designs(scenario: "Scenario", first: int, number: int, designs: Path, 
 
 
 @SCENARIO_STAGES.stage(files=("sweep/summary.md", "sweep/summary.html"), sections=(*_MOTION, "sweep"))
-def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
+def sweep(
+    scenario: "Scenario",
+    folder: Annotated[
+        Path,
+        Option(
+            "--folder", type="folder", required=True, help="Folder to write designs/, summary.md and summary.html to."
+        ),
+    ],
+    workers: Workers,
+) -> str:
     """Simulate and measure many designs: parameters with ranges, distributions or lists, drawn or on a grid.
 
     The scenario's section `sweep` says which. The folder's `designs` is a dataset of Parquet files that pandas, polars
@@ -446,7 +501,19 @@ def sweep(scenario: "Scenario", folder: Path, workers: int | None) -> str:
     files=("sensitivity/summary.md", "sensitivity/summary.html"),
     sections=(*_MOTION, "sweep", "sensitivity"),
 )
-def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
+def sensitivity(
+    scenario: "Scenario",
+    designs: _Designs,
+    folder: Annotated[
+        Path,
+        Option(
+            "--folder",
+            type="folder",
+            required=True,
+            help="Folder to write summary.md, summary.html, tables and figures/ to.",
+        ),
+    ],
+) -> str:
     """Tell which parameter of a sweep decides which measure: Sobol indices from a surrogate of each.
 
     Reads the designs that `jointgap sweep` simulated. Each measure gets a surrogate, which is judged by designs that it
@@ -479,7 +546,19 @@ def sensitivity(scenario: "Scenario", designs: Path, folder: Path) -> str:
     ),
     sections=(*_MOTION, "sweep", "infer_settings"),
 )
-def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
+def infer_settings(
+    scenario: "Scenario",
+    designs: _Designs,
+    folder: Annotated[
+        Path,
+        Option(
+            "--folder",
+            type="folder",
+            required=True,
+            help="Folder to write summary.md, summary.html, tables and a scenario to.",
+        ),
+    ],
+) -> str:
     """Infer the paper's unreported settings from its printed numbers (rejection sampling).
 
     Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and accepts those that reproduce all
@@ -515,7 +594,7 @@ def infer_settings(scenario: "Scenario", designs: Path, folder: Path) -> str:
     files=(OPTIMISE_ROBUST_FRESH.path, "optimise_robust/summary.md", "optimise_robust/summary.html"),
     sections=(*_MOTION, "optimise", "optimise_robust"),
 )
-def optimise_robust(results: "ScenarioResults", workers: int | None) -> str:
+def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     """Search link lengths that hold whatever is uncertain, and judge them on fresh draws.
 
     The scenario's section `optimise_robust` says what is uncertain (clearances, friction, masses, speed, tolerances of
