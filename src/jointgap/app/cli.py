@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from jointgap.campaign.stages import CAMPAIGN_STAGES
-from jointgap.core import parquet
+from jointgap.core.files import check_writable, write_text
 from jointgap.core.progress import heard_by
 from jointgap.core.schema import (
     ECCENTRICITY,
@@ -419,16 +419,16 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     a chaotic motion another code, or the same on another machine, gives other samples after that angle.
     """
     from jointgap.config import parse_options
-    from jointgap.core import parquet
     from jointgap.core.errors import InputError
+    from jointgap.core.parquet import write
     from jointgap.designs.statistics import measure_growth
 
     scenario, size = parse_options(options), _quantity("--change", change, "m")
-    parquet.check_writable(growth)
+    check_writable(growth)
     if not size > 0:
         raise InputError(f"--change {change!r}: must be a positive length, e.g. '1e-11 m'")
     result = measure_growth(scenario.mechanism, scenario.simulate, size, workers=workers)
-    parquet.write(GROWTH, result.frame(), growth)
+    write(GROWTH, result.frame(), growth)
     click.echo(result.verdict)
 
 
@@ -452,14 +452,14 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
 def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int) -> None:
     """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
     from jointgap.config import parse_options
-    from jointgap.core import parquet
+    from jointgap.core.parquet import read, write
     from jointgap.designs.statistics import cycles
     from jointgap.scenario.results import read_trajectory
 
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
     places = [folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")]
-    parquet.check_writable(*places)
-    samples, rows = read_trajectory(trajectory, scenario), parquet.read(EVENTS, events)
+    check_writable(*places)
+    samples, rows = read_trajectory(trajectory, scenario), read(EVENTS, events)
     statistics = cycles(samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned)
     frames = (
         (POINCARE_SECTION, statistics.section),
@@ -468,7 +468,7 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
         (ECCENTRICITY, statistics.eccentricity),
     )
     for (table, frame), place in zip(frames, places, strict=True):
-        parquet.write(table, frame, place)
+        write(table, frame, place)
     click.echo(statistics.summary)
 
 
@@ -510,7 +510,7 @@ def _results_command(stage: Stage) -> None:
             given["siblings"] = {name: open_results(more, results.parent / name) for name, more in given["siblings"]}
         if stage.writes:
             written = [stored.place(table, given.get("output", "")) for table in stage.writes]
-            parquet.check_writable(*written, *(stored.path / file for file in stage.files))
+            check_writable(*written, *(stored.path / file for file in stage.files))
         return stage.function(stored, **given)
 
     folder = click.option(
@@ -563,7 +563,7 @@ def _scenario_command(stage: Stage) -> None:
 
 def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
     stage = SCENARIO_STAGES["overview"]
-    parquet.check_writable(*(results / path for path in stage.outputs()))
+    check_writable(*(results / path for path in stage.outputs()))
     stage.function({name: open_results(options, results / name) for name, options in scenarios}, results)
 
 
@@ -573,7 +573,7 @@ def _report(
     scenarios: tuple[tuple[str, str], ...],
     campaigns: tuple[str, ...],
 ) -> None:
-    parquet.check_writable(report)
+    check_writable(report)
     opened = {name: open_results(options, results / name) for name, options in scenarios}
     SCENARIO_STAGES["report"].function(opened, campaigns, results, report)
 
@@ -695,13 +695,12 @@ def schema(path: Path | None, campaign: bool) -> None:
 
     from jointgap.config import json_schema
     from jointgap.config.load import campaign_json_schema
-    from jointgap.core import parquet
 
     text = json.dumps(campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False) + "\n"
     if path is None:
         click.echo(text, nl=False)
     else:
-        parquet.write_text(path, text)
+        write_text(path, text)
 
 
 _SECONDS_OF_SILENCE = 2.0  # work that is over sooner shows nothing

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 from jointgap.campaign.campaign_files import FIT_TABLES, MECHANISM, NOISE_TABLES, OUTCOME_TABLES, SUMMARIES, VERDICT
-from jointgap.core import parquet
+from jointgap.core.files import write_text
 from jointgap.core.schema import (
     ADVICE,
     CAMPAIGN_OPTIMUM,
@@ -346,7 +346,7 @@ def augment(state: "CampaignState") -> None:
     from jointgap.config.load import mechanism_as_written
 
     text, force = augmented(state.campaign, state.outcome("verdict"), mechanism_as_written(state.file))
-    parquet.write_text(state.folder.path / MECHANISM, text)
+    write_text(state.folder.path / MECHANISM, text)
     state.folder.write(MISSING_FORCE, force)
 
 
@@ -412,4 +412,4 @@ def track_campaign(state: "CampaignState") -> None:
 
     folder = state.folder.path
     summary = publish_records(state.campaign.name, DESCRIPTION, records(folder), None, folder.resolve().parents[1])
-    parquet.write_text(folder / PUBLISHED, json.dumps(summary, indent=2) + "\n")
+    write_text(folder / PUBLISHED, json.dumps(summary, indent=2) + "\n")

@@ -3,7 +3,6 @@
 import hashlib
 import os
 import re
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.files import check_writable, write_atomically, write_text  # noqa: F401  written from here too
 from jointgap.core.schema import Table
 
 _KEY, _LENGTH = "jointgap_sha256", 64
@@ -108,58 +108,6 @@ def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
             raise ValueError(f"table {table.name}: column {column.name} has no value in row {row}")
         arrays.append(pa.Array.from_pandas(values, type=_TYPES[column.kind]))
     return pa.Table.from_arrays(arrays, schema=schema(table))
-
-
-def write_atomically(path: Path | str, save: Callable[[str], object]) -> None:
-    """Let `save(temporary_path)` write a file beside `path`, then rename it: nothing half-written stays behind."""
-    path = Path(path)
-    temporary = _temporary_file(path)
-    try:
-        save(temporary)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    finally:
-        Path(temporary).unlink(missing_ok=True)  # still there where something failed
-
-
-def write_text(path: Path | str, text: str) -> None:
-    """Write `text` to `path` in UTF-8, whole or not at all; errors as `write_atomically`."""
-    write_atomically(path, lambda temporary: Path(temporary).write_text(text, encoding="utf-8"))
-
-
-def check_writable(*paths: Path | str) -> None:
-    """Make sure that files can be written, before hours of work whose result would find no place."""
-    taken = set()
-    for path in map(Path, paths):
-        if path.resolve() in taken:
-            raise InputError(f"{path}: is named for two results; give each a file of its own")
-        taken.add(path.resolve())
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder, not a file; give another name")
-        Path(_temporary_file(path)).unlink()
-
-
-def _temporary_file(path: Path) -> str:
-    """An empty temporary file in the folder of `path`, which is made if need be."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-        os.close(handle)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    return temporary
-
-
-def _unwritable(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written ({error.strerror or error}); check permission and space")
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
 
 
 def write(table: Table, frame: pd.DataFrame, path: Path | str, told: Mapping[str, str] | None = None) -> None:

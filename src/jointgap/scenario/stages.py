@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from jointgap.core import parquet
+from jointgap.core.files import check_writable, write_text
 from jointgap.core.schema import (
     CLEARANCE_FIT,
     COMPARISON,
@@ -300,7 +300,7 @@ def explore(results: "ScenarioResults") -> None:
     from jointgap.scenario.impacts_page import impacts_page
 
     page = impacts_page(results.read(TRAJECTORY), results.read(EVENTS), results.scenario, results.path.resolve().name)
-    parquet.write_text(results.path / IMPACTS_PAGE, page)
+    write_text(results.path / IMPACTS_PAGE, page)
 
 
 @SCENARIO_STAGES.stage(
@@ -334,8 +334,8 @@ def compare(
         variant_optimum(name, each.scenario, each.read(OPTIMISE_RESIMULATED)) for name, each in compared_with.items()
     ]
     result = compared(frames, results.scenario, variants)
-    parquet.write_text(results.path / "comparison.html", to_html(comparison_page(result, results.scenario)))
-    parquet.write_text(results.path / "comparison.md", to_markdown(comparison_page(result, results.scenario)))
+    write_text(results.path / "comparison.html", to_html(comparison_page(result, results.scenario)))
+    write_text(results.path / "comparison.md", to_markdown(comparison_page(result, results.scenario)))
     results.write(COMPARISON, result)
 
 
@@ -359,9 +359,9 @@ def summarise(results: "ScenarioResults") -> str:
     found = outcome(frames, results.scenario)
     remarked, name = remarks(found), results.path.name
     shown, known = page(found, name, remarked), document(found, name, remarked)
-    parquet.write_text(results.path / "summary.html", to_html(shown, results.path / "figures"))
-    parquet.write_text(results.path / "summary.md", to_markdown(shown))
-    parquet.write_text(results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n")
+    write_text(results.path / "summary.html", to_html(shown, results.path / "figures"))
+    write_text(results.path / "summary.md", to_markdown(shown))
+    write_text(results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n")
     return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
 
 
@@ -379,9 +379,9 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     needed = {name: (results.read_all(pages.NEEDED), results.scenario) for name, results in scenarios.items()}
     result = pages.overview(needed)
     page = pages.overview_page(result)
-    parquet.write_text(folder / "overview.html", to_html(page, folder))
-    parquet.write_text(folder / "overview.md", to_markdown(page, "."))
-    parquet.write(OVERVIEW, result, folder / OVERVIEW.path)
+    write_text(folder / "overview.html", to_html(page, folder))
+    write_text(folder / "overview.md", to_markdown(page, "."))
+    write(OVERVIEW, result, folder / OVERVIEW.path)
 
 
 @SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
@@ -395,7 +395,7 @@ def report(
     from jointgap.app.report import page
     from jointgap.core.page import to_html
 
-    parquet.write_text(file, to_html(page(scenarios, campaigns, folder), folder))
+    write_text(file, to_html(page(scenarios, campaigns, folder), folder))
 
 
 @SCENARIO_STAGES.stage(
@@ -418,7 +418,7 @@ def track(results: "ScenarioResults") -> None:
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
     content, folder = scenario_records(results.scenario, sections, files, results.path), results.path.resolve()
     summary = publish_records(folder.name, results.scenario.description, content, None, folder.parent)
-    parquet.write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")
+    write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")
 
 
 @SCENARIO_STAGES.stage(sections=(*_MOTION, "sweep"))
@@ -478,21 +478,22 @@ def sweep(
     """
     from jointgap.core import plot
     from jointgap.core.page import to_html, to_markdown
+    from jointgap.core.parquet import read_columns
     from jointgap.designs.page import MAP, grid_map, has_map, page
     from jointgap.designs.run import write_dataset
     from jointgap.designs.sampling import designs_of
 
     designs, dataset = designs_of(scenario), folder / "designs"
-    parquet.check_writable(folder / "summary.html", folder / "summary.md")
+    check_writable(folder / "summary.html", folder / "summary.md")
     code = SCENARIO_STAGES["sweep-designs"].digest
     write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
     if has_map(designs.kind, designs.axes):
         names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
-        plot.save(grid_map(parquet.read_columns(dataset, names).to_pandas(), designs.axes), folder / MAP)
+        plot.save(grid_map(read_columns(dataset, names).to_pandas(), designs.axes), folder / MAP)
     summary = page(designs, dataset)
-    parquet.write_text(folder / "summary.html", to_html(summary, folder))
+    write_text(folder / "summary.html", to_html(summary, folder))
     text = to_markdown(summary, ".")
-    parquet.write_text(folder / "summary.md", text)
+    write_text(folder / "summary.md", text)
     return text
 
 
@@ -617,12 +618,13 @@ def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     """
     from jointgap.core import plot
     from jointgap.core.page import to_html, to_markdown
+    from jointgap.core.parquet import write
     from jointgap.designs.robust import draw_robust, headline, page, verdict
     from jointgap.designs.robust import optimise_robust as optimised
 
     found = optimised(results.scenario, workers)
     folder = results.path / "optimise_robust"
-    parquet.write(found.fresh_table, found.fresh, results.path / OPTIMISE_ROBUST_FRESH.path)
+    write(found.fresh_table, found.fresh, results.path / OPTIMISE_ROBUST_FRESH.path)
     results.write(OPTIMISE_ROBUST_CANDIDATES, found.candidates)
     results.write(OPTIMISE_ROBUST_CONSTRAINTS, found.comparison.constraints)
     results.write(OPTIMISE_ROBUST_GAINS, found.comparison.gains)
@@ -630,8 +632,8 @@ def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     for name, drawing in draw_robust(found).items():
         plot.save(drawing, folder / name)
     shown = page(found, results.scenario, results.path.resolve().name)
-    parquet.write_text(folder / "summary.html", to_html(shown, folder))
-    parquet.write_text(folder / "summary.md", to_markdown(shown, "."))
+    write_text(folder / "summary.html", to_html(shown, folder))
+    write_text(folder / "summary.md", to_markdown(shown, "."))
     return "\n".join([headline(found), *verdict(found)])
 
 
@@ -658,4 +660,4 @@ def track_sweep(results: "ScenarioResults") -> None:
     scenario, folder = results.scenario, results.path.resolve()
     content = [sweep_record(scenario, results.path)]
     summary = publish_records(folder.name, scenario.description, content, None, folder.parent)
-    parquet.write_text(results.path / "track_sweep/published.json", json.dumps(summary, indent=2) + "\n")
+    write_text(results.path / "track_sweep/published.json", json.dumps(summary, indent=2) + "\n")
