@@ -374,6 +374,7 @@ def summarise(results: "ScenarioResults") -> str:
 def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
     from jointgap.core.page import to_html, to_markdown
+    from jointgap.core.parquet import write
     from jointgap.scenario import overview as pages
 
     needed = {name: (results.read_all(pages.NEEDED), results.scenario) for name, results in scenarios.items()}
