@@ -244,9 +244,8 @@ class Effect(Section):
 
     def mirrored(self) -> "Effect":
         """The effect as seen from behind, where a clockwise crank turns counter-clockwise: the slide is the mirror."""
-        return self.with_parameters(
-            **{key: -getattr(self.parameters, key) for key, one in self._described() if one.odd}
-        )
+        odd = {key: -getattr(self.parameters, key) for key, one in self._described() if one.odd}
+        return self.with_parameters(**odd) if odd else self
 
     def with_parameters(self, **values: Any) -> "Effect":
         """The effect with other values of parameters."""
