@@ -12,7 +12,10 @@ for name, (stage,) in SCENARIO_STAGES.jobs().items():
         input:
             read_by_scenario(stage),
         output:
-            in_scenario(made_by([stage])),
+            *in_scenario(
+                path for path in made_by([stage]) if path not in [table.path for table in stage.writes]
+            ),
+            **{table.name: f"results/{{scenario}}/{table.path}" for table in stage.writes},
         log:
             f"results/{{scenario}}/logs/{place}.log",
         benchmark:
