@@ -24,7 +24,7 @@ WITHIN = 1e-4  # [m] half a percent of the box
 
 def best_lengths(wanted, formula) -> np.ndarray:
     found = search(wanted, formula, OPTIONS, with_front=False)
-    return found.loc[best_of(found), ["crank_length", "rod_length"]].to_numpy(dtype=float)
+    return best_of(found)[["crank_length", "rod_length"]].to_numpy(dtype=float)
 
 
 @pytest.mark.parametrize("k", [0.0, 1.0, 3.0])
@@ -78,7 +78,7 @@ def test_a_fixed_stroke_is_kept_exactly_by_every_candidate():
     region = Region.of(BOX, None).under(geometric(Constraints(stroke=0.302), 0.0))
     found = search(asked(RobustMeasure(), region=region), Formula(standard_draws()), OPTIONS)
     np.testing.assert_allclose(found["crank_length"], 0.151, atol=1e-7)
-    assert found.loc[best_of(found), "rod_length"] == pytest.approx(ROD, abs=WITHIN)
+    assert best_of(found)["rod_length"] == pytest.approx(ROD, abs=WITHIN)
 
 
 def test_lengths_that_cannot_be_simulated_in_a_draw_are_no_optimum():
@@ -88,7 +88,7 @@ def test_lengths_that_cannot_be_simulated_in_a_draw_are_no_optimum():
         return answer
 
     found = search(asked(RobustMeasure(deviations=3.0)), respond, OPTIONS, with_front=False)
-    assert found.loc[best_of(found), "crank_length"] <= 0.150
+    assert best_of(found)["crank_length"] <= 0.150
     assert found["failed"].max() == 1
 
 

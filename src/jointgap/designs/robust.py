@@ -1,11 +1,12 @@
 """Draws of what is uncertain: a mechanism each, whose lengths are still to be given, and the tolerances of these."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,7 +23,13 @@ from jointgap.core.joints import PINS
 from jointgap.core.page import Block, FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.progress import tell
-from jointgap.core.schema import OPTIMISE_ROBUST_FRESH, Column, Table
+from jointgap.core.schema import (
+    OPTIMISE_ROBUST_CONSTRAINTS,
+    OPTIMISE_ROBUST_FRESH,
+    OPTIMISE_ROBUST_GAINS,
+    Column,
+    Table,
+)
 from jointgap.core.words import joined, percent, reading_unit, unit_in_words
 from jointgap.designs.page import parameter_in_words
 from jointgap.designs.sampling import Axis, axes_of
@@ -38,7 +45,7 @@ with needs("optimising link lengths", "learn"):
     from pymoo.core.problem import Problem
     from pymoo.core.repair import Repair
     from pymoo.operators.crossover.pcx import PCX
-    from pymoo.termination.max_gen import MaximumGenerationTermination
+    from pymoo.optimize import minimize
     from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 
@@ -163,8 +170,7 @@ def law_in_words(axis: Axis, factor: float = 1.0) -> str:
     return f"{_LAWS[axis.law.dist.name]}: median {middle}, 95 % of it {low} to {high}"
 
 
-_LAWS = {"uniform": "uniform", "loguniform": "log-uniform", "truncnorm": "normal",
-         "triang": "triangular"}  # fmt: skip
+_LAWS = {"uniform": "uniform", "loguniform": "log-uniform", "truncnorm": "normal", "triang": "triangular"}
 
 
 @dataclass(frozen=True)
@@ -175,16 +181,11 @@ class RobustMeasure:
     deviations: float = 2.0  # Standard deviations that are added to the mean
     quantile: float = 0.95  # Share of the draws below the quantile
 
-    @classmethod
-    def of_options(cls, options: OptimiseRobust) -> "RobustMeasure":
-        """The one that a configuration asks for."""
-        return cls(options.measure, options.deviations, options.quantile)
-
     def of(self, values: np.ndarray) -> np.ndarray:
         """The number, shape (...), of `values` (..., n) in n draws; draws that are NaN do not count."""
         if self.kind == "quantile":
-            return _quantile(values, self.quantile)
-        return _mean(values) + self.deviations * deviation(values)
+            return _without_warning(np.nanquantile, values, self.quantile)
+        return mean(values) + self.deviations * deviation(values)
 
     @property
     def words(self) -> str:
@@ -194,11 +195,20 @@ class RobustMeasure:
         return f"mean plus {self.deviations:g} standard deviations" if self.deviations else "mean"
 
 
+def mean(values: np.ndarray) -> np.ndarray:
+    """Mean, shape (...), of `values` (..., n) without those that are NaN; NaN where all are."""
+    return _without_warning(np.nanmean, values)
+
+
 def deviation(values: np.ndarray) -> np.ndarray:
     """Standard deviation, shape (...), of `values` (..., n), unbiased in its square; 0 of one value."""
-    counts = np.count_nonzero(np.isfinite(values), axis=-1)
-    squares = np.nansum((values - _mean(values)[..., None]) ** 2, axis=-1)
-    return np.sqrt(squares / np.maximum(counts - 1, 1))
+    return np.nan_to_num(_without_warning(np.nanstd, values, ddof=1))
+
+
+def _without_warning(function: Callable, *given, **more) -> np.ndarray:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, where no draw or one alone is left
+        return function(*given, axis=-1, **more)
 
 
 def held_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
@@ -208,20 +218,7 @@ def held_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
     """
     n = missed.shape[-1]
     place = min(math.ceil(probability * n - 1e-9), n) - 1
-    ordered = np.sort(np.where(np.isnan(missed), np.inf, missed), axis=-1)
-    return ordered[..., place]
-
-
-def _mean(values: np.ndarray) -> np.ndarray:
-    counts = np.count_nonzero(np.isfinite(values), axis=-1)
-    return np.where(counts, np.nansum(values, axis=-1) / np.maximum(counts, 1), np.nan)
-
-
-def _quantile(values: np.ndarray, share: float) -> np.ndarray:
-    if np.isnan(values).any():  # several times as slow, and warns where nothing is left
-        some = np.isfinite(values).any(axis=-1)
-        return np.where(some, np.nanquantile(np.where(some[..., None], values, 0.0), share, axis=-1), np.nan)
-    return np.quantile(values, share, axis=-1)
+    return np.sort(np.where(np.isnan(missed), np.inf, missed), axis=-1)[..., place]
 
 
 _SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins", "directions")
@@ -244,11 +241,8 @@ class Responses:
         return np.count_nonzero(np.isnan(self.error), axis=-1)
 
 
-class Responding(Protocol):
-    """What answers for lengths in draws: a simulation, or a formula that stands in for it."""
-
-    def __call__(self, lengths: np.ndarray) -> Responses:
-        """What `lengths` (m, 2) [m] do in every draw."""
+Responding = Callable[[np.ndarray], Responses]
+"""What answers for lengths (m, 2) [m] in every draw: a simulation, or a formula that stands in for it."""
 
 
 @dataclass(frozen=True)
@@ -360,8 +354,7 @@ def assess(asked: RobustProblem, responses: Responses) -> pd.DataFrame:
         {
             "crank_length": lengths[:, 0],
             "rod_length": lengths[:, 1],
-            "error_mean": np.where(failed < responses.error.shape[1], np.nansum(responses.error, axis=1), np.nan)
-            / np.maximum(responses.error.shape[1] - failed, 1),
+            "error_mean": mean(responses.error),
             "error_deviation": deviation(responses.error),
             "error": asked.measure.of(responses.error),
             "force": asked.measure.of(responses.force),
@@ -380,17 +373,18 @@ _FAILED = 1e6
 
 
 class _Lengths(Problem):
-    """The lengths of a region as pymoo wants them; keeps what it was asked."""
+    """The lengths of a region as pymoo wants them; keeps what it was asked, a frame a generation."""
 
-    def __init__(self, asked: RobustProblem, respond: Responding, objectives: tuple[str, ...]):
+    def __init__(self, asked: RobustProblem, respond: Responding, objectives: tuple[str, ...], told: Callable):
         region = asked.region
         super().__init__(n_var=2, n_obj=len(objectives), n_ieq_constr=2, xl=region.lower, xu=region.upper)
-        self.asked, self.respond, self.objectives = asked, respond, objectives
+        self.asked, self.respond, self.objectives, self.told = asked, respond, objectives, told
         self.generations: list[pd.DataFrame] = []
 
     def _evaluate(self, x, out, *args, **kwargs):
         found = assess(self.asked, self.respond(x))
         self.generations.append(found)
+        self.told(len(self.generations))
         out["F"] = found[list(self.objectives)].fillna(_FAILED).to_numpy()
         out["G"] = found[["missed", "failed"]].to_numpy(dtype=float)
 
@@ -402,23 +396,24 @@ class _OntoRegion(Repair):
 
 def search(asked: RobustProblem, respond: Responding, options: OptimiseRobust, with_front: bool = True) -> pd.DataFrame:
     """Search the region for the best lengths, and for the front."""
-    steps = 1 + (2 if with_front else 1) * options.generations
-    tell("generations of lengths", 0, steps)
+    steps = {ONE: ("error",)} | ({FRONT: OBJECTIVES} if with_front else {})
+
+    def told(done: int) -> None:
+        tell("generations of lengths", done, 1 + len(steps) * options.generations)
+
+    told(0)
     region = asked.region
     grid = region.nearest(np.vstack([grid_of(region, options.grid), region.clip(np.array(asked.original))]))
     found = [assess(asked, respond(grid)).assign(step=GRID, generation=0)]
-    tell("generations of lengths", 1, steps)
-    objectives_of = {ONE: ("error",)} | ({FRONT: OBJECTIVES} if with_front else {})
-    for number, (step, objectives) in enumerate(objectives_of.items()):
-        problem = _Lengths(asked, respond, objectives)
+    for number, (step, objectives) in enumerate(steps.items()):
+        before = 1 + number * options.generations
+        told(before)
+        problem = _Lengths(asked, respond, objectives, lambda done, before=before: told(before + done))
         spread = np.random.default_rng([options.seed, number])  # not where the step before began
-        begin = _beginning(pd.concat(found, ignore_index=True), asked, objectives, options.population, spread)
+        begin = _beginning(pd.concat(found, ignore_index=True), region, objectives, options.population, spread)
         given = {"pop_size": options.population, "sampling": begin, "repair": _OntoRegion()}
-        running = DE(variant="DE/best/1/bin", CR=1.0, **given) if step == ONE else NSGA2(crossover=PCX(), **given)
-        running.setup(problem, seed=options.seed, termination=MaximumGenerationTermination(options.generations))
-        while running.has_next():
-            running.next()
-            tell("generations of lengths", 1 + number * options.generations + len(problem.generations), steps)
+        algorithm = DE(variant="DE/best/1/bin", CR=1.0, **given) if step == ONE else NSGA2(crossover=PCX(), **given)
+        minimize(problem, algorithm, ("n_gen", options.generations), seed=options.seed)
         found += [each.assign(step=step, generation=k) for k, each in enumerate(problem.generations)]
     return pd.concat(found, ignore_index=True)
 
@@ -430,12 +425,14 @@ def grid_of(region: Region, points: int) -> np.ndarray:
     return lengths[region.contains(lengths, slack=1e-12)]
 
 
-def best_of(candidates: pd.DataFrame) -> int:
-    """Place of the candidate with the smallest error among those that keep the constraints; where none does, of the
-    nearest to that.
-    """
-    order = np.lexsort((candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"]))
-    return int(order[0])
+def ranked(candidates: pd.DataFrame) -> np.ndarray:
+    """Places of the candidates from the best on: those that keep the constraints by their error, then the nearest."""
+    return np.lexsort((candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"]))
+
+
+def best_of(candidates: pd.DataFrame) -> pd.Series:
+    """The best of the candidates."""
+    return candidates.iloc[ranked(candidates)[0]]
 
 
 def front_of(candidates: pd.DataFrame) -> np.ndarray:
@@ -446,30 +443,26 @@ def front_of(candidates: pd.DataFrame) -> np.ndarray:
     values = candidates[list(OBJECTIVES)].to_numpy()[allowed]
     first = NonDominatedSorting().do(values, only_non_dominated_front=True)
     kept = allowed[np.sort(first)]
-    lengths = candidates.loc[kept, ["crank_length", "rod_length"]].to_numpy()
+    lengths = candidates.loc[kept, list(LENGTHS)].to_numpy()
     _, places = np.unique(lengths, axis=0, return_index=True)
     return kept[np.sort(places)]
 
 
 def _beginning(
     candidates: pd.DataFrame,
-    asked: RobustProblem,
+    region: Region,
     objectives: tuple[str, ...],
     population: int,
     random: np.random.Generator,
 ) -> np.ndarray:
     """Where a step begins: half of it the best of what was tried, half spread over the region, shape (n, 2) [m]."""
-    kept = population // 2
+    places = ranked(candidates)[: population // 2]
     if len(objectives) > 1 and len(front := front_of(candidates)):
         # the front of all that was tried, its ends and evenly along the error
         ordered = front[np.argsort(candidates["error"].to_numpy()[front], kind="stable")]
-        places = ordered[np.unique(np.linspace(0, len(ordered) - 1, kept).round().astype(int))]
-    else:
-        order = np.lexsort((candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"]))
-        places = order[:kept]
-    best = candidates.loc[places, ["crank_length", "rod_length"]].to_numpy()
-    region, missing = asked.region, population - len(best)
-    spread = qmc.LatinHypercube(2, rng=random).random(missing)
+        places = ordered[np.unique(np.linspace(0, len(ordered) - 1, population // 2).round().astype(int))]
+    best = candidates.loc[places, list(LENGTHS)].to_numpy()
+    spread = qmc.LatinHypercube(2, rng=random).random(population - len(best))
     return np.vstack([best, region.nearest(region.unscaled(spread))])
 
 
@@ -479,6 +472,7 @@ STATISTICS = ("mean", "deviation", "measure", "quantile_05", "median", "quantile
 
 _AT_ONCE = 4_000_000  # numbers of bootstrap samples in memory
 _BOOTSTRAP = 2  # beside the seed: the stream of the bootstrap
+_SUFFIXES = ("", "_low", "_high")  # of the columns of a value and its interval
 
 
 @dataclass(frozen=True)
@@ -502,37 +496,40 @@ def compare(
             f"optimise_robust: of {len(counted)} fresh draws fewer than two could be simulated with all lengths that "
             f"are compared; the first that failed: {reason}"
         )
-    values = {name: getattr(responses, name)[:, counted] for name in QUANTITIES}
-    found = {name: statistics(each, asked.measure) for name, each in values.items()}
-    low, high = _intervals(values, asked.measure, resamples, seed)
-    lengths = pd.DataFrame(
-        {
-            "lengths": names,
-            "crank_length": responses.lengths[:, 0],
-            "rod_length": responses.lengths[:, 1],
-            "draws": np.count_nonzero(counted),
-            "failed": responses.failed,
-        }
-        | {
-            f"{name}_{statistic}{suffix}": each[name][statistic]
-            for name in QUANTITIES
-            for statistic in STATISTICS
-            for suffix, each in (("", found), ("_low", low), ("_high", high))
-        }
-    )
+    found = {
+        "lengths": names,
+        "crank_length": responses.lengths[:, 0],
+        "rod_length": responses.lengths[:, 1],
+        "draws": np.count_nonzero(counted),
+        "failed": responses.failed,
+    }
+    for name in QUANTITIES:
+        values = getattr(responses, name)[:, counted]
+        each = _with_interval(lambda one: statistics(one, asked.measure), resamples, seed, values)
+        for place, statistic in enumerate(STATISTICS):
+            found |= {f"{name}_{statistic}{end}": of[place] for end, of in zip(_SUFFIXES, each, strict=True)}
+    gains = [
+        _gain_row(
+            asked.measure, names[new], names[beside], *responses.error[[new, beside]][:, counted], resamples, seed
+        )
+        for beside, new in combinations(range(len(names)), 2)
+    ]
+    held = [
+        {"lengths": name, "constraint": key, "asked": asked.probability, "draws": len(row)}
+        | _share(np.count_nonzero(row <= 0.0), len(row))
+        for key, missed in asked.missed(responses).items()
+        for name, row in zip(names, missed, strict=True)
+    ]
+    constraints = pd.DataFrame(held, columns=OPTIMISE_ROBUST_CONSTRAINTS.names)
     return Comparison(
-        lengths,
-        pd.DataFrame(_gains(asked.measure, names, values["error"], resamples, seed)),
-        pd.DataFrame(_held(asked, names, responses), columns=_HELD),
-        counted,
+        pd.DataFrame(found), pd.DataFrame(gains, columns=OPTIMISE_ROBUST_GAINS.names), constraints, counted
     )
 
 
-def statistics(values: np.ndarray, measure: RobustMeasure) -> dict[str, np.ndarray]:
-    """The numbers `STATISTICS` of `values` (..., n), shape (...) each; `measure` is one of them."""
+def statistics(values: np.ndarray, measure: RobustMeasure) -> np.ndarray:
+    """The numbers `STATISTICS`, (6, ...), of `values` (..., n); `measure` is one of them."""
     quantiles = np.quantile(values, (0.05, 0.5, 0.95), axis=-1)
-    found = (np.mean(values, axis=-1), deviation(values), measure.of(values), *quantiles)
-    return dict(zip(STATISTICS, found, strict=True))
+    return np.stack([np.mean(values, axis=-1), deviation(values), measure.of(values), *quantiles])
 
 
 def share_with_interval(times: int, trials: int) -> tuple[float, float, float]:
@@ -541,62 +538,33 @@ def share_with_interval(times: int, trials: int) -> tuple[float, float, float]:
     return times / trials, float(interval.low), float(interval.high)
 
 
-def _resampled(count: int, resamples: int, seed: int) -> Iterator[np.ndarray]:
-    """Places (k, count) of draws, so many at a time that memory holds them, `resamples` in all."""
-    random = np.random.default_rng([seed, _BOOTSTRAP])
-    for first in range(0, resamples, each := max(1, _AT_ONCE // count)):
-        yield random.integers(0, count, (min(each, resamples - first), count))
+def _share(times: int, trials: int) -> dict[str, float]:
+    return dict(zip((f"probability{end}" for end in _SUFFIXES), share_with_interval(times, trials), strict=True))
 
 
-def _ends(samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the interval of bootstrap `samples` (resamples, ...)."""
+def _with_interval(statistic: Callable, resamples: int, seed: int, *samples: np.ndarray) -> tuple[np.ndarray, ...]:
+    """A statistic of `samples` (..., n), and the ends of its interval by bootstrap over draws, the same for all."""
+    random, count, found = np.random.default_rng([seed, _BOOTSTRAP]), samples[0].shape[-1], []
+    for first in range(0, resamples, each := max(1, _AT_ONCE // samples[0].size)):
+        places = random.integers(0, count, (min(each, resamples - first), count))
+        found.append(statistic(*(sample[..., places] for sample in samples)))
     outside = (1.0 - CONFIDENCE) / 2.0
-    return tuple(np.quantile(samples, (outside, 1.0 - outside), axis=0))
+    return statistic(*samples), *np.quantile(np.concatenate(found, axis=-1), (outside, 1.0 - outside), axis=-1)
 
 
-def _intervals(
-    values: Mapping[str, np.ndarray], measure: RobustMeasure, resamples: int, seed: int
-) -> tuple[dict[str, dict[str, np.ndarray]], dict[str, dict[str, np.ndarray]]]:
-    """Ends of the intervals of all statistics by quantity."""
-    low: dict[str, dict[str, np.ndarray]] = {}
-    high: dict[str, dict[str, np.ndarray]] = {}
-    for name, each in values.items():
-        columns: dict[str, list[list[np.ndarray]]] = {statistic: [] for statistic in STATISTICS}
-        for row in each:
-            parts = [statistics(row[places], measure) for places in _resampled(len(row), resamples, seed)]
-            for statistic, ends in columns.items():
-                ends.append(_ends(np.concatenate([part[statistic] for part in parts])))
-        low[name] = {statistic: np.array([end[0] for end in ends]) for statistic, ends in columns.items()}
-        high[name] = {statistic: np.array([end[1] for end in ends]) for statistic, ends in columns.items()}
-    return low, high
+def _gain_row(
+    measure: RobustMeasure, name: str, beside: str, now: np.ndarray, was: np.ndarray, resamples: int, seed: int
+) -> dict[str, object]:
+    """How often, and by which share, the errors `now` are smaller than they were, in the same draws (n,)."""
 
+    def falls(now: np.ndarray, was: np.ndarray) -> np.ndarray:
+        return 1.0 - np.stack([mean(now) / mean(was), measure.of(now) / measure.of(was)])
 
-def _gains(
-    measure: RobustMeasure, names: tuple[str, ...], errors: np.ndarray, resamples: int, seed: int
-) -> Iterator[dict[str, object]]:
-    for beside, new in combinations(range(len(names)), 2):
-        was, now = errors[beside], errors[new]
-        share, low, high = share_with_interval(np.count_nonzero(now < was), len(now))
-        row: dict[str, object] = {"lengths": names[new], "beside": names[beside], "draws": len(now)}
-        row |= {"probability": share, "probability_low": low, "probability_high": high}
-        for name, of in (("mean", lambda each: np.mean(each, axis=-1)), ("measure", measure.of)):
-            falls = [1.0 - of(now[places]) / of(was[places]) for places in _resampled(len(now), resamples, seed)]
-            ends = _ends(np.concatenate(falls))
-            row |= {f"{name}_fall": float(1.0 - of(now) / of(was))}
-            row |= {f"{name}_fall_low": float(ends[0]), f"{name}_fall_high": float(ends[1])}
-        yield row
-
-
-_HELD = ("lengths", "constraint", "asked", "probability", "probability_low", "probability_high", "draws")
-
-
-def _held(
-    asked: RobustProblem, names: tuple[str, ...], responses: Responses
-) -> Iterator[tuple[str | float | int, ...]]:
-    for key, missed in asked.missed(responses).items():
-        for name, row in zip(names, missed, strict=True):
-            held = share_with_interval(np.count_nonzero(row <= 0.0), len(row))
-            yield (name, key, asked.probability, *held, len(row))
+    row: dict[str, object] = {"lengths": name, "beside": beside, "draws": len(now)}
+    row |= _share(np.count_nonzero(now < was), len(now))
+    for end, (by_mean, by_measure) in zip(_SUFFIXES, _with_interval(falls, resamples, seed, now, was), strict=True):
+        row |= {f"mean_fall{end}": float(by_mean), f"measure_fall{end}": float(by_measure)}
+    return row
 
 
 COMPARED = ("original", "frozen", "nominal", "robust")
@@ -642,7 +610,7 @@ def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOpt
     nominal = search(asked, simulated((uncertain.nominal,)), options, with_front=False)
     robust = search(asked, simulated(search_draws), options)
     frozen = _frozen_optimum(simulated((uncertain.nominal,)), scenario.simulate, scenario.optimise, asked.region)
-    lengths = np.array([asked.original, frozen, _lengths_of(nominal), _lengths_of(robust)])
+    lengths = np.array([asked.original, frozen, *(best_of(each)[list(LENGTHS)] for each in (nominal, robust))], float)
     responses = simulated(fresh_draws)(lengths)
     comparison = compare(asked, COMPARED, responses, options.resamples, options.seed)
     found = [nominal.assign(search="nominal", on_front=False), robust.assign(search="robust", on_front=False)]
@@ -678,16 +646,10 @@ def _asked(scenario: Scenario, original: Mechanism) -> RobustProblem:
         region=region,
         original=(original.crank.length, original.rod.length),
         stroke=stroke,
-        measure=RobustMeasure.of_options(options),
+        measure=RobustMeasure(options.measure, options.deviations, options.quantile),
         constraints=optimise.constraints,
         probability=options.probability,
     )
-
-
-def _lengths_of(candidates: pd.DataFrame) -> tuple[float, float]:
-    """The best lengths of a search, (L2, L3) [m]."""
-    best = candidates.iloc[best_of(candidates)]
-    return float(best["crank_length"]), float(best["rod_length"])
 
 
 def _frozen_optimum(
@@ -741,9 +703,10 @@ LOOKS = {
 }
 """Words, colour and mark of each pair of lengths."""
 
-_CRANK, _ROD = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
 _MAP_POINTS = 121  # along each length: what is between candidates is interpolated
 _VIEW = 0.06  # of the front's width that is shown beyond its ends
+_STATISTICS_SHOWN = {"mean": "mean", "deviation": "standard deviation", "measure": "", "quantile_95": "95 % quantile"}
+_FRONT_ROWS = 9
 
 
 def draw_robust(found: RobustOptimum) -> dict[str, Drawing]:
@@ -784,9 +747,9 @@ def _front(found: RobustOptimum) -> Drawing:
     for place, (name, (quantity, factor)) in enumerate(shown.items()):
         panel = sheet.panel((0, place), f"error and {('force', 'stroke')[place]}", quantity, error)
         limits = [_around(factor * front[name]), _around(MDEG * front["error"])]
-        x, y = factor * allowed[name].to_numpy(), MDEG * allowed["error"].to_numpy()
-        inside = (limits[0][0] < x) & (x < limits[0][1]) & (limits[1][0] < y) & (y < limits[1][1])
-        panel.marks("tried, constraints kept", x[inside], y[inside], "other", markersize=2.5, alpha=0.6)
+        near = allowed[(factor * allowed[name]).between(*limits[0]) & (MDEG * allowed["error"]).between(*limits[1])]
+        style = {"markersize": 2.5, "alpha": 0.6}
+        panel.marks("tried, constraints kept", factor * near[name], MDEG * near["error"], "other", **style)
         panel.marks("front of error, force and stroke", factor * front[name], MDEG * front["error"], "optimised")
         _mark(panel, "robust", [factor * best[name]], [MDEG * best["error"]])
         panel.axes.set_xlim(*limits[0])
@@ -830,10 +793,10 @@ def _errors(found: RobustOptimum) -> Drawing:
 
 def _map(found: RobustOptimum) -> Drawing:
     """What is minimised over both lengths, between the candidates by a surface through them."""
-    robust = _of_the_search(found)
     x, y, value = _surface(found)
     sheet = Sheet(5.2, 1, 1)
-    panel = sheet.panel((0, 0), f"error, {found.asked.measure.words}", _CRANK, _ROD)
+    lengths = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
+    panel = sheet.panel((0, 0), f"error, {found.asked.measure.words}", *lengths)
     quantity = Quantity("error", "mdeg")
     levels = np.geomspace(np.nanmin(value), np.nanmax(value), 15)
     drawn = panel.contours("measure", x, y, value, quantity, levels=levels, cmap="Blues_r", norm=LogNorm())
@@ -842,8 +805,8 @@ def _map(found: RobustOptimum) -> Drawing:
     ticks = [tick for tick in ticks if levels[0] <= tick <= levels[-1]]
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     bar.minorticks_off()
-    lengths = 1e3 * robust[["crank_length", "rod_length"]].to_numpy()
-    panel.marks("candidates", lengths[:, 0], lengths[:, 1], "limit", marker=".", markersize=2.0)
+    tried = 1e3 * _of_the_search(found)[list(LENGTHS)].to_numpy()
+    panel.marks("candidates", *tried.T, "limit", marker=".", markersize=2.0)
     for row in found.comparison.lengths.itertuples():
         _mark(panel, row.lengths, [1e3 * row.crank_length], [1e3 * row.rod_length])
     sheet.legend()
@@ -857,7 +820,7 @@ def _of_the_search(found: RobustOptimum) -> pd.DataFrame:
 def _scaled_and_squares(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray]:
     """Candidates (n, 2) as shares of the box, each once, and the square of the measure there (n,) [mdeg^2]."""
     robust, region = _of_the_search(found), found.asked.region
-    scaled = (robust[["crank_length", "rod_length"]].to_numpy() - region.lower) / region.size
+    scaled = (robust[list(LENGTHS)].to_numpy() - region.lower) / region.size
     scaled, places = np.unique(np.round(scaled, 6), axis=0, return_index=True)
     return scaled, (MDEG * robust["error"].to_numpy()[places]) ** 2
 
@@ -878,10 +841,6 @@ def _surface(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, y, value.reshape(_MAP_POINTS, _MAP_POINTS)
 
 
-_WORDS = {name: words for name, (words, _, _) in LOOKS.items()}
-_FRONT_ROWS = 9
-
-
 def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
     """The page of robust lengths."""
     options, words, region = scenario.optimise_robust, found.asked.measure.words, found.asked.region
@@ -898,79 +857,62 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
         "original lengths without clearance, less that of the simulated motion. In brackets: 95 % intervals "
         "(bootstrap; exact for probabilities)."
     )
-    statistics_shown = {
-        "mean": "mean",
-        "deviation": "standard deviation",
-        "measure": words,
-        "quantile_95": "95 % quantile",
+    in_mm = {f"{key.partition('_')[0]} [mm]": partial(_millimetres, name=key) for key in LENGTHS}
+    errors = {
+        shown or words: partial(_interval, name=f"error_{key}", factor=MDEG) for key, shown in _STATISTICS_SHOWN.items()
     }
-    errors = _table(
-        lengths,
-        "Error of the transmission angle [mdeg]",
-        {
-            "crank [mm]": lambda row: f"{1e3 * row['crank_length']:.2f}",
-            "rod [mm]": lambda row: f"{1e3 * row['rod_length']:.2f}",
-        }
-        | {shown: partial(_interval, name=f"error_{key}", factor=MDEG) for key, shown in statistics_shown.items()},
-    )
-    price = _table(
-        lengths,
-        "Largest force in a pin, and simulated stroke",
-        {
-            f"{quantity}, {statistics_shown[key]} [{unit}]": partial(_interval, name=f"{quantity}_{key}", factor=factor)
-            for quantity, unit, factor in (("force", "N", 1.0), ("stroke", "mm", 1e3))
-            for key in ("mean", "deviation")
-        },
-    )
-    improved = _table(
-        gains,
-        "Draw by draw",
-        {
-            "compared with": lambda row: _WORDS[row["beside"]],
-            "smaller error in [%]": partial(_interval, name="probability"),
-            "mean falls by [%]": partial(_interval, name="mean_fall"),
-            f"{words} falls by [%]": partial(_interval, name="measure_fall"),
-        },
-    )
-    blocks: list[Block] = [Paragraph(sentence, strong=True) for sentence in verdict(found)]
-    blocks += [Heading("Comparison on fresh draws"), Paragraph(compared), errors, price]
-    blocks += [Heading("Improvement"), improved, FigureBlock("robust_errors", TITLES["robust_errors"])]
-    if len(held):
-        limits = {each.key: f"{each.words} {each.asked()}" for each in found.asked.uncertain_constraints}
-        limits["largest_pin_force"] = (
-            f"largest force in a pin {found.asked.constraints.largest_pin_force or 0:g} N at most"
-        )
-        asked = f"Share of the draws in which it holds; asked for: {percent(found.asked.probability, 0)}"
-        blocks += [
-            Heading("Constraints"),
-            _table(
-                held,
-                asked,
-                {
-                    "constraint": lambda row: limits[row["constraint"]],
-                    "holds in [%]": partial(_interval, name="probability"),
-                },
-            ),
-        ]
-    blocks += [Heading("Pareto front"), *_page_front(found)]
-    blocks += [FigureBlock("robust_map", TITLES["robust_map"])] if has_map(found) else []
-    robust = lengths[lengths["lengths"] == "robust"].iloc[0]
+    price = {
+        f"{quantity}, {_STATISTICS_SHOWN[key]} [{unit}]": partial(_interval, name=f"{quantity}_{key}", factor=factor)
+        for quantity, unit, factor in (("force", "N", 1.0), ("stroke", "mm", 1e3))
+        for key in ("mean", "deviation")
+    }
+    improved = {
+        "compared with": lambda row: LOOKS[row["beside"]][0],
+        "smaller error in [%]": partial(_interval, name="probability"),
+        "mean falls by [%]": partial(_interval, name="mean_fall"),
+        f"{words} falls by [%]": partial(_interval, name="measure_fall"),
+    }
+    limits = {each.key: f"{each.words} {each.asked()}" for each in found.asked.uncertain_constraints}
+    limits["largest_pin_force"] = f"largest force in a pin {found.asked.constraints.largest_pin_force or 0:g} N at most"
+    kept = {
+        "constraint": lambda row: limits[row["constraint"]],
+        "holds in [%]": partial(_interval, name="probability"),
+    }
+    asked = f"Share of the draws in which it holds; asked for: {percent(found.asked.probability, 0)}"
+    active = region.active(best_of(_of_the_search(found))[list(LENGTHS)].to_numpy(dtype=float))
     method = (
         f"{int((found.candidates['search'] == 'robust').sum())} pairs of lengths within {1e3 * region.lower} to "
         f"{1e3 * region.upper} mm, each simulated in the same {options.draws} draws (scrambled Sobol sequence, seed "
         f"{options.seed}): a grid, then differential evolution for the error, then NSGA-II for the front. "
-        f"Active limits: {region.active(robust[['crank_length', 'rod_length']].to_numpy(dtype=float))}."
+        f"Active limits: {active}."
     )
     files = joined(f"`{name}.parquet`" for name in ("lengths", "gains", "constraints", "candidates", "fresh"))
-    blocks += [Heading("Uncertain parameters"), _uncertain(found), Heading("Method"), Paragraph(method)]
-    blocks += [Paragraph(f"All numbers: {files} beside this page; `jointgap describe FILE` explains their columns.")]
-    return Page(headline(found), tuple(blocks), subject=f"{name}: robust lengths", footer=written_today())
+    blocks = (
+        *(Paragraph(sentence, strong=True) for sentence in verdict(found)),
+        Heading("Comparison on fresh draws"),
+        Paragraph(compared),
+        _table(lengths, "Error of the transmission angle [mdeg]", in_mm | errors),
+        _table(lengths, "Largest force in a pin, and simulated stroke", price),
+        Heading("Improvement"),
+        _table(gains, "Draw by draw", improved),
+        FigureBlock("robust_errors", TITLES["robust_errors"]),
+        *((Heading("Constraints"), _table(held, asked, kept)) if len(held) else ()),
+        Heading("Pareto front"),
+        *_page_front(found),
+        *((FigureBlock("robust_map", TITLES["robust_map"]),) if has_map(found) else ()),
+        Heading("Uncertain parameters"),
+        _uncertain(found),
+        Heading("Method"),
+        Paragraph(method),
+        Paragraph(f"All numbers: {files} beside this page; `jointgap describe FILE` explains their columns."),
+    )
+    return Page(headline(found), blocks, subject=f"{name}: robust lengths", footer=written_today())
 
 
 def headline(found: RobustOptimum) -> str:
     """The result in a line."""
-    robust = found.candidates[found.candidates["search"] == "robust"].reset_index(drop=True)
-    best, gain = robust.iloc[best_of(robust)], _gain(found, "robust", "original")
+    robust = found.candidates[found.candidates["search"] == "robust"]
+    best, gain = best_of(robust), _gain(found, "robust", "original")
     lengths = f"crank {1e3 * best['crank_length']:.2f} mm, rod {1e3 * best['rod_length']:.2f} mm"
     if best["missed"] > 0.0 or best["failed"]:
         return f"No lengths that were tried keep what is asked; nearest: {lengths}"
@@ -986,8 +928,8 @@ def verdict(found: RobustOptimum) -> tuple[str, ...]:
     for name in ("robust", "nominal"):
         gain = _gain(found, name, "original")
         sentences.append(
-            f"{_WORDS[name].capitalize()}: the error of the transmission angle ({found.asked.measure.words}) falls by "
-            f"{_interval(gain, 'measure_fall')} %, its mean by {_interval(gain, 'mean_fall')} %; it is smaller "
+            f"{LOOKS[name][0].capitalize()}: the error of the transmission angle ({found.asked.measure.words}) falls "
+            f"by {_interval(gain, 'measure_fall')} %, its mean by {_interval(gain, 'mean_fall')} %; it is smaller "
             f"than with the original lengths in {_interval(gain, 'probability')} % of the draws."
         )
     gain = _gain(found, "robust", "original")
@@ -1007,7 +949,7 @@ def verdict(found: RobustOptimum) -> tuple[str, ...]:
 def _table(frame: pd.DataFrame, caption: str, columns: dict[str, Callable]) -> TableBlock:
     """A row for each of a `frame`: the name of the lengths, then `columns` of texts by head."""
     rows = tuple(
-        (_WORDS[row["lengths"]], *(text(row) for text in columns.values())) for row in frame.to_dict("records")
+        (LOOKS[row["lengths"]][0], *(text(row) for text in columns.values())) for row in frame.to_dict("records")
     )
     return TableBlock(("lengths", *columns), rows, "l" + "r" * len(columns), caption)
 
@@ -1025,25 +967,25 @@ def _interval(row: dict, name: str, factor: float = 100.0) -> str:
     return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
 
+def _millimetres(row: dict, name: str) -> str:
+    return f"{1e3 * row[name]:.2f}"
+
+
 def _page_front(found: RobustOptimum) -> tuple[Block, ...]:
     front = found.candidates[found.candidates["on_front"]].sort_values("error")
     if front.empty:
         return (Paragraph("No lengths that were tried keep the constraints, so there is no front."),)
     places = np.unique(np.linspace(0, len(front) - 1, _FRONT_ROWS).round().astype(int))
     columns = {
-        "crank_length": (1e3, 2),
-        "rod_length": (1e3, 2),
-        "error": (MDEG, 2),
-        "force": (1.0, 0),
-        "stroke_change": (1e3, 2),
+        "crank [mm]": partial(_millimetres, name="crank_length"),
+        "rod [mm]": partial(_millimetres, name="rod_length"),
+        "error [mdeg]": lambda row: f"{MDEG * row['error']:.2f}",
+        "force [N]": lambda row: f"{row['force']:.0f}",
+        "change of the stroke [mm]": partial(_millimetres, name="stroke_change"),
     }
-    rows = tuple(
-        tuple(f"{factor * row[name]:.{digits}f}" for name, (factor, digits) in columns.items())
-        for row in front.iloc[places].to_dict("records")
-    )
-    heads = ("crank [mm]", "rod [mm]", "error [mdeg]", "force [N]", "change of the stroke [mm]")
+    rows = tuple(tuple(text(row) for text in columns.values()) for row in front.iloc[places].to_dict("records"))
     caption = f"{len(rows)} of {len(front)} pairs of lengths that no other is better than in error, force and stroke"
-    return TableBlock(heads, rows, "rrrrr", caption), FigureBlock("robust_front", TITLES["robust_front"])
+    return TableBlock(tuple(columns), rows, "rrrrr", caption), FigureBlock("robust_front", TITLES["robust_front"])
 
 
 def _uncertain(found: RobustOptimum) -> TableBlock:
