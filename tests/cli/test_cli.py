@@ -69,6 +69,12 @@ def test_every_subcommand_explains_itself_and_each_of_its_options(name):
     assert CliRunner().invoke(cli, [name, "--help"]).exit_code == 0
 
 
+@pytest.mark.parametrize("name", sorted(cli.removed))
+def test_a_removed_command_says_what_to_use_instead(name):
+    done = CliRunner().invoke(cli, [name])
+    assert done.exit_code == 2 and f"{name} is gone; {cli.removed[name]}" in done.output
+
+
 def test_a_mistake_in_the_options_ends_with_one_line_and_code_two(tmp_path):
     outputs = ["--trajectory", str(tmp_path / "t.parquet"), "--events", str(tmp_path / "e.parquet")]
     done = jointgap("simulate", "--options", '{"mechanism": {"crnk": 1}}', *outputs)

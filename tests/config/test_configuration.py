@@ -2,14 +2,18 @@
 
 import json
 import math
+import re
 from pathlib import Path
 
 import jsonschema
 import pytest
 import yaml
+from click.testing import CliRunner
 
+from jointgap.app.cli import cli
 from jointgap.config import (
     Box,
+    Scenario,
     check_whole,
     json_schema,
     load_mechanism,
@@ -268,6 +272,20 @@ def test_a_mistake_is_named_with_its_scenario_key_value_and_mend(over, words):
     assert str(caught.value).startswith("configuration, scenario paper: ")
     for word in words:
         assert word in str(caught.value)
+
+
+def test_the_printed_configuration_of_a_sweep_is_read_again():
+    done = CliRunner().invoke(cli, ["config", str(ROOT / "config/sweep.yaml")])
+    assert done.exit_code == 0
+    assert json.loads(parse_options(done.output).model_dump_json(by_alias=True)) == json.loads(done.output)
+
+
+@pytest.mark.parametrize("key", sorted(Scenario.removed))
+def test_a_removed_section_says_what_to_use_instead(key):
+    said = re.escape(f"key '{key}' is gone; {Scenario.removed[key]}")
+    for given in ({key: {}}, {"scenarios": {"paper": {key: {}}}}):
+        with pytest.raises(InputError, match=said):
+            resolve({"mechanism": "erkaya2009", "scenarios": {"paper": {}}} | given)
 
 
 def test_a_box_set_to_null_is_taken_away_and_another_becomes_the_main_one():

@@ -130,7 +130,8 @@ cli.removed = dict.fromkeys(("study", "study-points"), "use `jointgap sweep` wit
     for verb in ("conceal", "analyse", "score", "track")
 }
 cli.removed |= dict.fromkeys(
-    ("design-networks", "compare-searches"), "the frozen motion is as good: docs/how_to/sweep.md"
+    ("design-networks", "compare-searches"),
+    "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
 )
 
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
@@ -678,7 +679,7 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     if name not in scenarios:
         raise InputError(f"{source}: no scenario '{name}' in run; {did_you_mean(name, scenarios)}")
     if not sources:
-        click.echo(scenarios[name].model_dump_json(indent=2))
+        click.echo(scenarios[name].model_dump_json(indent=2, by_alias=True))
         return
     rows = load.sources_of(scenarios[name], name, layers, folders)
     widths = [max(len(row[place]) for row in rows) for place in (0, 1)]

@@ -86,7 +86,7 @@ def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...], source: st
 _DEFAULT_SECTIONS: dict[str, Any] = {
     name: {} for name, field in Scenario.model_fields.items() if isinstance(field.default, BaseModel)
 }
-RESERVED_SCENARIOS = ("campaigns", "blind", "drills", "logs", "mlflow-artifacts")
+RESERVED_SCENARIOS = ("campaigns", "blind", "logs", "mlflow-artifacts")
 """Folders of results that are no scenario's."""
 
 _NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts", "anyway")
@@ -122,6 +122,8 @@ def scenario_layers(
     """What the scenarios of a configuration are made of, by name; parameters as those of `resolve`."""
     allowed = {*_NOT_OF_SCENARIOS, *Scenario.model_fields}
     for key in config:
+        if key in Scenario.removed:
+            raise InputError(f"{source}: key '{key}' is gone; {Scenario.removed[key]}")
         if key not in allowed:
             raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(key, allowed)}")
     scenarios = config.get("scenarios") or {}

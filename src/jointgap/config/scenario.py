@@ -502,7 +502,10 @@ class Scenario(Section):
 
     removed: ClassVar = {
         "study": "use sweep with design: grid, as in config/map.yaml",
-        **dict.fromkeys(("design_networks", "compare_searches"), "the frozen motion is as good (docs/how_to/sweep.md)"),
+        **dict.fromkeys(
+            ("design_networks", "compare_searches"),
+            "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
+        ),
     }
 
     description: str = Field("", max_length=1000, description="one sentence for the report: what this scenario is for")

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, WithJsonSchema, field_validator, model_validator
+from pydantic import Field, FiniteFloat, WithJsonSchema, field_validator, model_validator
 
 from jointgap.counts import Seed, count
 from jointgap.quantities import Angle
@@ -16,7 +16,7 @@ MOST_DESIGNS = 10_000_000
 _GRID_VALUES = 1000
 
 Amount = Annotated[
-    float | str,
+    FiniteFloat | str,
     WithJsonSchema({"type": ["number", "string"], "description": "number in SI, or number with a unit"}),
 ]
 """A number with or without a unit; which unit it takes is known once it is known what it sets."""

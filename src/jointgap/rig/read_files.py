@@ -191,6 +191,7 @@ def _in_si(file: RunFile, columns: Columns, remarks: list[str]) -> tuple[dict[st
         factor = 1.0 if name == "time" and columns.is_dated else channel.sign * file.campaign.factor(name)
         with np.errstate(over="ignore"):  # refused below
             values[name] = factor * written
+        values[name][np.abs(values[name]) < 1e-150] = 0.0  # their squares underflow
         if (huge := np.flatnonzero(np.abs(values[name]) > file.limits.max_value_si)).size:
             raise InputError(
                 f"{file.place(name, columns.rows[huge[0]])}: {written[huge[0]]:g} {channel.unit} is more than any "

@@ -1,22 +1,20 @@
 """Random damage to good files ends in a message that names the file, or in the right reading of what was left alone."""
 
-import datetime
-
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 import yaml
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jointgap.config.load import load_campaign
-from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.rig.inspection import _numbers
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.recording import to_frame
+from tests.fuzz.command import cut, fuzz, junk, places, renamed, replaced, scraps
 from tests.recordings.rig import CAMPAIGN, table, write_rig
+
+pytestmark = pytest.mark.slow
 
 COUNT = 48
 GOOD = table(200, count=COUNT)
@@ -44,14 +42,6 @@ JUNK = [
     "٣",
 ]
 ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1", "utf-32"]
-
-seeded = settings(
-    derandomize=True,
-    max_examples=25,
-    deadline=None,
-    database=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-)
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +86,7 @@ def joined(lines) -> bytes:
 rows = st.integers(0, COUNT - 1)
 
 
-@seeded
+@fuzz
 @given(
     st.lists(st.tuples(rows, st.integers(0, 3), st.sampled_from(JUNK) | st.text(max_size=6)), min_size=1, max_size=4)
 )
@@ -110,20 +100,20 @@ def test_text_put_into_cells(folder, campaign, damages):
     read_or_refused(folder, campaign, content, {row for row, _, _ in damages})
 
 
-@seeded
+@fuzz
 @given(st.integers(0, len(joined(LINES))))
 def test_a_file_cut_short(folder, campaign, length):
     content = joined(LINES)[:length]
     read_or_refused(folder, campaign, content, {content.count(b"\n") - 1})
 
 
-@seeded
+@fuzz
 @given(st.sets(st.integers(0, COUNT), max_size=COUNT))
 def test_lines_lost(folder, campaign, lost):
     read_or_refused(folder, campaign, joined(line for place, line in enumerate(LINES) if place not in lost), set())
 
 
-@seeded
+@fuzz
 @given(rows, rows)
 def test_lines_repeated_and_out_of_order(folder, campaign, one, other):
     lines = list(LINES)
@@ -137,7 +127,7 @@ def test_lines_repeated_and_out_of_order(folder, campaign, one, other):
         read_measurements(campaign)
 
 
-@seeded
+@fuzz
 @given(st.permutations(range(4)), st.booleans())
 def test_columns_swapped(folder, campaign, order, with_headings):
     """With their headings nothing changes; without them nobody can know, but nothing breaks."""
@@ -147,7 +137,7 @@ def test_columns_swapped(folder, campaign, order, with_headings):
     read_or_refused(folder, campaign, joined(lines), set() if with_headings or order == list(range(4)) else None)
 
 
-@seeded
+@fuzz
 @given(st.sampled_from([";", "\t", "|", " ", ":", "%", ",,", " , "]), st.booleans(), st.sampled_from(ENCODINGS))
 def test_other_separators_decimal_marks_and_encodings(folder, campaign, separator, comma, encoding):
     lines = [line.replace(",", separator) for line in LINES]
@@ -156,7 +146,7 @@ def test_other_separators_decimal_marks_and_encodings(folder, campaign, separato
     read_or_refused(folder, campaign, ("\n".join(lines) + "\n").encode(encoding), set())
 
 
-@seeded
+@fuzz
 @given(st.lists(st.tuples(st.integers(0, len(joined(LINES)) - 1), st.integers(0, 255)), min_size=1, max_size=5))
 def test_bytes_overwritten(folder, campaign, damages):
     content = bytearray(joined(LINES))
@@ -167,7 +157,7 @@ def test_bytes_overwritten(folder, campaign, damages):
     read_or_refused(folder, campaign, bytes(content), touched)
 
 
-@seeded
+@fuzz
 @given(st.integers(0, 3), st.floats(allow_nan=False) | st.integers(-(10**20), 10**20))
 def test_a_column_scaled_by_any_factor(folder, campaign, column, factor):
     """Wrong units and huge numbers never end in anything but a message or a reading."""
@@ -176,66 +166,13 @@ def test_a_column_scaled_by_any_factor(folder, campaign, column, factor):
     read_or_refused(folder, campaign, frame.to_csv(index=False).encode(), None)
 
 
-@seeded
-@given(st.integers(0, 4000), st.integers(0, 255), st.booleans())
-def test_parquet_damaged(folder, campaign, place, byte, cut):
-    GOOD.to_parquet(folder / "whole.parquet")
-    content = (folder / "whole.parquet").read_bytes()
-    place %= len(content)
-    damaged = content[:place] if cut else content[:place] + bytes([byte]) + content[place + 1 :]
-    read_or_refused(folder, campaign, damaged, None)
-
-
-def test_parquet_that_says_of_itself_that_it_is_damaged_is_refused(folder, campaign):
-    """With checksums of its pages, as pyarrow's `write_page_checksum` gives them, or with jointgap's digest."""
-    arrow, place = pa.Table.from_pandas(GOOD, preserve_index=False), folder / "whole.parquet"
-    pq.write_table(arrow, place, write_page_checksum=True, compression="none", use_dictionary=False)
-    for content in (place.read_bytes(), _with_digest(arrow, place)):
-        middle = content.index(arrow["M"].to_numpy().tobytes()) + 3
-        damaged = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
-        (folder / "slow.csv").write_bytes(damaged)
-        with pytest.raises(InputError, match=r"slow\.csv: cannot be read as Parquet .*; write the file again"):
-            read_measurements(campaign)
-
-
-def _with_digest(arrow, place):
-    with parquet.writer(place, arrow.schema, compression="none", use_dictionary=False) as file:
-        file.write_table(arrow)
-    return place.read_bytes()
-
-
-JUNK_VALUES = [
-    None, "", [], {}, -1, 0, 1e400, float("nan"), True, "abc", "7 furlongs", "5 %", 10**400, datetime.date(2020, 1, 1),
-    b"\xff", {1: 2}, [[1]], {"a": {"b": "c"}}, "1,5", "x" * 500, [1, "a"], ["2 m", "1 m"], "9" * 40 + " m", "é",
-    "../..", "a b",
-]  # fmt: skip
-
-
-def places(node, path=()):
-    """Paths to every value of a nested structure."""
-    yield path
-    children = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
-    for key, child in children:
-        yield from places(child, (*path, key))
-
-
 FULL = CAMPAIGN | {
     "drive": "motor",
     "motor": {"stall_torque": "12 N*m", "no_load_speed": "700 rpm", "inertia": 0.1},
     "nuisance": {"slider_mass": "5 %", "restitution": [0.3, 0.9], "speed": "1 %"},
     "csv": {"separator": ",", "decimal": "."},
 }
-PLACES = [path for path in places(FULL) if path]
-
-
-def laid(node, path, change):
-    """A copy of `node` with `change(container, key)` done at `path`."""
-    copy = dict(node) if isinstance(node, dict) else list(node)
-    if len(path) == 1:
-        change(copy, path[0])
-    else:
-        copy[path[0]] = laid(node[path[0]], path[1:], change)
-    return copy
+PLACES = list(places(FULL))
 
 
 def loaded_or_refused(folder, text: str):
@@ -248,39 +185,22 @@ def loaded_or_refused(folder, text: str):
         assert str(folder) in str(error)
 
 
-def replaced(value):
-    return lambda container, key: container.__setitem__(key, value)
-
-
-@seeded
-@given(st.sampled_from(PLACES), st.sampled_from(JUNK_VALUES))
+@fuzz
+@given(st.sampled_from(PLACES), junk)
 def test_any_value_of_a_campaign_file_replaced(folder, path, value):
     write_rig(folder)
-    loaded_or_refused(folder, yaml.safe_dump(laid(FULL, path, replaced(value))))
+    loaded_or_refused(folder, yaml.safe_dump(replaced(FULL, path, value)))
 
 
-@seeded
+@fuzz
 @given(st.sampled_from(PLACES), st.text(max_size=5) | st.integers())
 def test_any_key_of_a_campaign_file_lost_or_renamed(folder, path, name):
     write_rig(folder)
-
-    def renamed(container, key):
-        if isinstance(container, dict):
-            container[name] = container.pop(key)
-        else:
-            container.pop(key)
-
-    loaded_or_refused(folder, yaml.safe_dump(laid(FULL, path, renamed)))
+    loaded_or_refused(folder, yaml.safe_dump(renamed(FULL, path, name)))
 
 
-@seeded
-@given(
-    st.integers(0, 10**4),
-    st.integers(0, 30),
-    st.sampled_from(["", "\t", ":", "- ", "{", "]", "'", "&a ", "*a ", "!!x ", "\x07", "é", "\n"]),
-)
-def test_the_text_of_a_campaign_file_damaged(folder, place, length, text):
+@fuzz
+@given(st.integers(0, 10**4), st.integers(0, 30), scraps)
+def test_the_text_of_a_campaign_file_damaged(folder, place, length, scrap):
     write_rig(folder)
-    good = yaml.safe_dump(FULL)
-    place %= len(good)
-    loaded_or_refused(folder, good[:place] + text + good[place + length :])
+    loaded_or_refused(folder, cut(yaml.safe_dump(FULL), place, length, scrap))

@@ -1,0 +1,97 @@
+"""Commands as users run them, and damage to the text and the values of YAML files."""
+
+import io
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import pyarrow.parquet as pq
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+
+from jointgap.app.cli import main
+
+fuzz = settings(
+    derandomize=True,
+    max_examples=50,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+numbers = st.sampled_from([-1, 0, 1e400, float("nan"), 10**400, "7 furlongs", "5 %", "1,5", "9" * 40 + " m"])
+others = st.sampled_from([None, True, "", [], {}, b"\xff", {1: 2}, [[1]], {"a": {"b": 1}}, "x" * 500, "\x1b[31m"])
+junk = numbers | others | st.text(max_size=6) | st.integers() | st.dates()
+scraps = st.sampled_from(["", "\t", ":", "- ", "{", "]", "'", "&a ", "*a ", "!!x ", "\x07", "é", "\n", "<<: "])
+
+
+def works_or_is_refused(file: Path, *words: str) -> str | None:
+    """Output of a command that reads `file`; None where it ends with exit code 2 and an error that names the file.
+
+    A traceback is an error of the test itself.
+    """
+    output, errors = io.StringIO(), io.StringIO()
+    with redirect_stdout(output), redirect_stderr(errors), patch.object(sys, "argv", ["jointgap", *map(str, words)]):
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = end.code or 0
+    if code == 0:
+        return output.getvalue()
+    assert code == 2 and output.getvalue() == ""
+    lines = errors.getvalue().splitlines()
+    assert any(line.startswith("jointgap: error: ") and str(file) in line for line in lines), lines
+    assert "Traceback" not in errors.getvalue() and "\x1b" not in errors.getvalue()
+    return None
+
+
+def check_files_are_whole(folder: Path) -> None:
+    """Every table below `folder` can be read; hidden files, which a killed write leaves, are no results."""
+    for path in folder.rglob("*.parquet"):
+        if not path.name.startswith("."):
+            pq.read_table(path)
+
+
+def places(node: Any, path: tuple = ()) -> Iterator[tuple]:
+    """Paths to every value of a nested structure but the whole."""
+    if path:
+        yield path
+    children = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for key, child in children:
+        yield from places(child, (*path, key))
+
+
+def changed(node: Any, path: tuple, change: Callable[[Any, Any], object]) -> Any:
+    """A copy of `node` with `change(container, key)` done at `path`."""
+    copy = dict(node) if isinstance(node, dict) else list(node)
+    if len(path) == 1:
+        change(copy, path[0])
+    else:
+        copy[path[0]] = changed(node[path[0]], path[1:], change)
+    return copy
+
+
+def replaced(node: Any, path: tuple, value: Any) -> Any:
+    """A copy of `node` with another value at `path`."""
+    return changed(node, path, lambda container, key: container.__setitem__(key, value))
+
+
+def renamed(node: Any, path: tuple, name: Any) -> Any:
+    """A copy of `node` with another key at `path`; an entry of a list is removed."""
+
+    def change(container: Any, key: Any) -> None:
+        removed = container.pop(key)
+        if isinstance(container, dict):
+            container[name] = removed
+
+    return changed(node, path, change)
+
+
+def cut(text: str, place: int, length: int, scrap: str) -> str:
+    """`text` with `scrap` in place of some characters."""
+    place %= len(text)
+    return text[:place] + scrap + text[place + length :]
