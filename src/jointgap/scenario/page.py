@@ -1,4 +1,4 @@
-"""The outcome of a scenario on one page, for whoever designs the mechanism."""
+"""The result of a scenario's optimisation on one page, and as a document for programs."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -13,114 +13,46 @@ from jointgap.core.words import in_words, joined
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.region import MET, geometric
 from jointgap.paper.printed import departures
-from jointgap.scenario.outcome import MOTIONS, Gain, Outcome, ideal_swing
+from jointgap.scenario.figures import FIGURES
+from jointgap.scenario.outcome import MOTIONS, Outcome, ideal_swing
 
 MM = 1e3
 _MOST_DECIMALS = 5
-
-_AS_WELL = 0.02
-"""Spread of the reduction along the valley up to which any pair of lengths on it does as well."""
-
-_MEASURES = {"rms": "root mean square (RMS)", "mean_absolute": "mean size", "peak": "largest"}
-
-_ANIMATION = (
-    "The mechanism at your own lengths",
-    "First revolution, from the start with the journals in the middle of their bearings. Above: the clearances drawn "
-    "as many times as large as the title says; rings are bearings, dots journals. Below: the journals' paths in their "
-    "true clearances, and the forces.",
-)
-
-_FIGURES = {
-    "valley": (
-        "The error over both lengths",
-        "Left: RMS error over crank and rod length with the motion in the joints frozen, as the networks know it; the "
-        "frame is what was searched, the heavy line the best crank for each rod. Along that line the error "
-        "hardly changes: the ratio of the lengths is what counts. Right: by how much the error falls along that line.",
-    ),
-    "resimulation": (
-        "Whether the gain lasts when the motion answers to the lengths",
-        "By how much the error falls with the lengths found on each description of the motion: diamonds with the "
-        "motion frozen, dots simulated again (bars: 5 to 95 %). Left over the first revolution, right over a settled "
-        "one. A bar that crosses zero means that there is no gain to speak of.",
-    ),
-    "contact_forces": (
-        "Forces in the joints, your own lengths",
-        "Normal force in the loose joints over the first and over a settled revolution; gaps are flight. The bands "
-        "below say what each joint is in: flight, impact (the journal hits and rebounds) or contact.",
-    ),
-    "orbits": (
-        "Paths of the journals in their bearings, your own lengths",
-        "Left the first revolution, middle a settled one, in which the part beyond the circle (how deep the journal "
-        "presses into the wall) is magnified by the factor in the panel: it shows where the bearing carries the load. "
-        "Right the distance to the wall over the crank angle; negative values are flight.",
-    ),
-}
-"""Those of a scenario that help to decide, in words for who does; the others stand in the report."""
+_AS_WELL = 0.02  # spread of the reduction along the valley up to which all its points are equally good
+_MEASURES = {"rms": "root mean square (RMS)", "mean_absolute": "mean absolute", "peak": "peak"}
+_FIGURES = ("valley", "resimulation", "contact_forces", "orbits")
 
 
 def headline(outcome: Outcome) -> str:
     """The answer in one line, with its numbers."""
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
-    links = f"rod {_fixed(MM * rod, 2)} → {_fixed(MM * new_rod, 2)} mm"
-    if outcome.keeps_crank:
-        links = f"Crank {_fixed(MM * crank, 2)} mm as it is, {links}"
-    else:
-        links = f"Crank {_fixed(MM * crank, 2)} → {_fixed(MM * new_crank, 2)} mm, {links}"
-    links += f" (crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f})"
+    kept = f"Crank {_fixed(MM * crank, 2)} mm as it is" if outcome.keeps_crank else ""
+    changed = f"Crank {_fixed(MM * crank, 2)} → {_fixed(MM * new_crank, 2)} mm"
     before, after = _alike(math.degrees(gain.before), math.degrees(gain.after))
-    sizes = f"RMS error of the transmission angle {before} → {after} deg"
     low, high = (f"{end:+.1f}" for end in sorted((-100 * gain.low, -100 * gain.high)))
     ends = "from every start" if low == high else f"{low} to {high} %"
     spread = f"{-100 * gain.reduction:+.1f} % ({ends})".replace("-", "−")
-    verdict = "" if gain.is_certain else ", worse" if gain.is_loss else ", not to be told from chance"
-    return f"{links}: {sizes}, {spread}, simulated again{verdict}"
-
-
-def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
-    """The outcome of the scenario called `name` on one page, with its `remarks`."""
-    scenario = outcome.scenario
-    paper = not departures(scenario.mechanism, scenario.simulate)
-    figures = [FigureBlock(stem, title, caption) for stem, (title, caption) in _FIGURES.items()]
-    blocks: list[Block] = [
-        *([Paragraph(scenario.description)] if scenario.description else []),
-        Paragraph(_meaning(outcome)),
-        FigureBlock("animation", *_ANIMATION, moving=True),
-        *([Heading("Before you take it over"), Bullets(tuple(remarks))] if remarks else []),
-        Heading("The lengths"),
-        *_lengths(outcome),
-        Heading("What they gain"),
-        *_gains(outcome),
-        Heading("What they cost"),
-        *_costs(outcome),
-        *_limits(outcome),
-        Heading("Found on which motion"),
-        *_motions(outcome),
-        Heading("Figures"),
-        *figures,
-        Heading("More"),
-        Bullets(
-            (
-                *([Link("The paper's numbers and claims beside these", "comparison.html")] if paper else []),
-                Link("Zoom into the impacts", "figures/impacts.html", ": gaps, contact forces and modes"),
-                Link("All figures of this scenario", "figures", " as PNG, SVG, and the plotted data as Parquet"),
-                Link("The same numbers for programs", "summary.json"),
-                Link("Every table of the search", "optimise", "; `jointgap describe FILE` explains the columns"),
-            )
-        ),
-    ]
-    return Page(headline(outcome), tuple(blocks), subject=f"Scenario {name}", width="60rem")
+    verdict = "" if gain.is_certain else ", worse" if gain.is_loss else ", not significant"
+    return (
+        f"{kept or changed}, rod {_fixed(MM * rod, 2)} → {_fixed(MM * new_rod, 2)} mm (crank over rod "
+        f"{crank / rod:.4f} → {new_crank / new_rod:.4f}): RMS error of the transmission angle {before} → {after} deg, "
+        f"{spread}, simulated again{verdict}"
+    )
 
 
 def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, Any]:
     """The outcome of the scenario called `name` for programs, with its `remarks`: content of ``summary.json``."""
     gain = outcome.gain
+    crank, rod = (
+        {"before": MM * old, "after": MM * new} for old, new in zip(outcome.original, outcome.lengths, strict=True)
+    )
     return {
         "scenario": name,
         "headline": headline(outcome),
         "remarks": list(remarks),
-        "found_on": outcome.source,
-        "crank_length_mm": {"before": MM * outcome.original[0], "after": MM * outcome.lengths[0]},
-        "rod_length_mm": {"before": MM * outcome.original[1], "after": MM * outcome.lengths[1]},
+        "found_on": outcome.chosen["source"],
+        "crank_length_mm": crank,
+        "rod_length_mm": rod,
         "at_bounds": list(outcome.bounds),
         "rms_error_deg": {"before": math.degrees(gain.before), "after": math.degrees(gain.after)},
         "reduction_percent": {
@@ -130,6 +62,46 @@ def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, A
             "motion_frozen": 100 * gain.frozen,
         },
     }
+
+
+def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
+    """The outcome of the scenario called `name` on one page, with its `remarks`."""
+    scenario = outcome.scenario
+    compared = scenario.paper and not departures(scenario.mechanism, scenario.simulate)
+    links = (
+        *([Link("The paper's numbers and claims compared", "comparison.html")] if compared else []),
+        Link("Zoom into the impacts", "figures/impacts.html", ": gaps, contact forces and modes"),
+        Link("All figures of this scenario", "figures", " as PNG, SVG, and the plotted data as Parquet"),
+        Link("The same numbers for programs", "summary.json"),
+        Link("Every table of the search", "optimise", "; `jointgap describe FILE` explains the columns"),
+    )
+    blocks: list[Block] = [
+        *([Paragraph(scenario.description)] if scenario.description else []),
+        Paragraph(_definition(outcome)),
+        _figure("animation"),
+        *([Heading("Check before you use this"), Bullets(tuple(remarks))] if remarks else []),
+        Heading("Lengths"),
+        *_lengths(outcome),
+        Heading("Gain"),
+        *_gains(outcome),
+        Heading("Side effects"),
+        *_side_effects(outcome),
+        *_constraints(outcome),
+        Heading("Motion used by the search"),
+        *_motions(outcome),
+        Heading("Figures"),
+        *map(_figure, _FIGURES),
+        Heading("Files"),
+        Bullets(links),
+    ]
+    return Page(headline(outcome), tuple(blocks), subject=f"Scenario {name}", width="60rem")
+
+
+def _figure(name: str) -> FigureBlock:
+    spec = FIGURES[name]
+    return FigureBlock(
+        name, f"{spec.title}, original lengths" if spec.category == "Contact" else spec.title, spec.caption, spec.moving
+    )
 
 
 def _fixed(value: float, decimals: int) -> str:
@@ -153,172 +125,159 @@ def _alike(before: float, after: float) -> tuple[str, str]:
     return f"{before:.{decimals}f}", f"{after:.{decimals}f}"
 
 
-def _meaning(outcome: Outcome) -> str:
-    low, high = map(math.degrees, ideal_swing(outcome.original, outcome.scenario.mechanism.applied().slider.offset))
-    loose = joined(in_words(joint) for joint in outcome.scenario.mechanism.applied().loose)
+def _definition(outcome: Outcome) -> str:
+    applied = outcome.scenario.mechanism.applied()
+    low, high = map(math.degrees, ideal_swing(outcome.original, applied.slider.offset))
+    loose = joined(in_words(joint) for joint in applied.loose)
     return (
-        "The transmission angle is the angle between the rod and the normal to the slide, best near 90 deg. Its error "
-        f"is what clearance in the {loose} does to it: the angle that your own lengths would give without clearance, "
-        f"less the one with clearance. It is counted over {outcome.stretch_in_words}, in which the angle itself swings "
-        f"from {low:.1f} to {high:.1f} deg."
+        "The transmission angle is the angle between the rod and the normal to the slide, best near 90 deg. Its "
+        f"error is the angle without clearance at the original lengths minus the angle with clearance in the {loose}, "
+        f"over {outcome.stretch_in_words}. The angle itself varies from {low:.1f} to {high:.1f} deg."
     )
 
 
 def _lengths(outcome: Outcome) -> Iterator[Block]:
     main, bounds = next(iter(outcome.scenario.optimise.boxes.items()))
-    rows = []
-    for words, before, after, (low, high) in (
-        ("crank", outcome.original[0], outcome.lengths[0], bounds.crank_length),
-        ("rod", outcome.original[1], outcome.lengths[1], bounds.rod_length),
-    ):
-        rows.append(
-            (
-                f"{words} length [mm]",
-                _fixed(MM * before, 3),
-                _fixed(MM * after, 3),
-                _signed(MM * (after - before), 3),
-                _signed(100 * (after / before - 1), 2),
-                f"{MM * low:g} to {MM * high:g}",
-            )
+    limit, (low, high) = outcome.scenario.optimise.ratio_limit, bounds.rod_length
+    (crank, rod), (new_crank, new_rod) = outcome.original, outcome.lengths
+    rows = [
+        (
+            f"{words} length [mm]",
+            _fixed(MM * before, 3),
+            _fixed(MM * after, 3),
+            _signed(MM * (after - before), 3),
+            _signed(100 * (after / before - 1), 2),
+            f"{MM * least:g} to {MM * most:g}",
         )
-    ratios = [crank / rod for crank, rod in (outcome.original, outcome.lengths)]
-    limit = outcome.scenario.optimise.ratio_limit
+        for words, before, after, (least, most) in (
+            ("crank", crank, new_crank, bounds.crank_length),
+            ("rod", rod, new_rod, bounds.rod_length),
+        )
+    ]
+    ratio, new_ratio = crank / rod, new_crank / new_rod
+    change = _signed(new_ratio - ratio, 5), _signed(100 * (new_ratio / ratio - 1), 2)
     rows.append(
         (
             "crank over rod [1]",
-            *(f"{ratio:.5f}" for ratio in ratios),
-            _signed(ratios[1] - ratios[0], 5),
-            _signed(100 * (ratios[1] / ratios[0] - 1), 2),
+            f"{ratio:.5f}",
+            f"{new_ratio:.5f}",
+            *change,
             "–" if limit is None else f"up to {limit:g}",
         )
     )
-    heads = ("", "before", "after", "change", "change [%]", f"searched (box {main})")
-    yield TableBlock(heads, tuple(rows), "lrrrrr")
+    yield TableBlock(("", "before", "after", "change", "change [%]", f"searched (box {main})"), tuple(rows), "lrrrrr")
     if not outcome.bounds and outcome.keeps_force:
         kept = " The crank keeps its length; `optimise.boxes` lets both vary." if outcome.keeps_crank else ""
-        yield Paragraph(f"No bound and no limit is active.{kept}")
-    ratios, reductions = (outcome.floor[key] for key in ("ratio", "reduction"))
-    low, high = bounds.rod_length
+        yield Paragraph(f"No bound is active.{kept}")
+    floor = outcome.frames["optimise_floor"]
+    floor = floor[(floor["source"] == outcome.chosen["source"]) & (floor["box"] == main) & (floor["measure"] == "rms")]
+    ratios, reductions = floor["ratio"], floor["reduction"]
     yield Paragraph(
-        "What counts is the ratio. With the motion in the joints frozen, the best crank for each rod from "
-        f"{MM * low:g} to {MM * high:g} mm is {ratios.min():.5f} to {ratios.max():.5f} times as long, and the RMS "
-        f"error falls by {100 * reductions.min():.1f} to {100 * reductions.max():.1f} %"
-        + (": any of these pairs does as well." if np.ptp(reductions) <= _AS_WELL else ".")
+        f"The ratio determines the error. With frozen joint motion and the best crank for each rod from {MM * low:g} "
+        f"to {MM * high:g} mm, the ratio is {ratios.min():.5f} to {ratios.max():.5f} and the RMS error falls by "
+        f"{100 * reductions.min():.1f} to {100 * reductions.max():.1f} %"
+        + (": all these pairs are equally good." if np.ptp(reductions) <= _AS_WELL else ".")
     )
 
 
 def _gains(outcome: Outcome) -> Iterator[Block]:
-    stretches = [outcome.stretch, *({"settled", "window"} - {outcome.stretch})]
-    rows = [
-        _gain_row(f"{_MEASURES[measure]}, {outcome.words_of(stretch)}", outcome.gains[stretch, measure])
-        for stretch in stretches
-        for measure in _MEASURES
-    ]
-    members = int(outcome.resimulated["members"].iloc[0])
-    heads = (
-        "error",
-        "before [deg]",
-        "after [deg]",
-        "simulated again [%]",
-        "5 to 95 % [%]",
-        "motion frozen [%]",
-        "better",
-    )
-    yield TableBlock(heads, tuple(rows), "lrrrrrr")
-    yield Paragraph(
-        f"Simulated again: the contact in the joints computed anew at the lengths found, from {members} slightly "
-        "different starts for each pair of lengths; 5 to 95 % is the spread over all pairs of such runs, better the "
-        "share of pairs in which the new lengths have the smaller error. Motion frozen: what the search believes, "
-        "which keeps the motion in the joints as it was at your own lengths. Where both differ, believe the simulation."
-    )
-
-
-def _gain_row(words: str, gain: Gain) -> tuple[str, ...]:
-    before, after = _alike(math.degrees(gain.before), math.degrees(gain.after))
-    low, high = sorted((-100 * gain.low, -100 * gain.high))
-    return (
-        words,
-        before,
-        after,
-        f"{-100 * gain.reduction:+.1f}",
-        f"{low:+.1f} to {high:+.1f}",
-        f"{-100 * gain.frozen:+.1f}",
-        f"{100 * gain.share_better:.0f}",
-    )
-
-
-def _costs(outcome: Outcome) -> Iterator[Block]:
-    offset = outcome.scenario.mechanism.applied().slider.offset
-    before, after = outcome.cycle("simulated")
-    ideal = [ideal_cycle(*lengths, offset) for lengths in (outcome.original, outcome.lengths)]
-    rows = [
-        _cost("stroke [mm]", MM * before["stroke"], MM * after["stroke"]),
-        _cost("stroke without clearance [mm]", *(MM * cycle.stroke for cycle in ideal)),
-        _cost("outer dead centre, slider at [mm]", MM * before["outer_dead_centre"], MM * after["outer_dead_centre"]),
-        _cost("inner dead centre, slider at [mm]", MM * before["inner_dead_centre"], MM * after["inner_dead_centre"]),
-        *(
-            _cost(
-                f"{side} dead centre, crank at [deg]",
-                *(math.degrees(getattr(cycle, f"{side}_dead_centre_angle")) for cycle in ideal),
-                relative=False,
+    rows = []
+    for stretch in (outcome.stretch, *({"settled", "window"} - {outcome.stretch})):
+        for measure, words in _MEASURES.items():
+            gain = outcome.gains[stretch, measure]
+            low, high = sorted((-100 * gain.low, -100 * gain.high))
+            rows.append(
+                (
+                    f"{words}, {outcome.words_of(stretch)}",
+                    *_alike(math.degrees(gain.before), math.degrees(gain.after)),
+                    f"{-100 * gain.reduction:+.1f}",
+                    f"{low:+.1f} to {high:+.1f}",
+                    f"{-100 * gain.frozen:+.1f}",
+                    f"{100 * gain.share_better:.0f}",
+                )
             )
+    heads = ("error", "before [deg]", "after [deg]", "simulated again [%]", "5 to 95 % [%]", "frozen [%]")
+    yield TableBlock((*heads, "improved in [% of run pairs]"), tuple(rows), "lrrrrrr")
+    yield Paragraph(
+        "Simulated again: the result that counts, medians and spread over pairs of "
+        f"{outcome.frames['optimise_resimulated']['members'].iloc[0]} runs from perturbed starts for each pair of "
+        "lengths. Frozen: estimate with unchanged joint motion."
+    )
+
+
+def _side_effects(outcome: Outcome) -> Iterator[Block]:
+    applied = outcome.scenario.mechanism.applied()
+    cycles = outcome.cycle("simulated")
+    ideal = [ideal_cycle(*lengths, applied.slider.offset) for lengths in (outcome.original, outcome.lengths)]
+    angles = ("outer_dead_centre_angle", "inner_dead_centre_angle")
+    rows = [
+        _change("stroke [mm]", *(MM * cycle["stroke"] for cycle in cycles)),
+        _change("stroke without clearance [mm]", *(MM * cycle.stroke for cycle in ideal)),
+        *(
+            _change(f"{side} dead centre, slider at [mm]", *(MM * cycle[f"{side}_dead_centre"] for cycle in cycles))
             for side in ("outer", "inner")
         ),
-        _cost(
+        *(
+            _change(
+                f"{name[:5]} dead centre, crank at [deg]", *(math.degrees(getattr(one, name)) for one in ideal), False
+            )
+            for name in angles
+        ),
+        _change(
             "smallest transmission angle [deg]",
-            math.degrees(before["smallest_transmission_angle"]),
-            math.degrees(after["smallest_transmission_angle"]),
+            *(math.degrees(cycle["smallest_transmission_angle"]) for cycle in cycles),
             relative=False,
         ),
+        *(
+            _change(f"{words} in the {in_words(joint)} [N]", *(load[key] for load in outcome.load(joint)))
+            for joint in FROM_FRAME
+            for key, words in (("peak_force", "largest force"), ("rms_force", "RMS force"))
+        ),
+        *(
+            _change(
+                f"share of time in contact, {in_words(joint)} [%]",
+                *(100 * load["contact_share"] for load in outcome.load(joint)),
+                relative=False,
+            )
+            for joint in FROM_FRAME
+            if joint in applied.loose
+        ),
     ]
-    loose = outcome.scenario.mechanism.applied().loose
-    for joint in FROM_FRAME:
-        old, new = outcome.load(joint)
-        for key, words in (("peak_force", "largest force"), ("rms_force", "RMS force")):
-            rows.append(_cost(f"{words} in the {in_words(joint)} [N]", old[key], new[key]))
-    for joint in FROM_FRAME:
-        if joint in loose:
-            old, new = outcome.load(joint)
-            shares = (100 * old["contact_share"], 100 * new["contact_share"])
-            rows.append(_cost(f"share of time in contact, {in_words(joint)} [%]", *shares, relative=False))
     yield TableBlock(("", "before", "after", "change", "change [%]"), tuple(rows), "lrrrr")
     yield Paragraph(
-        "Before: your own lengths; after: the lengths found; medians over the same runs with clearance, over a settled "
-        "revolution. Crank angles of the dead centres are those without clearance, counted from the slide's direction. "
-        "Forces act between the two bodies of a joint; they come from inertia and from what the mechanism file lists "
-        "as effects, so list gas pressure or a load there before you judge them."
+        "Medians over the runs with clearance, over a settled revolution. Crank angles of the dead centres: without "
+        "clearance, from the slide's direction. Forces come from inertia and from the effects listed in the "
+        "mechanism file; list gas pressure or a load there."
     )
 
 
-def _cost(words: str, before: float, after: float, relative: bool = True) -> tuple[str, ...]:
+def _change(words: str, before: float, after: float, relative: bool = True) -> tuple[str, ...]:
     """A row; where it is `relative`, with the change in percent."""
     old, new = _alike(before, after)
     changed = _signed(100 * (after / before - 1), 1) if relative and before else "–"
-    decimals = len(old.partition(".")[2])
-    return words, old, new, _signed(float(new) - float(old), decimals), changed
+    return words, old, new, _signed(float(new) - float(old), len(old.partition(".")[2])), changed
 
 
-def _limits(outcome: Outcome) -> Iterator[Block]:
-    """What was asked of the lengths besides their bounds, and what they do."""
-    options = outcome.scenario.optimise.constraints
-    offset = outcome.scenario.mechanism.applied().slider.offset
+def _constraints(outcome: Outcome) -> Iterator[Block]:
+    """The constraints on the lengths besides their bounds."""
+    options, lengths = outcome.scenario.optimise.constraints, (outcome.original, outcome.lengths)
     rows = [
-        (each.words, each.asked(), *(each.show(float(each.value(at))) for at in (outcome.original, outcome.lengths)))
-        + (_met(each.missed(outcome.lengths) <= MET),)
-        for each in geometric(options, offset)
+        (
+            each.words,
+            each.asked(),
+            *(each.show(float(each.value(at))) for at in lengths),
+            _met(each.missed(outcome.lengths) <= MET),
+        )
+        for each in geometric(options, outcome.scenario.mechanism.applied().slider.offset)
         if not (each.key == "crank_length" and outcome.keeps_crank)
     ]
     if (most := options.largest_pin_force) is not None:
-        forces = [max(forces.values()) for forces in outcome.peak_pin_forces]
-        shown = (f"{force:.4g} N" for force in forces)
-        rows.append(("largest force in a pin", f"{most:.4g} N at most", *shown, _met(outcome.keeps_force)))
+        forces = (f"{max(forces.values()):.4g} N" for forces in outcome.peak_pin_forces)
+        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, _met(outcome.keeps_force)))
     if rows:
-        yield Heading("What was asked of them")
-        yield TableBlock(("", "asked", "before", "after", "met"), tuple(rows), "lrrrl")
-        yield Paragraph(
-            "Stroke, dead centres and space are those without clearance, between the centres of the joints; the force "
-            "is simulated again with clearance, as above."
-        )
+        yield Heading("Constraints")
+        yield TableBlock(("", "required", "before", "after", "met"), tuple(rows), "lrrrl")
+        yield Paragraph("Lengths and angles without clearance; forces simulated with clearance.")
 
 
 def _met(met: bool) -> Cell:
@@ -326,34 +285,24 @@ def _met(met: bool) -> Cell:
 
 
 def _motions(outcome: Outcome) -> Iterator[Block]:
+    optima, again = outcome.frames["optimise_optima"], outcome.frames["optimise_resimulated"]
+    again = again[again["measure"] == "rms"].set_index(["point", "stretch"])
     rows = []
     for source, point in outcome.found.items():
-        words = MOTIONS[source]
-        found = outcome.optima[(outcome.optima["source"] == source) & (outcome.optima["point"] == point)]
-        if len(found):
-            again = outcome.resimulated
-            again = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
-            rows.append(
-                (
-                    f"{words}{' (taken)' if source == outcome.source else ''}",
-                    f"{MM * found['crank_length'].iloc[0]:.3f}",
-                    f"{MM * found['rod_length'].iloc[0]:.3f}",
-                    *(_spread(again.loc[stretch]) for stretch in ("settled", "window")),
-                )
+        lengths = optima[(optima["source"] == source) & (optima["point"] == point)].iloc[0]
+        rows.append(
+            (
+                f"{MOTIONS[source]}{' (chosen)' if source == outcome.chosen['source'] else ''}",
+                *(f"{MM * lengths[key]:.3f}" for key in ("crank_length", "rod_length")),
+                *(_spread(again.loc[point, stretch]) for stretch in ("settled", "window")),
             )
+        )
     yield Paragraph(
-        "The search keeps the motion in the joints as it is at your own lengths, and takes that motion from four "
-        "places. Of the lengths found, those are taken that have the smallest RMS error over "
-        f"{outcome.stretch_in_words} simulated again. Where all four agree, how the motion is described does not "
-        "matter."
+        "The search uses frozen joint motion from several sources. The lengths with the smallest re-simulated RMS "
+        f"error over {outcome.stretch_in_words} are chosen."
     )
-    heads = (
-        "motion from",
-        "crank [mm]",
-        "rod [mm]",
-        *(f"RMS error, {outcome.words_of(s)} [%]" for s in ("settled", "window")),
-    )
-    yield TableBlock(heads, tuple(rows), "lrrrr")
+    errors = (f"RMS error, {outcome.words_of(stretch)} [%]" for stretch in ("settled", "window"))
+    yield TableBlock(("motion from", "crank [mm]", "rod [mm]", *errors), tuple(rows), "lrrrr")
 
 
 def _spread(row: pd.Series) -> str:
