@@ -5,7 +5,7 @@ from enum import Enum
 
 import pytest
 
-from jointgap.app.report import OneLineForAFailedJob
+from jointgap.app.failed_jobs import OneLineForAFailedJob
 
 
 class Event(Enum):  # as snakemake_interface_logger_plugins.common.LogEvent

@@ -93,6 +93,14 @@ def digests_of(stages):
     return lambda wildcards: [stage.digest for stage in stages]
 
 
+def digest_of_report(wildcards):
+    """The same of the report."""
+    from jointgap.app.report import write_report
+    from jointgap.core.stage import code_digest
+
+    return code_digest(write_report)
+
+
 def named_options(flag, scenarios, stage):
     """For params: scenarios, each with the file of its options, as arguments."""
     return [text for name in scenarios for text in (flag, name, options_file(name, stage))]

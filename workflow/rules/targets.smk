@@ -41,8 +41,8 @@ rule whole_report:
     conda:
         "../envs/jointgap.yaml"
     params:
-        shown=lambda wildcards: [*named_options("--scenario", SCENARIOS, "report"), *CAMPAIGNS_SHOWN],
-        code=digest_of("report"),
+        shown=lambda wildcards: [*named_options("--scenario", SCENARIOS, "compare"), *CAMPAIGNS_SHOWN],
+        code=digest_of_report,
     message:
         "write {output}"
     shell:
@@ -58,7 +58,7 @@ use rule whole_report as campaign_report with:
         "results/logs/campaign-report.log",
     params:
         shown=CAMPAIGNS_SHOWN,
-        code=digest_of("report"),
+        code=digest_of_report,
 
 
 rule campaigned:

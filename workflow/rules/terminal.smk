@@ -5,7 +5,7 @@
 
 from snakemake.logging import logger
 
-from jointgap.app.report import OneLineForAFailedJob
+from jointgap.app.failed_jobs import OneLineForAFailedJob
 
 shell.prefix("set -euo pipefail; exec 3>&2; export JOINTGAP_TERMINAL=3; ")
 

@@ -574,9 +574,11 @@ def _report(
     scenarios: tuple[tuple[str, str], ...],
     campaigns: tuple[str, ...],
 ) -> None:
+    from jointgap.app.report import write_report
+
     check_writable(report)
     opened = {name: open_results(options, results / name) for name, options in scenarios}
-    SCENARIO_STAGES["report"].function(opened, campaigns, results, report)
+    write_report(opened, campaigns, results, report)
 
 
 _NAMED = "Name and options of a scenario"
@@ -593,12 +595,18 @@ for _stage in SCENARIO_STAGES.values():
             "--results", "Folder of the scenarios' folders; overview.md, .html and .parquet go there.", FOLDER
         )
         add_command(_stage.name, _stage.help, _overview, [_folder, _scenario], OF_SCENARIO)
-    elif _stage.name == "report":
-        add_command(_stage.name, _stage.help, _report, _REPORT_OPTIONS, OF_SCENARIO)
     elif "results" in inspect.signature(_stage.function).parameters:
         _results_command(_stage)
     else:
         _scenario_command(_stage)
+
+add_command(
+    "report",
+    "Put what came out of a run on one page in one file, with its figures.",
+    _report,
+    _REPORT_OPTIONS,
+    OF_SCENARIO,
+)
 
 
 @cli.command()

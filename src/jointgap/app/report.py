@@ -1,8 +1,6 @@
 """The report over scenarios and campaigns, and what came out at the end of a run."""
 
 import json
-import logging
-import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,6 +23,7 @@ from jointgap.campaign.sentences import (
 )
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
+from jointgap.core.files import write_text
 from jointgap.core.page import (
     Block,
     Bullets,
@@ -35,6 +34,7 @@ from jointgap.core.page import (
     Paragraph,
     TableBlock,
     place_of,
+    to_html,
     written_today,
 )
 from jointgap.core.plot import FigureSpec
@@ -51,6 +51,11 @@ _PACKED = 0.4  # size of a still figure in a page over that of its PNG file, at 
 _KEY_FIGURES = ("resimulation", "valley", "figure_12", "contact_forces")
 _KEY_FIGURES_OF_CAMPAIGNS = ("measured_against_model", "disagreement", "ranking")
 """Figures that stand in a report of so many scenarios that all would be too large for a page; the others are linked."""
+
+
+def write_report(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], folder: Path, file: Path) -> None:
+    """Put what came out of a run on one page in one file, with its figures."""
+    write_text(file, to_html(page(scenarios, campaigns, folder), folder))
 
 
 def page(
@@ -336,60 +341,3 @@ def _remarks(known: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     for sentence, owners in told.items():
         everyone = len(owners) > 1 and len(owners) == len(known)
         yield f"remark on {'all scenarios' if everyone else ', '.join(owners)}: {sentence}"
-
-
-_OURS = "jointgap: error: "  # how `jointgap.app.cli` begins what it says of a mistake
-_SAID_AGAIN = re.compile(
-    "Shutting down, this might take some time|WorkflowError:\nAt least one job did not complete successfully"
-)
-_STATUS = re.compile(r"returned non-zero exit status (\d+)|died with <(Signals\.\w+)")
-_LONGEST = 300  # [characters] of a reason that is not ours
-
-
-class OneLineForAFailedJob(logging.Filter):
-    """A filter of Snakemake's logger: the twenty lines about a failed job, and those at the end, are one.
-
-    `--show-failed-logs` asks for all of it: then the filter is not set.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._messages: dict[int, str] = {}
-        self._status: dict[int, str] = {}  # by thread: Snakemake says how a command ended before it says of which job
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the `record` is shown; one of a failed job is rewritten."""
-        event = getattr(getattr(record, "event", None), "name", None)
-        text = str(record.msg)
-        if event == "JOB_INFO":
-            self._messages[record.jobid] = record.rule_msg or record.rule_name
-        elif event == "JOB_ERROR":
-            self._rewrite(record)
-        elif event == "ERROR" and "CalledProcessError" in text and (found := _STATUS.search(text)):
-            self._status[record.thread] = f"exit status {found[1]}" if found[1] else found[2]
-            return False
-        return not _SAID_AGAIN.match(text)
-
-    def _rewrite(self, record: logging.LogRecord) -> None:
-        job = self._messages.get(record.jobid, record.rule_name)
-        logs = [Path(path) for path in record.log or ()]
-        status = self._status.pop(record.thread, "")
-        reasons = filter(None, map(reason_in, logs))
-        why = next(reasons, f"ended with {status}, and left no reason" if status else "left no reason")
-        where = f" (log: {', '.join(map(str, logs))})" if logs else ""
-        record.msg, record.args, record.event = f"failed: {job}: {why}{where}", (), None
-
-
-def reason_in(log: Path) -> str:
-    """Why a job failed, by its log: what `jointgap` said of a mistake, else the last line; empty where there is
-    none.
-    """
-    try:
-        lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines()]
-    except OSError:
-        return ""
-    lines = [line for line in lines if line]
-    ours = [line.removeprefix(_OURS) for line in lines if line.startswith(_OURS)]
-    if ours:
-        return ours[0] + (f" (and {len(ours) - 1} more in the log)" if len(ours) > 1 else "")
-    return lines[-1][:_LONGEST] if lines else ""

@@ -385,20 +385,6 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     write(OVERVIEW, result, folder / OVERVIEW.path)
 
 
-@SCENARIO_STAGES.stage(reads=(*_COMPUTED, COMPARISON), sections=("description", *_OPTIMUM))
-def report(
-    scenarios: Mapping[str, "ScenarioResults"],
-    campaigns: Sequence[str],
-    folder: Path,
-    file: Path,
-) -> None:
-    """Put what came out of a run on one page in one file, with its figures."""
-    from jointgap.app.report import page
-    from jointgap.core.page import to_html
-
-    write_text(file, to_html(page(scenarios, campaigns, folder), folder))
-
-
 @SCENARIO_STAGES.stage(
     reads=(*_COMPUTED, COMPARISON),
     files=(PUBLISHED,),
