@@ -13,19 +13,11 @@ import pandas as pd
 from pydantic import Field, model_validator
 
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.parquet import is_as_written
 from jointgap.section import Section
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
-_COMMENT = "#"
-_PARQUET = b"PAR1"
-_ARCHIVES = {
-    b"PK\x03\x04": "a spreadsheet or an archive",
-    b"\x1f\x8b": "compressed",
-    b"\xd0\xcf\x11\xe0": "a spreadsheet",
-}
-_COMMA_NUMBER = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?$")
-_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+_BINARY = (b"PK\x03\x04", b"\x1f\x8b", b"\xd0\xcf\x11\xe0")  # first bytes of archives and spreadsheets
+_COMMA_NUMBER = r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?"
 _MOST_ABOVE = 1000  # lines among which the headings are looked for
 _MAX_UNIT_LENGTH = 15  # characters
 _MAX_TEXT_LENGTH = 60  # characters of a text that are shown
@@ -61,116 +53,94 @@ class Columns:
 
 
 def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") -> Columns:
-    """The columns `wanted` of a file."""
+    """The columns `wanted` of a file; dates in the column `clock` become seconds."""
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # a zero byte in the name is a ValueError
         why = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be read ({why}); check 'file' of the run") from error
-    for start, kind in _ARCHIVES.items():
-        if content.startswith(start):
-            raise InputError(f"{path}: is {kind}; save the samples as CSV or Parquet")
-    if content.startswith(_PARQUET) or path.suffix == ".parquet":
-        columns = _parquet(path, wanted, clock)
+    if content.startswith(_BINARY):
+        raise InputError(f"{path}: is a spreadsheet or an archive; save the samples as CSV or Parquet")
+    if content.startswith(b"PAR1") or path.suffix == ".parquet":
+        texts, units, remarks = _parquet(path, wanted, clock), {}, ()
     else:
-        columns = _csv(path, _decoded(path, content), wanted, form, clock)
-    if not columns.rows.size:
+        texts, units, remarks = _csv(path, _decoded(path, content), wanted, form)
+    if texts.empty:
         raise InputError(f"{path}: holds headings but no samples; give the file of the measurement")
-    return columns
+    dates, remark = _seconds(path, texts[clock]) if clock else (None, "")
+    numbers = {column: texts[column] for column in wanted if dates is None or column != clock}
+    decimal = form.decimal or _decimal(numbers)
+    values = {column: _numbers(path, cells, decimal) for column, cells in numbers.items()}
+    if dates is not None:
+        values[clock], remarks = dates, (*remarks, remark)
+    return Columns(values, texts.index.to_numpy(), units, remarks, is_dated=dates is not None)
 
 
 def _decoded(path: Path, content: bytes) -> str:
     wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    place = content.find(b"\x00")
     try:
         text = content.decode("utf-16" if wide else "utf-8-sig")
+        if wide or place < 0:
+            return text
     except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}, row {line}: is not text in UTF-8 (byte {error.start}); save it as UTF-8") from error
-    if "\x00" in text:
-        line = text[: text.index("\x00")].count("\n") + 1
-        raise InputError(f"{path}, row {line}: holds a zero byte, so it is damaged or no text; save it as CSV in UTF-8")
-    return text
+        place = error.start
+    line = content[:place].count(b"\n") + 1
+    raise InputError(f"{path}, row {line}: is not text in UTF-8 (byte {place}); save it as UTF-8")
 
 
-def _csv(path: Path, text: str, wanted: Sequence[str], form: Csv, clock: str) -> Columns:
-    numbered = [(number, line) for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()]
-    skipped = form.skip_rows or 0
-    lines = [(n, line) for n, line in numbered if n > skipped and not line.lstrip().startswith(_COMMENT)]
+def _csv(
+    path: Path, text: str, wanted: Sequence[str], form: Csv
+) -> tuple[pd.DataFrame, dict[str, str], tuple[str, ...]]:
+    """Texts of the `wanted` columns by line of the file, the units below the headings, and remarks."""
+    lines = {number: line for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()}
+    comments = {number: line.lstrip(" #") for number, line in lines.items() if line.lstrip().startswith("#")}
+    lines = {n: line for n, line in lines.items() if n > (form.skip_rows or 0) and n not in comments}
     if not lines:
-        what = f"has no rows below the {skipped} of csv.skip_rows" if skipped else "is empty"
+        what = f"has no rows below the {form.skip_rows} of csv.skip_rows" if form.skip_rows else "is empty"
         raise InputError(f"{path}: {what}; give a table with headings and samples")
-    place, separator = _place_of_headings(lines, wanted, form)
-    _check_quotes(path, lines[place:])
-    header_row, header = lines[place]
-    headings = _split(header, separator)
+    header_row, separator = _place_of_headings(lines, wanted, form)
+    headings = _split(lines[header_row], separator)
     while headings and not headings[-1]:  # the row of headings ends with a separator
         headings.pop()
+    hidden = [n for n, line in comments.items() if any(set(wanted) <= set(_split(line, m)) for m in SEPARATORS)]
+    fix = f"row {hidden[0]} has them in a comment: remove the '#' there" if hidden else ""
     also = "" if set(wanted) & set(headings) else "; where the headings are in another row, give csv.skip_rows"
-    hidden = _hidden_headings(numbered, header_row, wanted)
-    _check_headings(f"{path}, row {header_row}", headings, wanted, hidden, also)
+    _check_headings(f"{path}, row {header_row}", headings, wanted, fix, also)
+    above = sum(number < header_row for number in lines)
     remarks = ()
-    if place and form.skip_rows is None:
-        skipped_lines = "1 line" if place == 1 else f"{place} lines"
-        remarks = (f"{path}: the headings are in row {header_row}; {skipped_lines} above them skipped",)
-    table = _cells(path, lines[place + 1 :], separator, headings, header_row)
-    cells = {column: table[headings.index(column)].str.strip() for column in wanted}
-    rows = np.array([number for number, _ in lines[place + 1 :]], dtype=np.int64)
-    units = _row_of_units(cells)
-    if units:
-        rows, cells = rows[1:], {column: texts.iloc[1:] for column, texts in cells.items()}
-    dates = _seconds(path, clock, cells[clock], rows) if clock else None
-    decimal = form.decimal or _decimal(path, cells, rows)
-    values = {
-        column: _numbers(path, column, texts, rows, decimal)
-        for column, texts in cells.items()
-        if dates is None or column != clock
-    }
-    if dates is not None:
-        values[clock], remark = dates
-        remarks = (*remarks, remark)
-    return Columns(values, rows, units, remarks, is_dated=dates is not None)
-
-
-def _check_quotes(path: Path, lines: list[tuple[int, str]]) -> None:
-    for number, line in lines:
-        if line.count('"') % 2 or len(line) > csv.field_size_limit():
-            raise InputError(
-                f"{path}, row {number}: a quotation mark is not closed, or the row has no end; mend the row"
-            )
+    if above and form.skip_rows is None:
+        skipped = "1 line" if above == 1 else f"{above} lines"
+        remarks = (f"{path}: the headings are in row {header_row}; {skipped} above them skipped",)
+    below = {number: line for number, line in lines.items() if number > header_row}
+    table = _table(path, below, separator, headings, header_row)[list(wanted)].apply(lambda texts: texts.str.strip())
+    first = [] if table.empty else [text.strip("[]() ") for text in table.iloc[0]]
+    if not any(first) or any(_is_number(text) or len(text) > _MAX_UNIT_LENGTH for text in first):
+        return table, {}, remarks
+    return table.iloc[1:], dict(zip(wanted, first, strict=True)), remarks
 
 
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    return [
+        cell.strip()
+        for cell in next(csv.reader([line[: csv.field_size_limit()]], delimiter=separator, skipinitialspace=True))
+    ]
 
 
-def _place_of_headings(lines: list[tuple[int, str]], wanted: Sequence[str], form: Csv) -> tuple[int, str]:
-    """Index of the headings among `lines`, and the separator: of the first line that has all columns `wanted`, else of
-    the one with most of them. With `skip_rows` stated it is the first line.
+def _place_of_headings(lines: dict[int, str], wanted: Sequence[str], form: Csv) -> tuple[int, str]:
+    """Row of the headings and separator: of the first line that has most of the `wanted` columns, with the separator
+    that makes most cells; with `skip_rows` stated of the first line.
     """
-    found, best = (0, form.separator or SEPARATORS[0]), (-1, 0)
-    for place, (_, line) in enumerate(lines[: _MOST_ABOVE if form.skip_rows is None else 1]):
-        for mark in (form.separator,) if form.separator else SEPARATORS:
-            cells = _split(line[: csv.field_size_limit()], mark)
-            matched = len(set(wanted) & set(cells))
-            # without any match the line is not moved, and the separator is the one that makes most cells
-            if matched > best[0] or (matched == best[0] and place == found[0] and len(cells) > best[1]):
-                found, best = (place, mark), (matched, len(cells))
-        if best[0] == len(set(wanted)):
-            break
-    return found
+    rows = list(lines)[: _MOST_ABOVE if form.skip_rows is None else 1]
 
+    def merit(place: tuple[int, str]) -> tuple[int, int, int]:
+        row, separator = place
+        cells = _split(lines[row], separator)
+        return len(set(wanted) & set(cells)), -row, len(cells)
 
-def _hidden_headings(numbered: list[tuple[int, str]], header_row: int, wanted: Sequence[str]) -> str:
-    """What to do where the headings stand in a comment, as some programs write them."""
-    for number, line in numbered:
-        if number >= header_row:
-            break
-        bare = line.lstrip(f" {_COMMENT}")[: csv.field_size_limit()]
-        if line.lstrip().startswith(_COMMENT) and any(set(wanted) <= set(_split(bare, mark)) for mark in SEPARATORS):
-            return f"row {number} has them in a comment: remove the '{_COMMENT}' there"
-    return ""
+    return max(((row, mark) for row in rows for mark in form.separator or SEPARATORS), key=merit)
 
 
 def _check_headings(where: str, headings: Sequence[str], wanted: Sequence[str], fix: str = "", also: str = "") -> None:
@@ -182,18 +152,20 @@ def _check_headings(where: str, headings: Sequence[str], wanted: Sequence[str], 
             raise InputError(f"{where}: has the column '{column}' twice; name each column differently")
 
 
-def _cells(
-    path: Path, lines: list[tuple[int, str]], separator: str, headings: list[str], header_row: int
-) -> pd.DataFrame:
-    """Texts below the headings, by the number of the column; every row must be as long as the headings."""
+def _table(path: Path, lines: dict[int, str], separator: str, headings: list[str], header_row: int) -> pd.DataFrame:
+    """Texts below the headings by line of the file; every row must be as long as the headings."""
     width = len(headings)
     if separator == " ":
-        lines = [(row, " ".join(line.split())) for row, line in lines]
-    lengths = [len(_split(line, separator)) if '"' in line else line.count(separator) + 1 for _, line in lines]
-    for (row, line), length in zip(lines, lengths, strict=True):
-        if length != width and (length < width or any(_split(line, separator)[width:])):
-            fix = "mend the row"
-            if len(set(lengths)) == 1 and length < width:
+        lines = {row: " ".join(line.split()) for row, line in lines.items()}
+    for row, line in lines.items():
+        if line.count('"') % 2:
+            raise InputError(f"{path}, row {row}: a quotation mark is not closed; correct the row")
+    cells = {row: _split(line, separator) for row, line in lines.items() if '"' in line}
+    lengths = {row: len(cells[row]) if row in cells else line.count(separator) + 1 for row, line in lines.items()}
+    for row, length in lengths.items():
+        if length != width and (length < width or any(_split(lines[row], separator)[width:])):
+            fix = "correct the row"
+            if length < width and set(lengths.values()) == {length}:
                 fix = "all rows have as many; remove the heading too many"
             elif separator == "," and length == 2 * width:
                 fix = "where decimals have a comma too, write another separator between the columns, such as ';'"
@@ -201,30 +173,19 @@ def _cells(
                 f"{path}, row {row}: has {length} cells, but there are {width} headings in row {header_row} (separator "
                 f"{separator!r}); {fix}, or give csv.skip_rows, csv.separator and csv.decimal"
             )
-    names = range(max([width, *lengths]))
+    names = range(max([width, *lengths.values()]))
+    text = StringIO("\n".join(lines.values()))
     if not lines:
-        return pd.DataFrame(columns=names, dtype=str)
-    text = StringIO("\n".join(line for _, line in lines))
+        return pd.DataFrame(columns=headings, dtype=str)
     try:
-        table = pd.read_csv(text, sep=separator, header=None, names=names, dtype=str, na_filter=False,
-                            skipinitialspace=True, skip_blank_lines=False)  # fmt: skip
-    except pd.errors.ParserError:
-        table = None
-    if table is None or len(table) != len(lines):  # a quotation mark joins two rows
-        row = next(row for row, line in lines if '"' in line)
-        raise InputError(f"{path}, row {row}: quotation marks from here on join rows; mend or remove them")
-    return table
-
-
-def _row_of_units(cells: dict[str, pd.Series]) -> dict[str, str]:
-    """Units from a first row that holds short text and no number in any wanted column; {} where it is a row of samples.
-
-    A row of empty cells is a row of samples: a gap.
-    """
-    first = {column: texts.iloc[0] for column, texts in cells.items() if len(texts)}
-    if not any(first.values()) or any(_is_number(text) or len(text) > _MAX_UNIT_LENGTH for text in first.values()):
-        return {}
-    return {column: text.strip("[]() ") for column, text in first.items()}
+        table = pd.read_csv(
+            text, sep=separator, header=None, names=names, dtype=str, na_filter=False, skipinitialspace=True
+        )
+        table.index = list(lines)
+    except ValueError as error:  # also where quotation marks join rows, so that there are fewer
+        row = next(iter(cells), header_row)
+        raise InputError(f"{path}, row {row}: quotation marks from here on join rows; remove them") from error
+    return table.iloc[:, :width].set_axis(headings, axis=1)
 
 
 def _is_number(text: str) -> bool:
@@ -235,105 +196,76 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _decimal(path: Path, cells: dict[str, pd.Series], rows: np.ndarray) -> str:
-    """The decimal mark: a comma where any number has one, and then none may have a point."""
-    commas = ((column, np.flatnonzero(texts.str.fullmatch(_COMMA_NUMBER))) for column, texts in cells.items())
-    comma = next(((column, places[0]) for column, places in commas if places.size), None)
-    if comma is None:
-        return "."
-    first = f"{path}, column {comma[0]}, row {rows[comma[1]]}: '{cells[comma[0]].iloc[comma[1]]}' has a decimal comma"
-    for column, texts in cells.items():
-        for place in np.flatnonzero(texts.str.contains(".", regex=False) & ~texts.str.contains(",", regex=False)):
-            if _is_number(texts.iloc[place]):
-                raise InputError(
-                    f"{first}, but '{texts.iloc[place]}' in column {column}, row {rows[place]} a point; write one of "
-                    "them throughout"
-                )
-    return ","
+def _decimal(cells: dict[str, pd.Series]) -> str:
+    """The decimal mark: a comma where any number has one."""
+    texts = [column for column in cells.values() if not pd.api.types.is_numeric_dtype(column)]
+    return "," if any(column.str.fullmatch(_COMMA_NUMBER).any() for column in texts) else "."
 
 
-def _seconds(path: Path, column: str, stamps: pd.Series, rows: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """Seconds since the first of the dates in a `column`, and a remark; None where it does not begin with a date."""
+def _seconds(path: Path, stamps: pd.Series) -> tuple[np.ndarray | None, str]:
+    """Seconds since the first of the dates in a column, and a remark; None where it does not begin with a date."""
     written = stamps.notna() & (stamps != "")
     first = next(iter(stamps[written]), None)
-    if isinstance(first, str) and _DATE.match(first):
+    if isinstance(first, str) and re.match(r"\d{4}-\d\d-\d\d", first):
         stamps = stamps.str.replace(",", ".", regex=False)
     elif not isinstance(first, pd.Timestamp):
-        return None
+        return None, ""
     dates = pd.to_datetime(stamps.where(written), format="ISO8601", utc=True, errors="coerce")
-    if (wrong := np.flatnonzero(written & dates.isna())).size:
-        text = _shortened(stamps.iloc[wrong[0]])
+    if (wrong := stamps[written & dates.isna()]).size:
         raise InputError(
-            f"{path}, column {column}, row {rows[wrong[0]]}: '{text}' is not a date; write all of the column as "
-            "2026-03-01T12:00:00.125"
+            f"{path}, column {stamps.name}, row {wrong.index[0]}: '{_shortened(wrong.iloc[0])}' is not a date; write "
+            "all of the column as 2026-03-01T12:00:00.125"
         )
     elapsed = (dates - dates[written].iloc[0]).dt.total_seconds().to_numpy(dtype=float)
-    return elapsed, f"{path}, column {column}: dates are read as seconds since {first}"
+    return elapsed, f"{path}, column {stamps.name}: dates are read as seconds since {first}"
 
 
-def _numbers(path: Path, column: str, texts: pd.Series, rows: np.ndarray, decimal: str) -> np.ndarray:
-    # float() would take '1_000'; a point beside a decimal comma would be a mark for thousands
-    odd = texts.str.contains("_", regex=False)
-    plain = texts
-    if decimal == ",":
-        odd |= texts.str.contains(".", regex=False)
-        plain = texts.str.replace(",", ".", regex=False)
-    plain = plain.mask(odd, "x").mask(texts == "", "nan")
+def _numbers(path: Path, cells: pd.Series, decimal: str) -> np.ndarray:
+    """Numbers of a column: texts of a CSV file, or numbers of a Parquet file."""
+    where = f"{path}, column {cells.name}, row"
+    fix = "correct it, or leave the cell empty where nothing was measured"
+    plain = cells
+    if not pd.api.types.is_numeric_dtype(cells):
+        # float() would take '1_000'; a point beside a decimal comma would be a mark for thousands
+        odd = cells.str.contains("[_.]" if decimal == "," else "_")
+        plain = cells.str.replace(",", ".", regex=False) if decimal == "," else cells
+        plain = plain.mask(odd, "x").mask(cells == "", "nan")
     try:
         values = plain.to_numpy(dtype=float)
     except ValueError:
         place = next(place for place, text in enumerate(plain) if not _is_number(text) or "," in text)
-        text = texts.iloc[place]
-        stamp = "; write times as numbers or as ISO dates such as 2026-03-01T12:00:00.125" if ":" in text else ""
-        raise InputError(
-            f"{path}, column {column}, row {rows[place]}: '{_shortened(text)}' is not a number; "
-            f"correct it, or leave the cell empty where nothing was measured{stamp}"
-        ) from None
-    return _finite(path, column, values, rows)
-
-
-def _finite(path: Path, column: str, values: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    if (infinite := np.flatnonzero(np.isinf(values))).size:
-        raise InputError(
-            f"{path}, column {column}, row {rows[infinite[0]]}: is infinite; correct it, or leave the cell empty "
-            "where nothing was measured"
-        )
+        text = cells.iloc[place]
+        if ":" in text:
+            fix += "; write times as numbers or as ISO dates such as 2026-03-01T12:00:00.125"
+        elif decimal == "," and "." in text:
+            fix += "; other numbers have a decimal comma: write one mark throughout"
+        raise InputError(f"{where} {cells.index[place]}: '{_shortened(text)}' is not a number; {fix}") from None
+    if (infinite := cells.index[np.isinf(values)]).size:
+        raise InputError(f"{where} {infinite[0]}: is infinite; {fix}")
     return values
 
 
-def _parquet(path: Path, wanted: Sequence[str], clock: str) -> Columns:
+def _parquet(path: Path, wanted: Sequence[str], clock: str) -> pd.DataFrame:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if is_as_written(path) is False:
-        raise _unreadable(path, "its bytes are not those that were written")
     try:
-        headings = pq.read_schema(path).names
+        file = pq.ParquetFile(path, page_checksum_verification=True)
+        table = file.read(columns=[name for name in wanted if name in file.schema_arrow.names])
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise _unreadable(path, error) from error
-    _check_headings(str(path), headings, wanted)
-    try:
-        table = pq.read_table(path, columns=list(wanted), page_checksum_verification=True)
-        values, dates = {}, None
-        for column in wanted:
-            kind = table.schema.field(column).type
-            if column == clock and pa.types.is_timestamp(kind):
-                dates = _seconds(path, column, table.column(column).to_pandas(), np.arange(1, table.num_rows + 1))
-                values[column] = np.full(table.num_rows, np.nan) if dates is None else dates[0]
-                continue
-            if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
-                raise InputError(f"{path}, column {column}: holds {kind}, not numbers; write it as numbers")
-            numbers = table.column(column).cast(pa.float64(), safe=False)
-            values[column] = numbers.to_numpy().astype(float)
-    except (pa.ArrowException, OSError) as error:
-        raise _unreadable(path, error) from error
-    rows = np.arange(1, table.num_rows + 1)
-    values = {column: _finite(path, column, numbers, rows) for column, numbers in values.items()}
-    return Columns(values, rows, {}, (dates[1],) if dates else (), is_dated=dates is not None)
-
-
-def _unreadable(path: Path, error: Exception | str) -> InputError:
-    return InputError(f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write the file again")
+        raise InputError(f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write it again") from error
+    _check_headings(str(path), file.schema_arrow.names, wanted)
+    columns = {}
+    for column in wanted:
+        cells, kind = table.column(column), table.schema.field(column).type
+        if pa.types.is_decimal(kind):
+            cells = cells.cast(pa.float64())
+        elif column == clock and pa.types.is_timestamp(kind) and cells.null_count < len(cells):
+            pass  # dates
+        elif not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+            raise InputError(f"{path}, column {column}: holds {kind}, not numbers; write it as numbers")
+        columns[column] = cells.to_pandas()
+    return pd.DataFrame(columns).set_index(pd.RangeIndex(1, table.num_rows + 1))
 
 
 def _shortened(text: str) -> str:
