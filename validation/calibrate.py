@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear
 
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.problem import Noise, whiten
-from jointgap.rig.settings import DEFAULT_SETTINGS
+from jointgap.rig.model import LASTING_DAMPING_FACTOR
 from validation.effects import InjectedEffect
 from validation.rig import CrankRun, InjectedEffects, Numerics, VirtualRig, noise_free_readings, with_nuisances
 
@@ -101,7 +101,7 @@ class Calibrator:
         free = {
             key: (rig.nuisance_values[key], *bounds) for key, bounds in rig.nuisance_bounds.items() if key != "speed"
         }
-        reach = math.log(DEFAULT_SETTINGS.nuisances.lasting_damping_factor)
+        reach = math.log(LASTING_DAMPING_FACTOR)
         for joint in rig.loose:
             key = f"lasting_damping_{joint}"
             free[key] = (rig.nuisance_values.get(key, 0.0), -reach, reach)

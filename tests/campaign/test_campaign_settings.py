@@ -8,9 +8,7 @@ from benchmarks.project import ROOT
 from jointgap.campaign import stages
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.state import CampaignState
-from jointgap.core.errors import InputError
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.rig.settings import DEFAULT_SETTINGS as MODEL_SETTINGS
 
 DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 
@@ -65,24 +63,16 @@ def test_intervals_of_a_confirmation_come_from_as_many_samples_as_the_settings_s
     assert widths[400] > 0.0
 
 
-def test_an_analysis_checks_recordings_by_the_limits_that_it_is_given(tmp_path):
-    limits = replace(MODEL_SETTINGS.recordings, min_samples=10**6)
-    with pytest.raises(InputError, match="samples are too few"):
-        analyse(DEMONSTRATION, tmp_path, model_settings=replace(MODEL_SETTINGS, recordings=limits))
-
-
-def test_an_analysis_gives_its_settings_to_the_model_and_to_every_problem(tmp_path, monkeypatch):
+def test_an_analysis_gives_its_settings_to_every_stage(tmp_path, monkeypatch):
     given = with_changed("decision", min_delta_bic=20.0)
-    of_model = replace(MODEL_SETTINGS, simulation=replace(MODEL_SETTINGS.simulation, tolerance_m=1e-9))
 
     class Reached(Exception):
         pass
 
     def check(state, **_):
         assert state.settings is given
-        assert state.model.settings is of_model
         raise Reached
 
     monkeypatch.setitem(stages.CAMPAIGN_STAGES, "noise", replace(stages.CAMPAIGN_STAGES["noise"], function=check))
     with pytest.raises(Reached):
-        analyse(DEMONSTRATION, tmp_path, settings=given, model_settings=of_model)
+        analyse(DEMONSTRATION, tmp_path, settings=given)

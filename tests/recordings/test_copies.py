@@ -11,7 +11,6 @@ from jointgap.config.load import load_campaign
 from jointgap.core.csv_files import Columns
 from jointgap.core.errors import InputError
 from jointgap.rig.read_files import check_copies, read_measurements
-from jointgap.rig.settings import DEFAULT_LIMITS
 from tests.recordings.rig import CAMPAIGN, table, write_rig
 
 SAME_SPEED = [run | {"speed": "200 rpm"} for run in CAMPAIGN["runs"]]
@@ -66,7 +65,7 @@ def test_runs_that_are_rounded_until_cycles_are_alike_are_no_copies_of_each_othe
     values = {"theta": angle, "x": np.round(np.cos(np.radians(angle)), 2)}
     columns = Columns(values, np.arange(angle.size), {})
     files = {run: (SimpleNamespace(path=f"{run}.csv"), columns) for run in ("slow", "fast")}
-    check_copies(files, DEFAULT_LIMITS)
+    check_copies(files)
 
 
 def test_two_runs_at_one_speed_from_another_angle_are_no_copies(tmp_path):

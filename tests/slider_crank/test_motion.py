@@ -1,6 +1,5 @@
 """Motion at the samples: where revolutions repeat one stands for all, and next to no change changes next to nothing."""
 
-from dataclasses import replace
 from itertools import chain, repeat
 
 import numpy as np
@@ -13,12 +12,11 @@ from jointgap.rig import channels as motion
 from jointgap.rig.drives import constant_speed_run, measured_drive
 from jointgap.rig.model import build_model
 from jointgap.rig.sampling import planned_grid
-from jointgap.rig.settings import DEFAULT_SETTINGS, SampleGridSettings
 from jointgap.rig.simulate_run import with_effects
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 TURN = 2 * np.pi
-TOLERANCE = DEFAULT_SETTINGS.simulation.tolerance_m
+TOLERANCE = motion.TOLERANCE
 SEEN = ("slider_acceleration", "crank_torque", "guide_force", "frame_force_y")
 
 
@@ -151,11 +149,12 @@ def test_a_motion_that_does_not_settle_is_simulated_as_long_as_the_record_from_w
     assert found["time"] == pytest.approx((run.angles - run.numbers.drive.start_angle) / run.numbers.drive.speed)
 
 
-def test_a_search_gives_up_a_motion_of_more_steps_than_plain_ones_have():
-    run, few = driven(("crank_pin",)), replace(DEFAULT_SETTINGS.simulation, fast_steps_per_revolution=10)
-    motion.channels_at(run.numbers, run.angles, TOLERANCE, settings=few)
+def test_a_search_gives_up_a_motion_of_more_steps_than_plain_ones_have(monkeypatch):
+    run = driven(("crank_pin",))
+    monkeypatch.setattr(motion, "FAST_STEPS_PER_REVOLUTION", 10)
+    motion.channels_at(run.numbers, run.angles, TOLERANCE)
     with pytest.raises(SimulationError, match="more than"):
-        motion.channels_at(run.numbers, run.angles, TOLERANCE, settings=few, fast=True)
+        motion.channels_at(run.numbers, run.angles, TOLERANCE, fast=True)
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.2, 1.0, np.pi])
@@ -228,10 +227,9 @@ def test_a_film_answers_smoothly_to_a_mass():
 
 def test_an_even_record_is_led_in_and_out_at_every_speed():
     """The sample that ends a revolution comes to lie on the one that begins the next, but for rounding."""
-    short = SampleGridSettings(planned_samples_per_revolution=24, planned_revolutions=2)
     speeds = np.pi / 30 * np.concatenate([np.arange(30.0, 601.0, 10.0), np.geomspace(10.0, 6000.0, 20), [106.9, 500.0]])
     for speed in speeds:
-        drive = measured_drive(planned_grid(speed, 0.3, True, settings=short), 0.0, None, 1)
+        drive = measured_drive(planned_grid(speed, 0.3, True, 2, 24), 0.0, None, 1)
         assert np.diff(drive.table[:, 0]).min() > 0.9 * TURN / speed / 24
         np.testing.assert_allclose(drive.table[:, 5], speed, rtol=1e-6)
         assert drive.begin == pytest.approx(TURN / speed)

@@ -1,7 +1,5 @@
 """Chaotic runs: what stands for their samples."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -9,13 +7,11 @@ from jointgap.core.joints import PINS
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements, Recording
 from jointgap.rig.sampling import sample_grid
-from jointgap.rig.settings import DEFAULT_SETTINGS
 from jointgap.rig.simulate_run import RunPlan, channels_read
-from jointgap.rig.statistics import ChaoticRun, CycleStatistics, cycle_variance, measured_statistics, persistence
+from jointgap.rig.statistics import BINS, ChaoticRun, CycleStatistics, cycle_variance, measured_statistics, persistence
 from tests.slider_crank.rigs import campaign, mechanism
 
 TURN = 2 * np.pi
-BINS = DEFAULT_SETTINGS.statistics.bins
 NOISE = {"slider_position": 1e-3, "slider_acceleration": 2.0, "crank_torque": 0.1}
 
 
@@ -118,7 +114,7 @@ def test_errors_of_measured_statistics_are_those_of_a_mean_of_cycles_and_of_the_
     own, count = with_flat_courses(k=(1e9, 1e9)), 2 * 2 * BINS
     random = np.random.default_rng(0)
     simulated, persistent, error = random.uniform(1.0, 2.0, (3, count))
-    chaotic = ChaoticRun(SimpleNamespace(settings=DEFAULT_SETTINGS), own, simulated, persistent, 3, error, {})
+    chaotic = ChaoticRun(None, own, simulated, persistent, 3, error, {})
     angle = (np.arange(cycles * 96) + 0.5) * (TURN / 96)
     measured = {name: random.normal(size=angle.size) for name in own.channels}
     rows = own.cycles(angle, list(measured.values()))

@@ -20,7 +20,6 @@ from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM, DECISION, LOOK_ALIKES
 from jointgap.core.stage import Stage
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.rig.settings import SliderCrankSettings
 
 # the optimum is no part of the verdict, which is concluded here without its figures
 _LEFT_OUT = ("reoptimise", "conclude", "track-campaign")
@@ -31,12 +30,11 @@ def analyse(
     campaign: Path | str,
     folder: Path | str,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
-    model_settings: SliderCrankSettings | None = None,
     pictures: bool = False,
     anyway: bool = False,
 ) -> dict[str, Any]:
     """Find where model and measurement of a campaign disagree and what is missing."""
-    state, seconds = CampaignState(Path(campaign), Path(folder), settings, model_settings), {}
+    state, seconds = CampaignState(Path(campaign), Path(folder), settings), {}
     made_from = [CAMPAIGN_STAGES[name] for name in CAMPAIGN_STAGES.needed_for("confirm")]
     adding = [stage for name, stage in CAMPAIGN_STAGES.items() if stage not in made_from and name not in _LEFT_OUT]
     stages = [*made_from, *adding]

@@ -713,7 +713,7 @@ def _separated_by(state: CampaignState, equivalent: list[Fit]) -> str:
         return ""
     folder = state.folder
     if not folder.place("advice").is_file():
-        of_preflight = state.campaign, state.false_alarm_rate, state.settings, state.model_settings
+        of_preflight = state.campaign, state.false_alarm_rate, state.settings
         folder.write_all(preflight_tables_with_advice(*of_preflight))
     explanations = [{candidate.label for candidate in fit.hypothesis} for fit in equivalent]
     return separated_by(folder.read("advice"), explanations, confusable_groups(folder.read("confusability")))

@@ -2,8 +2,8 @@
 
 Of runs whose files are there as many samples and (where the motion is chaotic) revolutions count as these hold; and
 where a motor or a measured angle drives, and all files are there, how the crank turned. Nothing else that was measured
-is looked at. Others are planned with
-`jointgap.rig.settings.SampleGridSettings`."""
+is looked at. Others are planned as in
+`jointgap.rig.sampling`."""
 
 import math
 import os
@@ -34,8 +34,6 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSet
 from jointgap.rig.model import build_model
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.recording import Measurements, Recording
-from jointgap.rig.settings import DEFAULT_SETTINGS as DEFAULT_MODEL_SETTINGS
-from jointgap.rig.settings import SliderCrankSettings
 
 _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried [1, of the fastest and of the slowest]: far enough to change what inertia hides."""
@@ -48,13 +46,12 @@ def preflight_tables(
     campaign: Campaign,
     rate: float,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
-    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
 ) -> dict[str, pd.DataFrame]:
     """What the campaign's speeds and channels can show."""
     campaign, recordings = recorded(campaign)
-    model = _as_recorded(campaign, recordings, model_settings)
+    model = _as_recorded(campaign, recordings)
     if model is None:
-        model = build_model(campaign, None, revolutions(campaign, recordings), model_settings)
+        model = build_model(campaign, None, revolutions(campaign, recordings))
     return _frames(preflight(model, None, rate, counts(model, recordings), settings))
 
 
@@ -62,7 +59,6 @@ def preflight_tables_with_advice(
     campaign: Campaign,
     rate: float,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
-    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
 ) -> dict[str, pd.DataFrame]:
     """As `preflight_tables`, and table `ADVICE`: which one further speed or channel would help most."""
     campaign, recordings = recorded(campaign)
@@ -72,12 +68,12 @@ def preflight_tables_with_advice(
         for_fitting = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
         recordings |= {run.id: for_fitting for run in more.runs[len(campaign.runs) :]}
     lengths = revolutions(more, recordings)
-    plan, wider = (build_model(each, None, lengths, model_settings) for each in (campaign, more))
+    plan, wider = (build_model(each, None, lengths) for each in (campaign, more))
     wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
     planned = [series.key for series in plan.series]
     shown_now, changes = advise(wider, planned, None, rate, counts(wider, recordings), settings)
     joined = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
-    measured = _as_recorded(campaign, recordings, model_settings)
+    measured = _as_recorded(campaign, recordings)
     if measured is not None:
         shown_now = preflight(measured, None, rate, counts(measured, recordings), settings)
     return _frames(shown_now) | {"advice": changes.assign(**joined)}
@@ -86,7 +82,6 @@ def preflight_tables_with_advice(
 def look_alikes_table(
     campaign: Campaign,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
-    model_settings: SliderCrankSettings = DEFAULT_MODEL_SETTINGS,
 ) -> pd.DataFrame:
     """Which joints that could have become loose look alike by features of the cycle: table
     `LOOK_ALIKES`.
@@ -94,18 +89,13 @@ def look_alikes_table(
     In the runs for fitting, four revolutions of each.
     """
     for_fitting = {"runs": tuple(run for run in campaign.runs if run.role != "confirm")}
-    plan, wider = (
-        build_model(each.model_copy(update=for_fitting), None, None, model_settings)
-        for each in (campaign, extended(campaign))
-    )
+    plan, wider = (build_model(each.model_copy(update=for_fitting)) for each in (campaign, extended(campaign)))
     noise = numerics_noise(wider, {}, assumed_noise(wider, settings.detectability)[0], settings.noise)
     found = look_alikes(wider, [series.key for series in plan.series], noise, settings)
     return found.assign(parted_by=found["parted_by"].map(", ".join))
 
 
-def _as_recorded(
-    campaign: Campaign, recordings: Mapping[str, Recording], model_settings: SliderCrankSettings
-) -> Model | None:
+def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Model | None:
     """The model with the motion that was recorded, where that is known and is not that of a plan.
 
     A plan's crank turns evenly; one that a motor turns, or whose angle was measured, does not, and its inertia tells
@@ -114,7 +104,7 @@ def _as_recorded(
     runs = [run.id for run in campaign.runs]
     if campaign.drive == "constant_speed" or any(run not in recordings for run in runs):
         return None
-    return build_model(campaign, Measurements({run: recordings[run] for run in runs}), settings=model_settings)
+    return build_model(campaign, Measurements({run: recordings[run] for run in runs}))
 
 
 def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:

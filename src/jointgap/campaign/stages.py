@@ -76,7 +76,7 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     from jointgap.rig.recording import to_frame
 
     folder = state.folder
-    read = read_measurements(state.campaign, state.recording_limits)
+    read = read_measurements(state.campaign)
     odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)]
     state.measurements = replace(read, remarks=(*read.remarks, *odd))
     folder.write(CONFIG_SNAPSHOT, config_snapshot(state.campaign))
@@ -116,10 +116,10 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     )
 
     frames = (preflight_tables_with_advice if advice else preflight_tables)(
-        state.campaign, state.false_alarm_rate, state.settings, state.model_settings
+        state.campaign, state.false_alarm_rate, state.settings
     )
     if advice:
-        frames["look_alikes"] = look_alikes_table(state.campaign, state.settings, state.model_settings)
+        frames["look_alikes"] = look_alikes_table(state.campaign, state.settings)
     state.folder.write_all(frames)
     told = (DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES)
     return preflight_in_words(*(frames[table.name] for table in told)) if advice else ""

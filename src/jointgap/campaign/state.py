@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from jointgap.identification.problem import Problem
     from jointgap.identification.thresholds import Screening
     from jointgap.rig.recording import Measurements
-    from jointgap.rig.settings import RecordingLimits, SliderCrankSettings
 
 Noise = dict[tuple[str, str], "NoiseEstimate"]
 """Noise of every series, by run and channel."""
@@ -45,9 +44,8 @@ class CampaignState:
         campaign: Path,
         folder: Path | None = None,
         settings: IdentificationSettings = DEFAULT_SETTINGS,
-        model_settings: "SliderCrankSettings | None" = None,
     ):
-        self.settings, self._model_settings = settings, model_settings
+        self.settings = settings
         self.file, self.campaign = campaign, load_campaign(campaign)
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
         inputs = (
@@ -58,20 +56,6 @@ class CampaignState:
         results = (table.path for table in TABLES.values() if "{" not in table.path)
         self.folder.check_apart(inputs, (*filter(None, results), MECHANISM, VERDICT, *SUMMARIES))
 
-    @property
-    def model_settings(self) -> "SliderCrankSettings":
-        """Tuned numbers of the slider-crank model."""
-        from jointgap.rig.settings import DEFAULT_SETTINGS
-
-        return self._model_settings or DEFAULT_SETTINGS
-
-    @property
-    def recording_limits(self) -> "RecordingLimits":
-        """Those of the model's settings by which recordings are checked."""
-        from jointgap.rig.settings import DEFAULT_LIMITS
-
-        return self._model_settings.recordings if self._model_settings else DEFAULT_LIMITS
-
     @cached_property
     def clockwise(self) -> frozenset[str]:
         """The runs whose crank turns clockwise."""
@@ -81,8 +65,7 @@ class CampaignState:
     def measurements(self) -> "Measurements":
         """What the stage measure read."""
         from jointgap.campaign.campaign_files import check_unchanged
-        from jointgap.rig.contradictions import Contradiction
-        from jointgap.rig.recording import from_frame
+        from jointgap.rig.recording import Contradiction, from_frame
 
         check_unchanged(self.campaign, self.folder.read(CONFIG_SNAPSHOT))
         remarks = tuple(self.folder.read(REMARKS)["remark"])
@@ -96,7 +79,7 @@ class CampaignState:
 
     def check_agreement(self) -> None:
         """Make sure that channels do not contradict each other before hours of work."""
-        from jointgap.rig.contradictions import sentences
+        from jointgap.rig.recording import sentences
 
         if found := [one for one in self.measurements.contradictions if one.stops]:
             raise InputError(
@@ -119,7 +102,7 @@ class CampaignState:
         """The rig's model with the measured data."""
         from jointgap.rig.model import build_model
 
-        return build_model(self.campaign, self.measurements, settings=self.model_settings)
+        return build_model(self.campaign, self.measurements)
 
     @cached_property
     def library(self) -> "list[Candidate]":

@@ -15,19 +15,35 @@ from jointgap.dynamics.integrate import beginning
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.simulate import IntegrationResult, integrate_on, start_state
-from jointgap.rig.settings import DEFAULT_SETTINGS, SimulationSettings
 
 Columns = Mapping[str, np.ndarray]
 """Channels of a motion (n,), by column."""
 
+# [m] Local error of a step. Whitened channels of loose pins with friction are then rough by some hundredths in length,
+# over all samples; 1e-9 saves a sixth of the time and is ten to thirty times as rough, so that fits do not converge
+TOLERANCE = 1e-10
+FAST_TOLERANCE = 1e-8  # [m] The same for a search, which needs the energy of impacts, not their phase
+FILM_TOLERANCE = 1e-11  # [m] The same where a joint is lubricated: films are stiff, steps are short anyway
+# Limit of a search: plain motions take 1000 to 4000, whirling journals ten times as many. With 6000 the truth itself
+# was given up in trials with a hidden clearance
+FAST_STEPS_PER_REVOLUTION = 12_000
+# [1] A revolution stands for all later ones if what is read changed by less than this, over the noise and all samples
+SETTLED_LENGTH = 1.0
+SETTLED_AFTER = (3, 12)  # Least and most revolutions dropped before the one that is kept
+FAST_SETTLED_AFTER = (3, 6)  # The same for a search: of the points that settle 87 to 92 % do so with six
+COMPARED_SAMPLES = 120  # Samples of a revolution that are compared: each costs about as much as a step
+TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier than this after the start is simulated in full
 
-def tolerance_for(
-    mechanism: Mechanism, settings: SimulationSettings = DEFAULT_SETTINGS.simulation, fast: bool = False
-) -> float:
+
+def tolerance_for(mechanism: Mechanism, usual: float = TOLERANCE) -> float:
     """Local error of a step [m] for a fit: smaller where steps would jump over the contacts of a small clearance."""
     film = any(mechanism.effect("lubricated_joint", joint) for joint in mechanism.loose)
-    usual = settings.film_tolerance_m if film else settings.fast_tolerance_m if fast else settings.tolerance_m
-    return min([usual, *(TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose)])
+    return min(
+        [
+            FILM_TOLERANCE if film else usual,
+            *(TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose),
+        ]
+    )
 
 
 def options_of(speed: float, start_angle: float, tolerance: float, **drive) -> Simulate:
@@ -46,9 +62,7 @@ def prescribed_angles(p, times):
     return angles
 
 
-def has_settled(
-    earlier: Columns, before: Columns, last: Columns, change: Callable[[Columns, Columns], float], length: float
-) -> bool:
+def has_settled(earlier: Columns, before: Columns, last: Columns, change: Callable[[Columns, Columns], float]) -> bool:
     """Whether the last of three revolutions is near the one before it, and near to where they go.
 
     Where each change is z times the one before it, and z turns its phase too, as a mode that rings does, the last
@@ -57,10 +71,10 @@ def has_settled(
     which has no direction, as itself.
     """
     changed = change(before, last)
-    if changed >= length:
+    if changed >= SETTLED_LENGTH:
         return False
     continued = {name: 2.0 * before[name] - earlier[name] for name in last}
-    return changed**2 <= length * change(continued, last)
+    return changed**2 <= SETTLED_LENGTH * change(continued, last)
 
 
 def channels_at(
@@ -68,7 +82,6 @@ def channels_at(
     angles: np.ndarray,
     tolerance: float,
     perturbation: np.ndarray | None = None,
-    settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
     change: Callable[[Columns, Columns], float] | None = None,
     read: int | None = None,
     fast: bool = False,
@@ -76,7 +89,7 @@ def channels_at(
     """All channels at crank angles, by column of `jointgap.dynamics.sampling`, with the ``time`` [s]."""
     if _is_kinematic(p):
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
-    most_steps = settings.fast_steps_per_revolution if fast else None
+    most_steps = FAST_STEPS_PER_REVOLUTION if fast else None
     progress = beginning(p, *start_state(p, perturbation), 0.0)
 
     def integrate(sorted_angles: np.ndarray) -> IntegrationResult:
@@ -85,20 +98,20 @@ def channels_at(
         return motion
 
     back = (angles.min() - p.drive.start_angle) / tau
-    if change is None or perturbation is not None or not _may_repeat(p) or back <= settings.transient_revolutions:
+    if change is None or perturbation is not None or not _may_repeat(p) or back <= TRANSIENT_REVOLUTIONS:
         return _sampled(p, angles, integrate)
     # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
     whole_record = {"crank_angle": angles, "time": _times(p, angles)}
-    dropped_revolutions = settings.fast_settled_after if fast else settings.settled_after
+    dropped_revolutions = FAST_SETTLED_AFTER if fast else SETTLED_AFTER
     first, last = (max(dropped, round(back)) for dropped in dropped_revolutions)
-    compared = _spread(within[:read], settings.compared_samples)
+    compared = _spread(within[:read], COMPARED_SAMPLES)
     earlier = _sampled(p, within[compared] + (first - 2) * tau, integrate)
     before = _sampled(p, within[compared] + (first - 1) * tau, integrate)
     for dropped in range(first, last + 1):
         motion = _sampled(p, within + dropped * tau, integrate)
         now = {name: values[compared] for name, values in motion.items()}
-        if has_settled(earlier, before, now, change, settings.settled_length):
+        if has_settled(earlier, before, now, change):
             return motion | whole_record
         earlier, before = before, now
     later = (last + 1 - math.floor(back)) * tau  # so much later it has settled at least this far

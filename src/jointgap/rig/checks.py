@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from math import sqrt, tau
+from math import pi, sqrt, tau
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +10,37 @@ import numpy as np
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import channel_factor
 from jointgap.core.errors import InputError, UnusableRun
-from jointgap.rig.settings import DEFAULT_LIMITS, RecordingLimits
+
+# Limits that noise, steps of an encoder and impacts stay within, and mistaken units and columns do not
+MIN_SAMPLES = 12  # A run and each of its channels need this many values
+MIN_REVOLUTIONS = 1.0 - 1e-3  # One, less what rounding takes off
+MIN_SAMPLES_PER_REVOLUTION = 4.0  # Fewer cannot tell whether the angle rises or falls
+# [1] Mean speed over nominal speed beyond which something other than the speed is wrong, by drive
+SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
+SPEED_TOLERANCE = 0.2  # [1] So near to the run's speed does the unit come that is proposed
+CLIPPED_COUNT, CLIPPED_SHARE = 5, 0.01  # [samples], [1] An extreme value that occurs less often may be chance
+CLIPPED_EXCESS = 6.0  # [1] So often as the value next to it
+NO_DATA_RANGES = 10.0  # [1, range of all others] So far from them does a value stand for 'no data'
+STUCK_COUNT, STUCK_EXCESS = 10, 8.0  # [samples], [1, of the longest other row of equal values]
+STUCK_TURN = 0.1  # [rad] So far has the crank to turn meanwhile: with the crank at rest all stands still
+OUTLIER_INTERQUARTILE_RANGES = 300.0  # [1] A value farther from the median is doubted
+ANGLE_OUTLIER = 0.1  # [rad] A crank angle that misses the line between its neighbours by more is doubted
+ANGLE_OUTLIER_MEDIANS = 15.0  # [1, median distances] It has to miss by this much more than usual too
+UNSTEADY_SHARE, UNSTEADY_STANDARD_ERRORS = 0.01, 5.0  # [1] From such a variation of the speed on it is remarked
+STANDSTILL_WINDOW = 0.25 * pi  # [rad] In the time of so much at nominal speed a crank that stands still turns
+STANDSTILL_SHARE = 0.02  # [1] less than this share of it
+TURNED_BACK_SHARE = 0.1  # [1, of the nominal speed] So fast it turns again, or back
+TURNING_SHARE = 0.1  # [1, of the record] At least so long the crank turns at about its nominal speed
 
 
-def clipped(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> str | None:
+def clipped(values: np.ndarray) -> str | None:
     """What is wrong with a channel many of whose samples stand at its largest or smallest value; None if nothing is."""
     ordered = np.sort(values[np.isfinite(values)])
-    starts = np.flatnonzero(np.diff(ordered, prepend=-np.inf) > limits.clipped_width * np.ptp(ordered))
+    starts = np.flatnonzero(np.diff(ordered, prepend=-np.inf) > 1e-9 * np.ptp(ordered))
     levels, counts = ordered[starts], np.diff(starts, append=ordered.size)
     for level, count, next_count in ((levels[-1], counts[-1], counts[-2]), (levels[0], counts[0], counts[1])):
-        share = limits.clipped_share * counts.sum()
-        if count >= max(limits.clipped_count, share, limits.clipped_excess * next_count):
+        share = CLIPPED_SHARE * counts.sum()
+        if count >= max(CLIPPED_COUNT, share, CLIPPED_EXCESS * next_count):
             return (
                 f"is clipped: {count} of {counts.sum()} samples are {level:.6g} in SI units, an extreme; "
                 "what lies beyond was not measured, so leave these cells empty"
@@ -28,19 +48,19 @@ def clipped(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> str
     return None
 
 
-def no_data(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np.ndarray:
+def no_data(values: np.ndarray) -> np.ndarray:
     """Indices of samples that all have one extreme value far from the others, such as -9999 for 'no data'."""
     finite = values[np.isfinite(values)]
     for level in (finite.min(), finite.max()) if finite.size else ():
         others = finite[finite != level]
-        if finite.size - others.size < limits.no_data_count or others.size < limits.min_samples:
+        if finite.size - others.size < 2 or others.size < MIN_SAMPLES:
             continue
-        if np.abs(others - level).min() > limits.no_data_ranges * np.ptp(others) > 0.0:
+        if np.abs(others - level).min() > NO_DATA_RANGES * np.ptp(others) > 0.0:
             return np.flatnonzero(values == level)
     return np.empty(0, dtype=int)
 
 
-def stuck(values: np.ndarray, turned: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> slice | None:
+def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
     """The samples in a row at which a channel stands still while the crank turns; None where it does not.
 
     Where it stands still once a revolution that is the motion's doing, or the channel is clipped.
@@ -51,12 +71,12 @@ def stuck(values: np.ndarray, turned: np.ndarray, limits: RecordingLimits = DEFA
     first, length = int(starts[longest]), int(lengths[longest])
     here = values[starts] == values[first]
     usual = int(lengths[~here].max(initial=0))
-    if length < max(limits.stuck_count, limits.stuck_excess * usual):
+    if length < max(STUCK_COUNT, STUCK_EXCESS * usual):
         return None
     meanwhile = _range(turned[first : first + length])
     times = np.count_nonzero(here & (lengths > length / 2))
     recurs = times >= max(2.0, _range(turned) / tau / 2.0) and meanwhile < tau
-    return None if recurs or meanwhile < limits.stuck_turn_rad else slice(first, first + length)
+    return None if recurs or meanwhile < STUCK_TURN else slice(first, first + length)
 
 
 def _range(values: np.ndarray) -> float:
@@ -64,16 +84,16 @@ def _range(values: np.ndarray) -> float:
     return float(np.ptp(finite)) if finite.size else 0.0
 
 
-def outliers(values: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np.ndarray:
+def outliers(values: np.ndarray) -> np.ndarray:
     """Indices of values so far from all others that they may stand for something else, such as 'no data'."""
     low, median, high = np.nanpercentile(values, (25.0, 50.0, 75.0))
     if not high > low:
         return np.empty(0, dtype=int)
     with np.errstate(invalid="ignore"):
-        return np.flatnonzero(np.abs(values - median) > limits.outlier_interquartile_ranges * (high - low))
+        return np.flatnonzero(np.abs(values - median) > OUTLIER_INTERQUARTILE_RANGES * (high - low))
 
 
-def angle_outliers(time: np.ndarray, angle: np.ndarray, limits: RecordingLimits = DEFAULT_LIMITS) -> np.ndarray:
+def angle_outliers(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Indices of crank angles far off the line between their neighbours, and farther than the scatter of all others."""
     finite = np.flatnonzero(np.isfinite(angle))
     before, here, after = finite[:-2], finite[1:-1], finite[2:]
@@ -81,26 +101,19 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray, limits: RecordingLimits 
     away = np.abs(angle[here] - (1.0 - share) * angle[before] - share * angle[after])
     if not here.size:
         return here
-    return here[away > _odd(away, limits)]
+    return here[away > max(ANGLE_OUTLIER, ANGLE_OUTLIER_MEDIANS * float(np.median(away)))]
 
 
-def _odd(away: np.ndarray, limits: RecordingLimits) -> float:
-    """How far [rad] a crank angle has to be off the line between its neighbours, by how far (n,) [rad] all are."""
-    return max(limits.angle_outlier_rad, limits.angle_outlier_medians * float(np.median(away)))
-
-
-def lasting_step(
-    time: np.ndarray, angle: np.ndarray, speed: float, limits: RecordingLimits = DEFAULT_LIMITS
-) -> tuple[int, float] | None:
+def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int, float] | None:
     """The first sample after a step of the angle that stays, and its size [rad]; None where there is none."""
-    odd = angle_outliers(time, angle, limits)
+    odd = angle_outliers(time, angle)
     if not odd.size:
         return None
     finite = np.flatnonzero(np.isfinite(angle))
     t, a, places = time[finite], angle[finite], np.searchsorted(finite, odd)
     usual = float(np.median(np.diff(t)))
     speeds = np.diff(a) / np.diff(t)
-    low, high = (ratio * speed for ratio in limits.speed_ratios["motor"])
+    low, high = (ratio * speed for ratio in SPEED_RATIOS["motor"])
     for group in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
         before, after = group[0] - 1, group[-1] + 1
         # a step has two sides; the neighbours of a wrong sample may be odd too, by half of it
@@ -111,7 +124,7 @@ def lasting_step(
             continue
         lapse = t[after] - t[before]
         step = a[after] - a[before] - float(np.median(beside)) * lapse
-        if abs(step) > 2.0 * max(limits.angle_outlier_rad, float(np.ptp(beside)) * lapse):
+        if abs(step) > 2.0 * max(ANGLE_OUTLIER, float(np.ptp(beside)) * lapse):
             largest = before + int(np.argmax(np.abs(speeds[before:after] - np.median(beside))))
             return int(finite[largest + 1]), float(step)
     return None
@@ -149,31 +162,44 @@ def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, 
     return 0.5 * float(np.ptp(speed)), over, sd * sqrt(2.0) / tau, strongest
 
 
-def standstill(
-    time: np.ndarray, angle: np.ndarray, speed: float, limits: RecordingLimits = DEFAULT_LIMITS
-) -> tuple[float, float, bool] | None:
+def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
+    """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles."""
+    rising = np.maximum.accumulate(angle)
+    after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
+    here = np.flatnonzero((after > 0) & (after < rising.size))
+    after = after[here]
+    step = rising[after] - rising[after - 1]
+    share = np.divide(rising[here] + tau - rising[after - 1], step, out=np.ones(step.shape), where=step > 0.0)
+    share = np.clip(share, 0.0, 1.0)
+    later = np.where(share < 1.0, (1.0 - share) * values[after - 1], 0.0) + share * values[after]
+    squares = (values[here] - later) ** 2 / (1.0 + share**2 + (1.0 - share) ** 2)  # interpolated noise is smaller
+    squares = squares[np.isfinite(squares)]
+    return float(np.sqrt(squares.mean())) if squares.size >= 8 else np.nan
+
+
+def standstill(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[float, float, bool] | None:
     """From when to when [s] a crank stands still, and whether it turns back; None where it turns on, or turns so little
     at its nominal speed that something else must be wrong.
     """
     finite = np.isfinite(angle)
-    finite[angle_outliers(time, angle, limits)] = False
+    finite[angle_outliers(time, angle)] = False
     time, angle = time[finite], angle[finite]
-    window = limits.standstill_window_rad / speed
+    window = STANDSTILL_WINDOW / speed
     begins = time[time + window <= time[-1]]
-    ahead = (np.interp(begins + window, time, angle) - angle[: begins.size]) / limits.standstill_window_rad
-    low, high = limits.speed_ratios["constant_speed"]
-    slow = ahead < limits.standstill_share
-    if not slow.any() or np.mean((ahead > low) & (ahead < high)) < limits.turning_share:
+    ahead = (np.interp(begins + window, time, angle) - angle[: begins.size]) / STANDSTILL_WINDOW
+    low, high = SPEED_RATIOS["constant_speed"]
+    slow = ahead < STANDSTILL_SHARE
+    if not slow.any() or np.mean((ahead > low) & (ahead < high)) < TURNING_SHARE:
         return None
     # as far as noise would still let the smooth angle fall
-    turning = np.flatnonzero(ahead > limits.turned_back_share)
+    turning = np.flatnonzero(ahead > TURNED_BACK_SHARE)
     first, place = 0, int(np.argmax(slow))
     if (before := turning[turning < place]).size:
         first = int(before[-1]) + 1
     after = turning[turning > place]
     end = begins[after[0]] + window if after.size else time[-1]
     part = ahead[first : after[0] if after.size else None]
-    return float(begins[first]), float(end), bool(part.min() < -limits.turned_back_share)
+    return float(begins[first]), float(end), bool(part.min() < -TURNED_BACK_SHARE)
 
 
 def unsteady(
@@ -181,7 +207,6 @@ def unsteady(
     run: CampaignRun,
     time: np.ndarray,
     angle: np.ndarray,
-    limits: RecordingLimits = DEFAULT_LIMITS,
 ) -> str | None:
     """What is to be known of a crank that turns unsteadily under the drive constant_speed; None if it does not, or if
     the mechanism lists a fluctuation of the speed.
@@ -191,7 +216,7 @@ def unsteady(
         return None
     within, over, error, order = speed_variation(time, angle)
     half = f"within two turns (most at order {order:g}, as a four-stroke engine's does)"
-    least = max(limits.unsteady_share, limits.unsteady_standard_errors * error)
+    least = max(UNSTEADY_SHARE, UNSTEADY_STANDARD_ERRORS * error)
     told = [
         f"by {100.0 * share:.2g} % either way {where}"
         for share, where in ((within, "within a turn" if order % 1 == 0 else half), (over, "from turn to turn"))
@@ -215,7 +240,6 @@ class RunFile:
 
     campaign: Campaign
     run: CampaignRun
-    limits: RecordingLimits
 
     @property
     def path(self) -> Path:
@@ -276,8 +300,8 @@ def checked_rotation(
     if "time" in values:
         _check_rising(file, time, rows)
         # with an angle the record may turn faster than nominal: `_check_speed` says more
-        fastest = file.limits.speed_ratios[file.campaign.drive][1] if "crank_angle" in values else 1.0
-        _check_time_alone(file, time, file.limits.min_revolutions / fastest)
+        fastest = SPEED_RATIOS[file.campaign.drive][1] if "crank_angle" in values else 1.0
+        _check_time_alone(file, time, MIN_REVOLUTIONS / fastest)
     if "crank_angle" not in values:
         return time, absent, speed * (time - time[0])
     if np.count_nonzero(np.isfinite(angle)) < 2:
@@ -317,17 +341,17 @@ def _check_rising(file: RunFile, time: np.ndarray, rows: np.ndarray) -> None:
 
 def _check_time_alone(file: RunFile, time: np.ndarray, least: float) -> None:
     """Whether times make the `least` revolutions, and enough samples in each, at the nominal speed."""
-    span, limits = time[-1] - time[0], file.limits
+    span = time[-1] - time[0]
     turns = file.run.speed * span * time.size / (time.size - 1) / tau  # the last sample stands for a step too
 
-    def fits(factor: float, least: float = limits.min_revolutions) -> bool:
-        return least <= factor * turns <= time.size / limits.min_samples_per_revolution
+    def fits(factor: float, least: float = MIN_REVOLUTIONS) -> bool:
+        return least <= factor * turns <= time.size / MIN_SAMPLES_PER_REVOLUTION
 
     if not fits(1.0, least):
         fitting = [unit for unit in UNITS["time"] if fits(file.in_unit("time", unit))]
         raise InputError(
             f"{file.place('time')}: {time.size} samples over {span:.4g} s are {turns:.4g} revolutions at the nominal "
-            f"{_rpm(file.run.speed)}; at least one revolution and {limits.min_samples_per_revolution:g} samples in "
+            f"{_rpm(file.run.speed)}; at least one revolution and {MIN_SAMPLES_PER_REVOLUTION:g} samples in "
             f"each are needed; {_proposal(file, 'time', fitting)}"
         )
 
@@ -345,7 +369,7 @@ def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray, rows:
             f"less than half a turn nor a fall by whole turns; {_proposal(file, 'crank_angle', ())}"
         )
     total = angle[-1] - angle[0]
-    if total < -tau * file.limits.min_revolutions / 2:
+    if total < -tau * MIN_REVOLUTIONS / 2:
         raise _turns_back(file, angle)
     _check_enough(file, total, angle.size)
 
@@ -353,12 +377,12 @@ def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray, rows:
 def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray, rows: np.ndarray) -> None:
     """Whether the crank neither stands still nor turns back, and no step of its `angle` stays."""
     campaign, speed = file.campaign, file.run.speed
-    if campaign.drive == "constant_speed" and stuck(angle, speed * time, file.limits) is not None:
+    if campaign.drive == "constant_speed" and stuck(angle, speed * time) is not None:
         return  # an encoder that is stuck, of which more is said
     # a motor may start from rest, which is simulated
-    still = None if campaign.drive == "motor" else standstill(time, angle, speed, file.limits)
+    still = None if campaign.drive == "motor" else standstill(time, angle, speed)
     turns_back = still is not None and still[2]
-    step = lasting_step(time, angle, speed, file.limits) if still is None or turns_back else None
+    step = lasting_step(time, angle, speed) if still is None or turns_back else None
     if step is not None:
         place, size = step
         sign = -1.0 if file.run.direction == "clockwise" else 1.0
@@ -385,7 +409,7 @@ def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray, rows: np
 def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: float) -> None:
     """Whether angles and times make about the run's speed; if not, in which other units they would."""
     nominal = file.run.speed
-    low, high = file.limits.speed_ratios[file.campaign.drive]
+    low, high = SPEED_RATIOS[file.campaign.drive]
     if low * nominal <= speed <= high * nominal:
         return
     if -high * nominal <= speed <= -low * nominal:
@@ -394,7 +418,7 @@ def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: floa
     for unit in UNITS["crank_angle"]:
         angles = file.in_unit("crank_angle", unit) * angle
         in_unit = _mean_speed(time, continuous_angle(time, angles, nominal))
-        if abs(in_unit / nominal - 1.0) < file.limits.speed_tolerance:
+        if abs(in_unit / nominal - 1.0) < SPEED_TOLERANCE:
             fitting.append(unit)
     raise InputError(
         f"{file.place('crank_angle')}: with the column {file.campaign.channels['time'].column} it makes a mean "
@@ -405,12 +429,12 @@ def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: floa
 def _check_enough(file: RunFile, total: float, samples: int) -> None:
     """Whether `samples` over an angle of `total` [rad] hold a revolution, and enough samples in each."""
     turns = total * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample stands for a step too
-    if turns < file.limits.min_revolutions:
+    if turns < MIN_REVOLUTIONS:
         what, fix = (
             f"the crank turns by {math.degrees(total):.4g} deg, less than one revolution",
             "give a longer record",
         )
-    elif samples / turns < (least := file.limits.min_samples_per_revolution):
+    elif samples / turns < (least := MIN_SAMPLES_PER_REVOLUTION):
         what, fix = (
             f"{samples} samples in {turns:.4g} revolutions are fewer than {least:g} a revolution",
             "sample faster",

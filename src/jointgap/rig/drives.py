@@ -22,7 +22,15 @@ from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
 from jointgap.rig.channels import options_of, prescribed_angles
 from jointgap.rig.sampling import SampleGrid
-from jointgap.rig.settings import DEFAULT_SETTINGS, SampleGridSettings, SimulationSettings
+
+SETTLING_REVOLUTIONS = 2  # Simulated before the first sample, so that the transient of the start decays in contacts
+MAX_SETTLING_REVOLUTIONS = 30  # The most, for slow transients (a bending rod, a motor)
+SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
+MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time, every six degrees
+REST_SPEED = 1e-3  # [rad/s] Stands for rest, at which a drive that is parametrised by the crank angle cannot start
+# [1, of the scatter by rounding alone] Up to this scatter of its readings an encoder's step tells how smooth a driving
+# angle is; beyond, a spline that keeps to the step would follow noise
+HARDLY_NOISY = 1.15
 
 
 @dataclass(frozen=True)
@@ -55,14 +63,14 @@ def _turned_before(run: CampaignRun, start: Start, first: float, speed: float) -
     return part + tau * max(round((turned - part) / tau), 0)
 
 
-def _settling_revolutions(mechanism: Mechanism, speed: float, settings: SimulationSettings) -> int:
+def _settling_revolutions(mechanism: Mechanism, speed: float) -> int:
     """Revolutions to simulate before the first sample: more than usual where a bending rod rings for long."""
     bending = mechanism.effect("rod_flexibility")
     if bending is None:
-        return settings.settling_revolutions
+        return SETTLING_REVOLUTIONS
     decay_rate = max(bending.damping_ratio * tau * bending.frequency_Hz, 1e-6)
-    needed = math.ceil(settings.settling_time_constants / decay_rate * speed / tau)
-    return min(max(settings.settling_revolutions, needed), settings.max_settling_revolutions)
+    needed = math.ceil(SETTLING_TIME_CONSTANTS / decay_rate * speed / tau)
+    return min(max(SETTLING_REVOLUTIONS, needed), MAX_SETTLING_REVOLUTIONS)
 
 
 def constant_speed_run(
@@ -72,7 +80,6 @@ def constant_speed_run(
     values: Mapping[str, float],
     offset: float,
     tolerance: float,
-    settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
     earlier: float = 0.0,
 ) -> DrivenRun:
     """A crank of prescribed speed, steady or fluctuating."""
@@ -81,7 +88,7 @@ def constant_speed_run(
     if isinstance(run.start, Start):
         back += _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
-        back += tau * _settling_revolutions(mechanism, speed, settings)
+        back += tau * _settling_revolutions(mechanism, speed)
     if not samples.timed:
         angles = samples.angle + (first - samples.first_angle)
         p = parameters(mechanism, options_of(speed, angles.min() - back, tolerance))
@@ -162,7 +169,6 @@ def measured_drive(
     resolution: float,
     noise: float | None,
     back: int,
-    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
 ) -> MeasuredDrive:
     """A measured angle made smooth, and how far that may be off.
 
@@ -176,7 +182,7 @@ def measured_drive(
     rounding = resolution / math.sqrt(12.0)
     scatter = _scatter(readings, rounding, noise)
     # else a spline that keeps to the step would follow noise
-    stepped = 0.0 < scatter < settings.hardly_noisy * rounding
+    stepped = 0.0 < scatter < HARDLY_NOISY * rounding
     smooth = smooth_angle(time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None)
     begin = -time[0] - back * turn
     if (still := stands_still(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
@@ -263,7 +269,6 @@ def motor_run(
     values: Mapping[str, float],
     offset: float,
     tolerance: float,
-    settings: SimulationSettings = DEFAULT_SETTINGS.simulation,
     earlier: float = 0.0,
 ) -> DrivenRun:
     """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
@@ -272,7 +277,7 @@ def motor_run(
     first = values.get("first_angle", samples.first_angle) - offset
     start_speed, back = speed, 0.0
     if run.start == "at_rest":
-        start_speed = settings.rest_speed_rad_s
+        start_speed = REST_SPEED
     elif isinstance(run.start, Start):
         back = _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
@@ -286,13 +291,13 @@ def motor_run(
             + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
             + reciprocating
         )
-        settling_time = settings.settling_time_constants * inertia * motor.no_load_speed / motor.stall_torque
-        needed = max(settings.settling_revolutions, math.ceil(settling_time * speed / tau))
-        back = tau * min(needed, settings.max_settling_revolutions) + earlier
+        settling_time = SETTLING_TIME_CONSTANTS * inertia * motor.no_load_speed / motor.stall_torque
+        needed = max(SETTLING_REVOLUTIONS, math.ceil(settling_time * speed / tau))
+        back = tau * min(needed, MAX_SETTLING_REVOLUTIONS) + earlier
     p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
     # a little more than the crank turns at no load, the fastest that it can be
     reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, tau)
-    per_revolution = settings.motor_samples_per_revolution
+    per_revolution = MOTOR_SAMPLES_PER_REVOLUTION
     count = math.ceil((back + reach) / tau * per_revolution)
     coarse = p.drive.start_angle + np.arange(count + 1) * (tau / per_revolution)
     angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)

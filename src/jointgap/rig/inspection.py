@@ -9,6 +9,7 @@ import pandas as pd
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import CHANNELS
 from jointgap.core.words import in_words, unit_in_words
+from jointgap.rig.checks import cycle_scatter
 from jointgap.rig.recording import Measurements, Recording
 
 if TYPE_CHECKING:
@@ -90,21 +91,6 @@ def _speed_spread(time: np.ndarray, angle: np.ndarray) -> float:
     passed = np.arange(angle[0], angle[-1] + 1e-9, tau)
     rising = np.maximum.accumulate(angle)  # an encoder's noise may step back
     return float(np.std(tau / np.diff(np.interp(passed, rising, time)), ddof=1)) if passed.size > 2 else np.nan
-
-
-def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
-    """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles."""
-    rising = np.maximum.accumulate(angle)
-    after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
-    here = np.flatnonzero((after > 0) & (after < rising.size))
-    after = after[here]
-    step = rising[after] - rising[after - 1]
-    share = np.divide(rising[here] + tau - rising[after - 1], step, out=np.ones(step.shape), where=step > 0.0)
-    share = np.clip(share, 0.0, 1.0)
-    later = np.where(share < 1.0, (1.0 - share) * values[after - 1], 0.0) + share * values[after]
-    squares = (values[here] - later) ** 2 / (1.0 + share**2 + (1.0 - share) ** 2)  # interpolated noise is smaller
-    squares = squares[np.isfinite(squares)]
-    return float(np.sqrt(squares.mean())) if squares.size >= 8 else np.nan
 
 
 def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawing":

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from math import tau
-from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,13 +21,12 @@ from jointgap.effects import EFFECTS
 from jointgap.effects.base import GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionScale
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
-from jointgap.rig.contradictions import OF_SAMPLES, contradictions
-from jointgap.rig.drives import MeasuredDrive, measured_drive, starts_with_record
+from jointgap.rig.contradictions import contradictions
+from jointgap.rig.drives import SETTLING_REVOLUTIONS, measured_drive, starts_with_record
 from jointgap.rig.read_files import check_runs_left
-from jointgap.rig.recording import Measurements, noise_of
+from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
 from jointgap.rig.sampling import SampleGrid, own_rows, planned_grid, sample_grid, speed_from_periodicity
 from jointgap.rig.sensors import Faults, sensor_candidates
-from jointgap.rig.settings import DEFAULT_SETTINGS, NuisanceSettings, SliderCrankSettings
 from jointgap.rig.simulate_run import (
     RunPlan,
     augmented_mechanism,
@@ -38,7 +37,21 @@ from jointgap.rig.simulate_run import (
     unknown_starts,
     with_nuisances,
 )
-from jointgap.rig.statistics import chaotic_channels, chaotic_run, measured_statistics, simulated_statistics
+from jointgap.rig.statistics import BINS, chaotic_channels, chaotic_run, measured_statistics, simulated_statistics
+
+STEP_SHARE_OF_BOUNDS = 0.02  # [1] Typical change of a nuisance over the width of its bounds (experience)
+# [1] Friction may be regularised over a sliding speed lower or higher by this factor than the contact says: nobody
+# measures it
+FRICTION_SPEED_FACTOR = 4.0
+# [1] A contact that lasts may be damped less or more by this factor than it says: the last impacts before pins stay in
+# contact, whose damping the published laws keep, come at 0.02 to 0.22 m/s beside the 0.05 m/s of the default
+LASTING_DAMPING_FACTOR = 4.0
+FIRST_ANGLE_REACH = math.pi / 6  # [rad] Of a first angle found by a search: the model as it stands may lack an effect
+FIRST_ANGLES_TRIED = 720  # Per revolution, where the first angle is unknown; the fit goes on from there
+# Of a chaotic run that is planned as long as it was recorded: beyond, the simulated cycles limit what is told
+MAX_PLANNED_REVOLUTIONS = 60
+# [1, of the crank's speed] Frequency of a force that swings by itself, before data tell it: near no harmonic
+PLANNED_FORCE_ORDER = 1.37
 
 
 def physical_candidates(context: FitContext) -> list[Candidate]:
@@ -68,22 +81,20 @@ def _is_possible(context: FitContext, candidate: Candidate) -> bool:
     return True
 
 
-def shared_nuisances(
-    campaign: Campaign, settings: NuisanceSettings = DEFAULT_SETTINGS.nuisances
-) -> tuple[Parameter, ...]:
+def shared_nuisances(campaign: Campaign) -> tuple[Parameter, ...]:
     """Those of the mechanism and its sensors that all runs share."""
     nuisances = []
     for key in campaign.nuisance:
         if key not in RUN_NUISANCES and key not in campaign.idle_nuisances:
             nominal = campaign.nominals(key)[0]
             low, high = campaign.bounds(key, nominal)
-            nuisances.append(_parameter(settings, key, nominal, low, high, NUISANCES[key] or "1"))
+            nuisances.append(_parameter(key, nominal, low, high, NUISANCES[key] or "1"))
     if (width := friction_speed(campaign.mechanism)) is not None:
-        low, high = width / settings.friction_speed_factor, width * settings.friction_speed_factor
-        nuisances.append(_parameter(settings, "friction_speed", width, low, high, "m/s"))
-    reach = math.log(settings.lasting_damping_factor)
+        low, high = width / FRICTION_SPEED_FACTOR, width * FRICTION_SPEED_FACTOR
+        nuisances.append(_parameter("friction_speed", width, low, high, "m/s"))
+    reach = math.log(LASTING_DAMPING_FACTOR)
     for name in lasting_damping(campaign.mechanism).values():
-        nuisances.append(_parameter(settings, name, 0.0, -reach, reach, "1"))
+        nuisances.append(_parameter(name, 0.0, -reach, reach, "1"))
     return tuple(nuisances)
 
 
@@ -114,7 +125,6 @@ def run_nuisances(
     run: CampaignRun,
     samples: SampleGrid,
     first_angle_searched: bool,
-    settings: NuisanceSettings = DEFAULT_SETTINGS.nuisances,
 ) -> tuple[Parameter, ...]:
     """What a run has for itself, as far as it is not exact: zeros of its sensors, speed, first angle, motor's line.
 
@@ -125,72 +135,68 @@ def run_nuisances(
         if key != "speed" and key in campaign.nuisance and key not in campaign.idle_nuisances:
             (nominal,) = campaign.nominals(key)
             low, high = campaign.bounds(key, nominal)
-            nuisances.append(_parameter(settings, key, nominal, low, high, NUISANCES[key], run.id))
+            nuisances.append(_parameter(key, nominal, low, high, NUISANCES[key], run.id))
     if campaign.drive == "measured_angle":
         return tuple(nuisances)
     if samples.encoded and samples.speed_reach > 0:
         low, high = samples.speed - samples.speed_reach, samples.speed + samples.speed_reach
-        nuisances.append(_parameter(settings, "speed", samples.speed, low, high, "rad/s", run.id))
+        nuisances.append(_parameter("speed", samples.speed, low, high, "rad/s", run.id))
     elif not samples.encoded and "speed" in campaign.nuisance:
         low, high = campaign.bounds("speed", run.speed)
-        nuisances.append(_parameter(settings, "speed", min(max(samples.speed, low), high), low, high, "rad/s", run.id))
-    reach = settings.first_angle_reach_rad if first_angle_searched else samples.first_reach
+        nuisances.append(_parameter("speed", min(max(samples.speed, low), high), low, high, "rad/s", run.id))
+    reach = FIRST_ANGLE_REACH if first_angle_searched else samples.first_reach
     if reach > 0:
         first = samples.first_angle
-        nuisances.append(_parameter(settings, "first_angle", first, first - reach, first + reach, "rad", run.id))
+        nuisances.append(_parameter("first_angle", first, first - reach, first + reach, "rad", run.id))
     return tuple(nuisances)
 
 
-def _parameter(
-    settings: NuisanceSettings, name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None
-) -> Parameter:
-    return Parameter(name, nominal, low, high, settings.step_share_of_bounds * (high - low), unit, run)
+def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
+    return Parameter(name, nominal, low, high, STEP_SHARE_OF_BOUNDS * (high - low), unit, run)
 
 
 POSITIONS = ("crank_angle", "slider_position", "rod_angle")
 """Channels smooth enough for what grows with their rate to be the time stamps' doing."""
 
 
+class RunData(NamedTuple):
+    """One run: how it is simulated, and what was measured."""
+
+    plan: RunPlan
+    values: dict[str, np.ndarray]  # By channel [SI]; NaN where the run is yet to be measured
+    held_out: np.ndarray  # Samples that take no part in fitting or choosing
+    first_angle_searched: bool = False
+
+
 class SliderCrankModel:
-    """A `jointgap.core.candidates.Model` of a slider-crank."""
+    """A `jointgap.core.candidates.Model` of a slider-crank; `left_out` says why a run of the campaign is missing."""
 
     def __init__(
-        self,
-        campaign: Campaign,
-        plans: Mapping[str, RunPlan],
-        measured: Mapping[str, Mapping[str, np.ndarray]],
-        noise: Mapping[str, Mapping[str, float | None]],
-        held_out: Mapping[str, np.ndarray],
-        searched: frozenset[str] = frozenset(),
-        settings: SliderCrankSettings = DEFAULT_SETTINGS,
-        told_encoder_offset: float | None = None,
-        left_out: Mapping[str, str] = MappingProxyType({}),
+        self, campaign: Campaign, runs: Mapping[str, RunData], left_out: Mapping[str, str], told_encoder_offset=None
     ):
-        self.left_out = left_out
-        self.told_encoder_offset = told_encoder_offset
-        self.campaign, self.plans, self.name, self.settings = campaign, plans, campaign.name, settings
-        own = [
-            p
-            for run, plan in plans.items()
-            for p in run_nuisances(campaign, plan.run, plan.samples, run in searched, settings.nuisances)
-        ]
-        self.nuisances: tuple[Parameter, ...] = (*shared_nuisances(campaign, settings.nuisances), *own)
+        self.campaign, self.name, self.left_out = campaign, campaign.name, left_out
+        self.plans = {run: data.plan for run, data in runs.items()}
+        self._told_encoder_offset = told_encoder_offset
+        self.nuisances: tuple[Parameter, ...] = shared_nuisances(campaign)
+        for plan, _, _, searched in runs.values():
+            self.nuisances += run_nuisances(campaign, plan.run, plan.samples, searched)
         self.numerics = numerics_for(campaign)
-        self._chaotic = {}
-        for run, plan in plans.items():
-            values = self.nominal(run)
-            if channels := chaotic_channels(campaign, plan, values, noise[run]):
-                kept = ~held_out[run] | held_out[run].all()
-                fitted = {channel: np.where(kept, measured[run][channel], np.nan) for channel in channels}
-                self._chaotic[run] = chaotic_run(campaign, plan, channels, values, fitted, noise[run])
         self._rows = {
-            (run, channel): own_rows(plan.samples.elapsed, measured[run][channel])
-            for run, plan in plans.items()
-            for channel in plan.channels
+            (run, channel): own_rows(data.plan.samples.elapsed, data.values[channel])
+            for run, data in runs.items()
+            for channel in data.plan.channels
         }
-        self.series = tuple(
-            series for run in plans for series in self._all_series(run, measured[run], noise[run], held_out[run])
-        )
+        self._chaotic, series = {}, []
+        for run, data in runs.items():
+            values, noise = self.nominal(run), noise_of(campaign, run)
+            if channels := chaotic_channels(campaign, data.plan, values, noise):
+                kept = ~data.held_out | data.held_out.all()
+                fitted = {channel: np.where(kept, data.values[channel], np.nan) for channel in channels}
+                self._chaotic[run] = chaotic_run(campaign, data.plan, channels, values, fitted, noise)
+            series += [self._samples(data, channel, noise.get(channel)) for channel in self._sampled(run)]
+            if run in self._chaotic:
+                series += self._statistics(run, data.values, data.held_out)
+        self.series = tuple(series)
 
     def nominal(self, run: str) -> dict[str, float]:
         """Nominal values [SI] of every nuisance that a run has, by name."""
@@ -200,43 +206,36 @@ class SliderCrankModel:
         """Channels of a run that are compared by statistics over cycles."""
         return self._chaotic[run].statistics.channels if run in self._chaotic else ()
 
-    def _all_series(self, run: str, measured, noise, held_out) -> list[Series]:
-        samples, series = self.plans[run].samples, []
-        for channel in self.plans[run].channels:
-            if channel not in self.chaotic(run):
-                rows = self._rows[run, channel]
-                value, sd = measured[channel][rows], noise.get(channel)
-                stated = None if sd is None else np.full(value.size, sd)
-                unit = CHANNELS[channel]
-                step = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(channel)
-                jitter = self.campaign.jitter
-                if jitter is None and not (samples.timed and channel in POSITIONS):
-                    jitter = 0.0  # what impacts do not repeat in velocities and accelerations is a motion
-                series.append(
-                    Series(
-                        run,
-                        channel,
-                        unit,
-                        value,
-                        samples.time[rows],
-                        samples.angle[rows],
-                        held_out[rows],
-                        stated,
-                        resolution=step,
-                        jitter=jitter,
-                    )
-                )
-        return series + (self._statistics(run, measured, held_out) if run in self._chaotic else [])
+    def _sampled(self, run: str) -> tuple[str, ...]:
+        return tuple(channel for channel in self.plans[run].channels if channel not in self.chaotic(run))
+
+    def _samples(self, data: RunData, channel: str, noise: float | None) -> Series:
+        samples, run, jitter = data.plan.samples, data.plan.run.id, self.campaign.jitter
+        rows = self._rows[run, channel]
+        if jitter is None and not (samples.timed and channel in POSITIONS):
+            jitter = 0.0  # what impacts do not repeat in velocities and accelerations is a motion
+        return Series(
+            run,
+            channel,
+            CHANNELS[channel],
+            data.values[channel][rows],
+            samples.time[rows],
+            samples.angle[rows],
+            data.held_out[rows],
+            None if noise is None else np.full(np.count_nonzero(rows), noise),
+            resolution=(self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(channel),
+            jitter=jitter,
+        )
 
     def _statistics(self, run: str, measured, held_out) -> list[Series]:
         """Series of the chaotic channels: statistics of the samples for fitting, then of those held out."""
-        chaotic, angle, bins = self._chaotic[run], self.plans[run].samples.angle, self.settings.statistics.bins
+        chaotic, angle = self._chaotic[run], self.plans[run].samples.angle
         groups = [part for part in (False, True) if (held_out == part).any()]
         parts = [
             measured_statistics(chaotic, angle[held_out == part], {c: v[held_out == part] for c, v in measured.items()})
             for part in groups
         ]
-        middles = np.tile((np.arange(bins) + 0.5) * (tau / bins), len(groups))
+        middles = np.tile((np.arange(BINS) + 0.5) * (tau / BINS), len(groups))
         return [
             Series(
                 run,
@@ -245,7 +244,7 @@ class SliderCrankModel:
                 np.concatenate([part[name][0] for part in parts]),
                 np.full(middles.size, np.nan),
                 middles,
-                np.repeat(groups, bins),
+                np.repeat(groups, BINS),
                 np.concatenate([part[name][1] for part in parts]),
                 statistic=True,
             )
@@ -254,8 +253,7 @@ class SliderCrankModel:
 
     def drive_errors(self, run: str, values: Mapping[str, float]) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Driven.drive_errors`."""
-        plan = self.plans[run]
-        plan = replace(plan, channels=tuple(channel for channel in plan.channels if channel not in self.chaotic(run)))
+        plan = replace(self.plans[run], channels=self._sampled(run))
         if plan.measured is None or not plan.channels:
             return {}
         usual = self._read(plan, values)
@@ -281,9 +279,9 @@ class SliderCrankModel:
             MotionScale.of(self.campaign.mechanism, speed),
             {p.name: p for p in self.nuisances if p.run is None},
             self.campaign.drive == "constant_speed",
-            self.settings.sample_grid.planned_force_order * speed / tau,
+            PLANNED_FORCE_ORDER * speed / tau,
             tuple(self.plans),
-            unknown_starts(self.campaign, self.settings.simulation),
+            unknown_starts(self.campaign),
         )
         encoder = "crank_angle" in self.campaign.channels
         # in a single run for fitting a zero of its own is the offset that all runs have
@@ -298,7 +296,7 @@ class SliderCrankModel:
                 drives,
                 {p.name for p in self.nuisances},
                 tuple(self.plans) if several else (),
-                self.told_encoder_offset,
+                self._told_encoder_offset,
             ),
         )
 
@@ -306,11 +304,8 @@ class SliderCrankModel:
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
     ) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Model.simulate`."""
-        plan, chaotic = self.plans[run], self._chaotic.get(run)
-        sampled = tuple(channel for channel in plan.channels if channel not in self.chaotic(run))
-        read = {}
-        if sampled:
-            read = self._read(replace(plan, channels=sampled), values, effects, numerics)
+        plan, chaotic = replace(self.plans[run], channels=self._sampled(run)), self._chaotic.get(run)
+        read = self._read(plan, values, effects, numerics) if plan.channels else {}
         if chaotic is not None:
             statistics = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
             sizes = {series.channel: series.value.size for series in self.series if series.run == run}
@@ -400,87 +395,79 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
     # what is clipped or stuck cannot be undone: there any fault of that sensor counts
     sites = {candidate.site for candidate in sensors}
     lost = [one for one in measurements.contradictions if one.kind in OF_SAMPLES and one.channel not in sites]
-    left = contradictions(model.campaign, corrected, model.settings.recordings)
+    left = contradictions(model.campaign, corrected)
     return [one.channel for one in (*lost, *left) if one.doubtful]
 
 
 def build_model(
-    campaign: Campaign,
-    measurements: Measurements | None = None,
-    revolutions: Mapping[str, float] | None = None,
-    settings: SliderCrankSettings = DEFAULT_SETTINGS,
+    campaign: Campaign, measurements: Measurements | None = None, revolutions: Mapping[str, float] | None = None
 ) -> SliderCrankModel:
-    """The model of a campaign.
+    """The model of a campaign; without measurements of the runs as they are planned, chaotic ones for `revolutions`.
 
-    A measured run that cannot be simulated is left out: `SliderCrankModel.left_out` says why.
+    A measured run that cannot be simulated is left out.
     """
     check_bounds(campaign)
-    plans, measured, noise, held_out, searched = {}, {}, {}, {}, set()
-    left_out = dict(measurements.left_out) if measurements else {}
+    runs, left_out = {}, dict(measurements.left_out) if measurements else {}
     for run in campaign.runs:
         if run.id in left_out:
             continue
-        try:
-            plan, values = _plan(campaign, run, measurements, revolutions or {}, settings)
-            if measurements is not None:
-                _check_simulated(campaign, plan)
-        except (InputError, SimulationError) as error:
-            if measurements is None:
-                raise
-            left_out[run.id] = str(error)
+        if measurements is None:
+            runs[run.id] = _planned(campaign, run, (revolutions or {}).get(run.id))
             continue
-        plans[run.id] = plan
-        measured[run.id] = {channel: values[channel] for channel in plan.channels}
-        noise[run.id] = noise_of(campaign, run.id)
-        held_out[run.id] = _held_out(run, plan.samples.time.size, measurements)
-        if _is_searched(campaign, run, measurements):
-            searched.add(run.id)
+        try:
+            runs[run.id] = _recorded(campaign, run, measurements.runs[run.id])
+        except (InputError, SimulationError) as error:
+            left_out[run.id] = str(error)
     check_runs_left(campaign, left_out)
-    campaign = campaign.model_copy(update={"runs": tuple(run for run in campaign.runs if run.id in plans)})
+    campaign = campaign.model_copy(update={"runs": tuple(run for run in campaign.runs if run.id in runs)})
     doubts = measurements.contradictions if measurements else ()
     told = next((doubt.phase for doubt in doubts if (doubt.channel, doubt.kind) == ("crank_angle", "phase")), None)
-    return SliderCrankModel(campaign, plans, measured, noise, held_out, frozenset(searched), settings, told, left_out)
+    return SliderCrankModel(campaign, runs, left_out, told)
 
 
-def _is_searched(campaign: Campaign, run: CampaignRun, measurements: Measurements | None) -> bool:
-    """Whether the first angle of a run is found by a search."""
-    unread = "crank_angle" not in campaign.channels and campaign.drive == "constant_speed"
-    return measurements is not None and unread and run.first_angle is None
-
-
-def _plan(
-    campaign: Campaign,
-    run: CampaignRun,
-    measurements: Measurements | None,
-    revolutions: Mapping[str, float],
-    settings: SliderCrankSettings,
-) -> tuple[RunPlan, dict[str, np.ndarray]]:
-    """The plan of one run, and what was measured by channel [SI]."""
-    if measurements is None:
-        samples, values = _planned(campaign, run, revolutions.get(run.id), settings)
-    else:
-        samples, values = _recorded(campaign, run, measurements, settings)
-    compared = samples.encoded and campaign.drive != "measured_angle"
+def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
     channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
-    channels += ["crank_angle"] if "crank_angle" in campaign.channels and compared else []
-    plan = RunPlan(run, samples, tuple(channels), _measured(campaign, run, samples, settings), settings)
-    if "crank_angle" not in campaign.channels and measurements is not None and campaign.drive == "constant_speed":
+    if "crank_angle" in campaign.channels and samples.encoded and campaign.drive != "measured_angle":
+        channels.append("crank_angle")
+    drive = None
+    if campaign.drive == "measured_angle":
+        back = 0 if starts_with_record(run) else SETTLING_REVOLUTIONS
+        drive = measured_drive(samples, _resolution(campaign), noise_of(campaign, run.id).get("crank_angle"), back)
+    return RunPlan(run, samples, tuple(channels), drive)
+
+
+def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) -> RunData:
+    planned = run.speed, _first_angle(run) or 0.0, "crank_angle" in campaign.channels
+    plan = _plan(campaign, run, planned_grid(*planned))
+    noise = noise_of(campaign, run.id)
+    if revolutions is not None and chaotic_channels(campaign, plan, _nominal(campaign, plan), noise):
+        longer = min(max(round(revolutions), 1), MAX_PLANNED_REVOLUTIONS)
+        plan = _plan(campaign, run, planned_grid(*planned, longer))
+    count = plan.samples.time.size
+    held_out = math.ceil({"confirm": 1.0, "split": 1.0 / 3.0}.get(run.role, 0.0) * count)
+    values = {channel: np.full(count, np.nan) for channel in plan.channels}
+    return RunData(plan, values, np.arange(count) >= count - held_out)
+
+
+def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> RunData:
+    constant, searched, step = campaign.drive == "constant_speed", False, _resolution(campaign)
+    samples = sample_grid(recording.time, recording.crank_angle, run.speed, _first_angle(run), step, constant)
+    plan = _plan(campaign, run, samples)
+    measured = {**recording.channels, "crank_angle": recording.crank_angle}
+    values = {channel: measured[channel] for channel in plan.channels}
+    if constant and "crank_angle" not in campaign.channels:
         # what is held out of a run that is split may not tell how its beginning turned
-        held_out = measurements.runs[run.id].held_out
-        hidden = held_out & (not held_out.all())
-        fitted = {channel: np.where(hidden, np.nan, values[channel]) for channel in channels}
+        hidden = recording.held_out & (not recording.held_out.all())
+        fitted = {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
         if "speed" in campaign.nuisance:
             plan = _with_speed(campaign, plan, fitted)
-        if _is_searched(campaign, run, measurements):
+        searched = run.first_angle is None
+        if searched:
             plan = _with_first_angle(campaign, plan, fitted)
-    return plan, values
-
-
-def _check_simulated(campaign: Campaign, plan: RunPlan) -> None:
-    """SimulationError where the model as it stands cannot be simulated along a run."""
     for channel, read in channels_read(campaign, plan, _nominal(campaign, plan)).items():
         if not np.isfinite(read).all():
             raise SimulationError(f"{channel} as simulated is not finite")
+    return RunData(plan, values, recording.held_out, searched)
 
 
 def _resolution(campaign: Campaign) -> float:
@@ -488,39 +475,9 @@ def _resolution(campaign: Campaign) -> float:
     return encoder.resolution * campaign.factor("crank_angle") if encoder and encoder.resolution else 0.0
 
 
-def _planned(
-    campaign: Campaign, run: CampaignRun, revolutions: float | None, settings: SliderCrankSettings
-) -> tuple[SampleGrid, dict[str, np.ndarray]]:
-    def grid(count: int | None = None) -> SampleGrid:
-        first = _first_angle(run) or 0.0
-        return planned_grid(run.speed, first, "crank_angle" in campaign.channels, count, settings.sample_grid)
-
-    samples = grid()
-    if revolutions is not None and _is_chaotic(campaign, run, samples, settings):
-        samples = grid(min(max(round(revolutions), 1), settings.sample_grid.max_planned_revolutions))
-    return samples, {channel: np.full(samples.time.size, np.nan) for channel in campaign.channels}
-
-
-def _is_chaotic(campaign: Campaign, run: CampaignRun, samples: SampleGrid, settings: SliderCrankSettings) -> bool:
-    channels = tuple(name for name in campaign.channels if name != "time")
-    plan = RunPlan(run, samples, channels, _measured(campaign, run, samples, settings), settings)
-    return bool(chaotic_channels(campaign, plan, _nominal(campaign, plan), noise_of(campaign, run.id)))
-
-
 def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
     nuisances = (*shared_nuisances(campaign), *run_nuisances(campaign, plan.run, plan.samples, False))
     return {p.name: p.nominal for p in nuisances}
-
-
-def _measured(
-    campaign: Campaign, run: CampaignRun, samples: SampleGrid, settings: SliderCrankSettings
-) -> MeasuredDrive | None:
-    """A measured angle that drives the crank."""
-    if campaign.drive != "measured_angle":
-        return None
-    back = 0 if starts_with_record(run) else settings.simulation.settling_revolutions
-    noise = noise_of(campaign, run.id).get("crank_angle")
-    return measured_drive(samples, _resolution(campaign), noise, back, settings.sample_grid)
 
 
 def _first_angle(run: CampaignRun) -> float | None:
@@ -528,32 +485,16 @@ def _first_angle(run: CampaignRun) -> float | None:
     return -run.first_angle if run.first_angle is not None and run.direction == "clockwise" else run.first_angle
 
 
-def _recorded(
-    campaign: Campaign, run: CampaignRun, measurements: Measurements, settings: SliderCrankSettings
-) -> tuple[SampleGrid, dict[str, np.ndarray]]:
-    recording, constant = measurements.runs[run.id], campaign.drive == "constant_speed"
-    time, angle, step = recording.time, recording.crank_angle, _resolution(campaign)
-    samples = sample_grid(time, angle, run.speed, _first_angle(run), step, constant, settings.sample_grid)
-    return samples, {**recording.channels, "crank_angle": recording.crank_angle}
-
-
-def _held_out(run: CampaignRun, count: int, measurements: Measurements | None) -> np.ndarray:
-    if measurements is not None:
-        return measurements.runs[run.id].held_out
-    share = {"confirm": 1.0, "split": 1.0 / 3.0}.get(run.role, 0.0)
-    return np.arange(count) >= count - math.ceil(share * count)
-
-
 def _with_speed(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
     """The plan with the speed, within its bounds, at which what was measured repeats best."""
     own, (low, high) = plan.samples, campaign.bounds("speed", plan.run.speed)
-    speed = speed_from_periodicity(own.elapsed, list(measured.values()), low, high, plan.settings.sample_grid)
+    speed = speed_from_periodicity(own.elapsed, list(measured.values()), low, high)
     return replace(plan, samples=replace(own, speed=speed, angle=own.first_angle + speed * own.elapsed))
 
 
 def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
     """The plan with the first angle at which the model as it stands agrees best with what was measured."""
-    own, count = plan.samples, plan.settings.sample_grid.first_angles_tried
+    own, count = plan.samples, FIRST_ANGLES_TRIED
     turn = np.arange(count) / count
     dense = replace(own, time=turn * (tau / own.speed), read=np.full(count, np.nan), angle=tau * turn, first_angle=0.0)
     simulated = channels_read(campaign, replace(plan, samples=dense), {})

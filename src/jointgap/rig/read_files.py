@@ -13,21 +13,34 @@ from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.quantities import split_share, unit_factor
-from jointgap.rig.checks import RunFile, angle_outliers, checked_rotation, clipped, no_data, outliers, stuck, unsteady
-from jointgap.rig.contradictions import OF_A_RUN, Contradiction, contradictions, sentences
-from jointgap.rig.recording import Measurements, Recording, noise_of
-from jointgap.rig.settings import DEFAULT_LIMITS, RecordingLimits
+from jointgap.rig.checks import (
+    MIN_REVOLUTIONS,
+    MIN_SAMPLES,
+    RunFile,
+    angle_outliers,
+    checked_rotation,
+    clipped,
+    no_data,
+    outliers,
+    stuck,
+    unsteady,
+)
+from jointgap.rig.contradictions import contradictions
+from jointgap.rig.recording import OF_A_RUN, Contradiction, Measurements, Recording, noise_of, sentences
+
+MAX_VALUE = 1e12  # [SI] No channel has a larger value: it stands for something else, such as 'no data'
+COPIED_SHARE = 0.9  # [1, of the samples of a run] So many that are another run's make it a copy
 
 
-def check_copies(files: Mapping[str, tuple[RunFile, Columns]], limits: RecordingLimits) -> None:
+def check_copies(files: Mapping[str, tuple[RunFile, Columns]]) -> None:
     """Whether all runs were measured by themselves, whatever the names, formats and order of their files."""
     rows = {run: _marks(columns) for run, (_, columns) in files.items()}
     for one, other in combinations(files, 2):
         few, many = sorted((rows[one], rows[other]), key=len)
-        if np.unique(few).size < limits.copied_share * few.size:
+        if np.unique(few).size < COPIED_SHARE * few.size:
             continue  # rounded so that cycles of one run are alike: another run's may be too
         count = int(np.isin(few, many).sum())
-        if count > limits.copied_share * few.size:
+        if count > COPIED_SHARE * few.size:
             raise InputError(
                 f"{files[other][0].path}: the run '{other}' has the samples of the run '{one}' in "
                 f"{files[one][0].path} ({count} of {few.size} are the same to the last digit); a copy confirms "
@@ -49,9 +62,7 @@ _IDLE = {
 """Why a nuisance is idle, where it is not for want of something to act on."""
 
 
-def read_measurements(
-    campaign: Campaign, limits: RecordingLimits = DEFAULT_LIMITS, compared: bool = True
-) -> Measurements:
+def read_measurements(campaign: Campaign, compared: bool = True) -> Measurements:
     """All samples of a campaign.
 
     A sample without a time stamp, where times are measured, is no datum; nor is one without a crank angle where times
@@ -64,9 +75,9 @@ def read_measurements(
     found: list[Contradiction] = []
     wanted = [channel.column for channel in campaign.channels.values()]
     clock = campaign.channels["time"].column if "time" in campaign.channels else ""
-    files = {run.id: RunFile(campaign, run, limits) for run in campaign.runs}
+    files = {run.id: RunFile(campaign, run) for run in campaign.runs}
     read = {run: (file, read_columns(file.path, wanted, campaign.csv, clock)) for run, file in files.items()}
-    check_copies(read, limits)
+    check_copies(read)
     runs = {}
     for run, (file, columns) in read.items():
         own: list[Contradiction] = []  # what a run holds that is left out is no doubt of its channels
@@ -77,7 +88,7 @@ def read_measurements(
             remarks.insert(0, f"run {run} is left out: {error}")
             found.append(Contradiction(run, "crank_angle", error.kind, str(error), doubtful=False))
     check_runs_left(campaign, {one.run: one.remark for one in found if one.kind in OF_A_RUN})
-    others = contradictions(campaign, runs, limits) if compared else []
+    others = contradictions(campaign, runs) if compared else []
     remarks += [f"{campaign.name}, {sentence}" for sentence in sentences(others)]
     return Measurements(runs, tuple(remarks), (*found, *others))
 
@@ -98,13 +109,13 @@ def _recording(file: RunFile, columns: Columns, remarks: list[str], found: list[
         remarks.append(f"{file.place(name, row)}: {name} {remark}")
         found.append(Contradiction(file.run.id, name, kind, f"{name} {remark}"))
 
-    campaign, run, limits = file.campaign, file.run, file.limits
+    campaign, run = file.campaign, file.run
     _check_units(file, columns, remarks)
     remarks += columns.remarks
     values, rows = _without_repeated(file, *_in_si(file, columns, remarks), remarks)
-    if rows.size < limits.min_samples:
-        raise InputError(f"{file.path}: {rows.size} samples are too few; give {limits.min_samples} at least")
-    absent = {name: no_data(samples, limits) for name, samples in values.items() if name != "time"}
+    if rows.size < MIN_SAMPLES:
+        raise InputError(f"{file.path}: {rows.size} samples are too few; give {MIN_SAMPLES} at least")
+    absent = {name: no_data(samples) for name, samples in values.items() if name != "time"}
     for name, places in absent.items():
         if places.size:
             value = file.as_written(name, values[name][places[0]])
@@ -117,25 +128,25 @@ def _recording(file: RunFile, columns: Columns, remarks: list[str], found: list[
         _check_varies(file, name, samples)
         samples = samples.copy()
         samples[absent[name]] = np.nan
-        if (still := stuck(samples, angle if "crank_angle" in values else turned, limits)) is not None:
+        if (still := stuck(samples, angle if "crank_angle" in values else turned)) is not None:
             tell("stuck", name, _stands_still(file, name, samples, still), rows[still.start])
-        elif (remark := clipped(samples, limits)) is not None:
+        elif (remark := clipped(samples)) is not None:
             tell("clipped", name, remark)
-        if (places := outliers(samples, limits)).size:
+        if (places := outliers(samples)).size:
             remarks.append(
                 f"{file.place(name, rows[places[0]])}: {samples[places[0]]:g} {CHANNELS[name]} is far from all else "
                 f"(so {_are(places.size)}); leave the cell empty if it stands for 'no data'"
             )
     # a crank that begins at rest may stand still itself
-    if run.start == "settled" and "crank_angle" in values and (still := stuck(angle, turned, limits)) is not None:
+    if run.start == "settled" and "crank_angle" in values and (still := stuck(angle, turned)) is not None:
         remark = _stands_still(file, "crank_angle", values["crank_angle"], still)
         tell("stuck", "crank_angle", remark, rows[still.start])
-    if "time" in values and "crank_angle" in values and (places := angle_outliers(time, angle, limits)).size:
+    if "time" in values and "crank_angle" in values and (places := angle_outliers(time, angle)).size:
         remarks.append(
             f"{file.place('crank_angle', rows[places[0]])}: the angle is far off its neighbours' "
             f"(so {_are(places.size)}); leave the cell empty if the encoder misread it"
         )
-    if remark := unsteady(campaign, run, time, angle, limits):
+    if remark := unsteady(campaign, run, time, angle):
         remarks.append(f"{file.path}: {remark}")
     return Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned))
 
@@ -153,7 +164,7 @@ def _held_out(file: RunFile, turned: np.ndarray) -> np.ndarray:
     if file.run.role != "split":
         return np.full(turned.size, file.run.role == "confirm")
     total = turned[-1] - turned[0]
-    if total < 1.5 * tau * file.limits.min_revolutions:
+    if total < 1.5 * tau * MIN_REVOLUTIONS:
         raise InputError(
             f"{file.path}: {total / tau:.4g} revolutions leave less than one for fitting when the last third of the "
             f"run '{file.run.id}' is held out; give a longer record, or another role than split"
@@ -192,7 +203,7 @@ def _in_si(file: RunFile, columns: Columns, remarks: list[str]) -> tuple[dict[st
         with np.errstate(over="ignore"):  # refused below
             values[name] = factor * written
         values[name][np.abs(values[name]) < 1e-150] = 0.0  # their squares underflow
-        if (huge := np.flatnonzero(np.abs(values[name]) > file.limits.max_value_si)).size:
+        if (huge := np.flatnonzero(np.abs(values[name]) > MAX_VALUE)).size:
             raise InputError(
                 f"{file.place(name, columns.rows[huge[0]])}: {written[huge[0]]:g} {channel.unit} is more than any "
                 "sensor reads; correct it, or leave the cell empty where nothing was measured"
@@ -244,8 +255,8 @@ def _are(count: int) -> str:
 
 def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
     finite = values[np.isfinite(values)]
-    if finite.size < file.limits.min_samples:
-        what, fix = f"has {finite.size} values, too few of {file.limits.min_samples}", "give the measurement"
+    if finite.size < MIN_SAMPLES:
+        what, fix = f"has {finite.size} values, too few of {MIN_SAMPLES}", "give the measurement"
     elif np.ptp(finite) == 0.0:
         what, fix = "is constant, so the sensor told nothing", "mend it"
     else:

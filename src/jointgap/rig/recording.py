@@ -1,15 +1,48 @@
 """Measured runs in SI units."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign_file import Campaign
 
-if TYPE_CHECKING:
-    from jointgap.rig.contradictions import Contradiction
+OF_SAMPLES = ("clipped", "stuck", "no_data")
+"""Kinds of contradictions that are told by a channel's samples alone; no gain or zero of a sensor undoes them."""
+
+OF_A_RUN = ("step", "standstill", "turns_back")
+"""Kinds for which a run is left out: its crank angle steps and stays there, or the crank does not turn on."""
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """What one channel of one run cannot be."""
+
+    run: str
+    channel: str  # ``time`` also where it may be the run's speed that is wrong
+    kind: str  # sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time or speed
+    remark: str  # In a sentence, without the place
+    other: str = ""  # The channel that it is swapped with; empty where there is none
+    factor: float = np.nan  # [1] Measured over expected; NaN where there is none
+    phase: float = np.nan  # [rad] By how much the channel is ahead of what is expected; NaN where there is none
+    doubtful: bool = True  # Whether the channel's readings are in doubt
+
+    @property
+    def stops(self) -> bool:
+        """Whether it is to be corrected before an analysis, unlike the zero of an encoder, which an analysis finds."""
+        return self.doubtful and (self.channel, self.kind) != ("crank_angle", "phase")
+
+
+def sentences(found: Sequence[Contradiction]) -> list[str]:
+    """The remarks of `found`, each once with the runs that it is of."""
+    runs: dict[str, list[str]] = {}
+    for one in found:
+        runs.setdefault(one.remark, []).append(one.run)
+    return [
+        f"run{'s' if len(own) > 1 else ''} {', '.join(dict.fromkeys(own))}: {sentence}"
+        for sentence, own in runs.items()
+    ]
 
 
 @dataclass(frozen=True)
@@ -45,13 +78,11 @@ class Measurements:
 
     runs: dict[str, Recording]  # In the campaign's order; without those that cannot be used
     remarks: tuple[str, ...] = ()  # What a reader of the results should know of the data, in sentences
-    contradictions: "tuple[Contradiction, ...]" = ()  # What channels cannot be what they are said to be
+    contradictions: tuple[Contradiction, ...] = ()  # What channels cannot be what they are said to be
 
     @property
     def left_out(self) -> dict[str, str]:
         """Why a run of the campaign cannot be used, by run."""
-        from jointgap.rig.contradictions import OF_A_RUN
-
         return {found.run: found.remark for found in self.contradictions if found.kind in OF_A_RUN}
 
 
@@ -80,7 +111,7 @@ def from_frame(
     frame: pd.DataFrame,
     campaign: Campaign,
     remarks: tuple[str, ...] = (),
-    contradictions: "tuple[Contradiction, ...]" = (),
+    contradictions: tuple[Contradiction, ...] = (),
 ) -> Measurements:
     """The measurements in a table that `to_frame` made."""
     runs = {}

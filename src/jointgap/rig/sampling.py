@@ -8,7 +8,16 @@ from math import tau
 import numpy as np
 
 from jointgap.core.errors import InputError
-from jointgap.rig.settings import DEFAULT_SETTINGS, SampleGridSettings
+
+PLANNED_REVOLUTIONS = 4  # Of a run yet to be measured: four cycles tell what repeats from what does not
+PLANNED_SAMPLES_PER_REVOLUTION = 120  # They resolve the orders that effects have
+OUTLIER = 5.0  # [1, robust standard deviations] A reading of the crank angle farther from its straight line
+EVEN_ROWS = math.radians(0.5)  # [rad] Angles without times this near a line over their rows were sampled evenly in time
+# [1] An estimated speed or phase may be off by this many standard errors, which are twice as large as those of
+# independent readings, for errors of an encoder repeat: bounds that no fit should meet
+REACH = 2.0 * 5.0
+SPEED_HARMONICS = 6  # Of the Fourier series whose misfit tells the speed of a crank without encoder
+SPEED_STEP = 0.02  # [revolutions over the whole record] An eighth of the period of the sixth harmonic
 
 
 @dataclass(frozen=True)
@@ -72,12 +81,11 @@ def planned_grid(
     speed: float,
     first_angle: float,
     encoded: bool,
-    revolutions: int | None = None,
-    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
+    revolutions: int = PLANNED_REVOLUTIONS,
+    per_revolution: int = PLANNED_SAMPLES_PER_REVOLUTION,
 ) -> SampleGrid:
     """Samples of a run that is yet to be measured, at even times."""
-    per_revolution = settings.planned_samples_per_revolution
-    count = (revolutions or settings.planned_revolutions) * per_revolution
+    count = revolutions * per_revolution
     elapsed = np.arange(count) * (tau / speed / per_revolution)
     angle = first_angle + speed * elapsed
     return SampleGrid(elapsed, angle if encoded else np.full(elapsed.size, np.nan), angle, first_angle, speed)
@@ -90,14 +98,13 @@ def sample_grid(
     first_angle: float | None,
     resolution: float = 0.0,
     constant: bool = True,
-    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
 ) -> SampleGrid:
     """The samples of a recording."""
     finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
-        slope, first, sd = _robust_line(elapsed[finite], read[finite], settings.outlier_standard_deviations)
-        error = settings.error_inflation * settings.reach_standard_errors * sd / math.sqrt(finite.sum())
+        slope, first, sd = _robust_line(elapsed[finite], read[finite])
+        error = REACH * sd / math.sqrt(finite.sum())
         span = max(float(np.ptp(elapsed[finite])), 1e-300)
         angle = first + slope * elapsed
         if not constant:
@@ -112,9 +119,9 @@ def sample_grid(
     if finite.sum() < 2:
         raise InputError("a run has neither times nor crank angles; give the column of one of them")
     rows = np.arange(read.size)
-    slope, start, _ = _robust_line(rows[finite].astype(float), read[finite], settings.outlier_standard_deviations)
+    slope, start, _ = _robust_line(rows[finite].astype(float), read[finite])
     angle = start + slope * rows
-    if np.abs(read - angle)[finite].max() > max(settings.even_rows_rad, 2.0 * resolution):
+    if np.abs(read - angle)[finite].max() > max(EVEN_ROWS, 2.0 * resolution):
         angle = np.interp(rows, rows[finite], read[finite])
     return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
 
@@ -133,14 +140,14 @@ def own_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
     return kept | (lapse > 1.5 * np.median(lapse))[between]
 
 
-def _robust_line(x: np.ndarray, y: np.ndarray, outlier: float) -> tuple[float, float, float]:
-    """Slope, value at 0 and residual sd of a straight line; points `outlier` standard deviations off are left out."""
+def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Slope, value at 0 and residual sd of a straight line; points far off are left out."""
     kept = np.ones(x.size, bool)
     for _ in range(3):
         slope, first = np.polyfit(x[kept], y[kept], 1)
         away = np.abs(y - first - slope * x)
         sd = 1.4826 * float(np.median(away[kept]))
-        kept = away <= outlier * sd + 1e-9
+        kept = away <= OUTLIER * sd + 1e-9
     return float(slope), float(first), float(np.sqrt(np.mean(away[kept] ** 2)))
 
 
@@ -149,15 +156,14 @@ def speed_from_periodicity(
     values: Sequence[np.ndarray],
     low: float,
     high: float,
-    settings: SampleGridSettings = DEFAULT_SETTINGS.sample_grid,
 ) -> float:
     """The speed [rad/s] with which channels repeat best, of a crank whose angle nobody read.
 
     A Fourier series of the crank angle is fitted at each speed; the one that leaves least is refined by a parabola.
     """
-    step = tau * settings.speed_step_revolutions / max(float(elapsed[-1]), 1e-300)
+    step = tau * SPEED_STEP / max(float(elapsed[-1]), 1e-300)
     speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)
-    misfit = np.array([_aperiodic_share(elapsed, values, speed, settings.speed_harmonics) for speed in speeds])
+    misfit = np.array([_aperiodic_share(elapsed, values, speed) for speed in speeds])
     best = int(np.argmin(misfit))
     if not 0 < best < speeds.size - 1:
         return float(speeds[best])
@@ -167,9 +173,9 @@ def speed_from_periodicity(
     return float(speeds[best] + shift * (speeds[1] - speeds[0]))
 
 
-def _aperiodic_share(elapsed: np.ndarray, values: Sequence[np.ndarray], speed: float, harmonics: int) -> float:
+def _aperiodic_share(elapsed: np.ndarray, values: Sequence[np.ndarray], speed: float) -> float:
     """Share of the variance that a Fourier series at `speed` [rad/s] leaves, summed over channels."""
-    angle = np.arange(1, harmonics + 1) * (speed * elapsed)[:, None]
+    angle = np.arange(1, SPEED_HARMONICS + 1) * (speed * elapsed)[:, None]
     series = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)])
     total = 0.0
     for value in values:

@@ -6,14 +6,17 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from jointgap.config.channels import FILTER_ORDER
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude
 from jointgap.rig.recording import Recording
-from jointgap.rig.settings import DEFAULT_SETTINGS, SensorSettings
+
+# Samples per period of a low-pass filter's corner frequency: what the digital filter warps lies above the corner then
+SAMPLES_PER_CORNER_PERIOD = 10.0
+SAMPLES_PER_REVOLUTION = 720  # On which filters and lags are computed, at least: short of most impacts' ringing
+PADDING_REVOLUTIONS = 0.25  # Before and after the samples, for transients of filters and lags to decay
 
 STANDARD_GRAVITY = 9.80665
 """[m/s^2] What an accelerometer that reads gravity reads at rest."""
@@ -38,16 +41,10 @@ def gravity_read(channel: str, direction: float) -> float:
     return -STANDARD_GRAVITY * _AXES[channel](direction) if channel in _AXES else 0.0
 
 
-def filter_times(
-    first: float,
-    last: float,
-    revolution: float,
-    corners: Iterable[float],
-    settings: SensorSettings = DEFAULT_SETTINGS.sensors,
-) -> np.ndarray:
+def filter_times(first: float, last: float, revolution: float, corners: Iterable[float]) -> np.ndarray:
     """Even times [s] from `first` to `last` on which filters and lags are computed."""
-    corner_steps = [1.0 / (settings.samples_per_corner_period * corner) for corner in corners]
-    interval = min([revolution / settings.samples_per_revolution, *corner_steps])
+    corner_steps = [1.0 / (SAMPLES_PER_CORNER_PERIOD * corner) for corner in corners]
+    interval = min([revolution / SAMPLES_PER_REVOLUTION, *corner_steps])
     return np.linspace(first, last, math.ceil((last - first) / interval) + 1)
 
 
@@ -68,11 +65,6 @@ def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
     return first + lfilter([1.0 - mean_decay, mean_decay - decay], [1.0, -decay], values - first)
 
 
-def at_times(times: np.ndarray, grid: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Smooth interpolation at `times` (m,) [s] of `values` (n,) [SI] at the times `grid` (n,) [s]."""
-    return CubicSpline(grid, values)(times)
-
-
 class Reading(NamedTuple):
     """What the sensor of a channel reads: standard deviation in its SI `unit`, while the crank turns at `turning`
     [rad/s].
@@ -87,10 +79,10 @@ class Reading(NamedTuple):
 class SensorFault:
     """One way in which a sensor can err, by one parameter, or one in each run."""
 
-    name: str  # As a verdict states it, and what it calls it; words may hold ``{site}``
-    parameter: str  # SI; empty for the unit of the channel
+    name: str  # As a verdict states it
+    parameter: str
     unit: str  # SI; empty for the unit of the channel
-    words: str  # As a verdict states it, and what it calls it; words may hold ``{site}``
+    words: str  # What a verdict calls it; they may hold ``{site}``
     bounds: Callable[[Reading], tuple[float, float, float]]
     law: str = ""  # What the sensor reads, y, of what is true, u
     trial: Callable[[Any, str], tuple[float, float]] | None = None
@@ -257,21 +249,15 @@ def sensor_candidates(
         ENCODER_ZEROS: encoder and bool(runs) and "encoder_zero" not in nuisances,
         ENCODER_LAG: encoder and drives,
     }
-    at_encoder = [
-        FAULTS[name].candidate(
-            "sensor", Reading(0.0, "rad", turning), {name: FAULTS[name].parameter} if name in nuisances else {}, runs
-        )
-        for name, is_present in present.items()
-        if is_present
-    ]
-    if told_offset:
-        at_encoder = [
-            replace(each, initial_guesses=({}, {FAULTS[ENCODER_OFFSET].parameter: told_offset}))
-            if each.name == ENCODER_OFFSET
-            else each
-            for each in at_encoder
-        ]
-    return at_encoder + [
+    found = []
+    for name in (name for name, is_present in present.items() if is_present):
+        parameter = FAULTS[name].parameter
+        replaces = {name: parameter} if name in nuisances else {}
+        candidate = FAULTS[name].candidate("sensor", Reading(0.0, "rad", turning), replaces, runs)
+        if told_offset and name == ENCODER_OFFSET:
+            candidate = replace(candidate, initial_guesses=({}, {parameter: told_offset}))
+        found.append(candidate)
+    return found + [
         fault.candidate(channel, Reading(spread, unit, turning))
         for channel, (spread, unit) in spreads.items()
         for fault in FAULTS.values()
@@ -311,11 +297,6 @@ class Faults:
             elif candidate.sensor:
                 self._faults.append((FAULTS[candidate.name], candidate.site, values[candidate.amplitudes[0]]))
 
-    def _of(self, channel: str, when: str) -> list[tuple[Callable, float]]:
-        """Functions that act on a channel at one place of its way, with their parameters."""
-        own = [(getattr(fault, when), value) for fault, site, value in self._faults if site == channel]
-        return [(act, value) for act, value in own if act is not None]
-
     def __bool__(self) -> bool:
         """Whether any sensor errs."""
         return bool(self.offset or self.lag or self._faults)
@@ -339,22 +320,11 @@ class Faults:
 
     def need_grid(self, channel: str) -> bool:
         """Whether readings of a channel have to be known in between."""
-        return any(value for _, value in self._of(channel, "over_time"))
+        return any(value for fault, site, value in self._faults if fault.over_time and site == channel)
 
-    def before_filter(self, channel: str, values: np.ndarray) -> np.ndarray:
-        """Readings (n,) of a `channel` with the faults before its low-pass, from `values` [unit] without."""
-        for act, value in self._of(channel, "before_filter"):
-            values = act(values, value)
-        return values
-
-    def over_time(self, channel: str, values: np.ndarray, interval: float) -> np.ndarray:
-        """Filtered readings (n,) of a `channel` with faults that last, from `values` every `interval` [s] without."""
-        for act, value in self._of(channel, "over_time"):
-            values = act(values, interval, value)
-        return values
-
-    def after_filter(self, channel: str, values: np.ndarray) -> np.ndarray:
-        """Readings (n,) of a `channel` with the faults after its low-pass, from `values` [unit] without."""
-        for act, value in self._of(channel, "after_filter"):
-            values = act(values, value)
+    def act(self, when: str, channel: str, values: np.ndarray, *interval: float) -> np.ndarray:
+        """Readings (n,) [unit] of a `channel` with the faults that act before or after its low-pass, or over time."""
+        for fault, site, value in self._faults:
+            if site == channel and (function := getattr(fault, when)) is not None:
+                values = function(values, *interval, value)
         return values

@@ -7,6 +7,7 @@ from math import tau
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from jointgap.config import EFFECTS, Effect, Mechanism
 from jointgap.config.campaign_file import Campaign, CampaignRun
@@ -18,11 +19,20 @@ from jointgap.core.joints import JOINTS, PINS
 from jointgap.dynamics.parameters import Parameters
 from jointgap.effects.clearance import START
 from jointgap.rig import drives, sensors
-from jointgap.rig.channels import Columns, channels_at, tolerance_for
+from jointgap.rig.channels import FAST_TOLERANCE, TOLERANCE, Columns, channels_at, tolerance_for
 from jointgap.rig.recording import noise_of
 from jointgap.rig.sampling import SampleGrid
 from jointgap.rig.sensors import Faults
-from jointgap.rig.settings import DEFAULT_SETTINGS, SimulationSettings, SliderCrankSettings
+
+# From so many starts the motion of a run is simulated of which nobody knows where it began. In blind trials a motion
+# that lasts came from one start in two to one in five
+STARTS = 8
+# How much earlier the motion begins for each further start: one, and the part of the next that meets no symmetry of a
+# slider-crank (the golden section); after two revolutions starts count from the usual one on again
+OTHER_START_REVOLUTIONS, MOST_START_REVOLUTIONS = 1.382, 2.0
+# [1, of the noise] Root of the mean square of the changes at which a search takes a motion as settled
+FAST_SETTLED = 0.3
+UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise where it is not stated
 
 _DISCOVERED = "discovered_"
 
@@ -174,11 +184,11 @@ def _free_runs(campaign: Campaign) -> list[str]:
     return [run.id for run in campaign.runs if campaign.drive != "measured_angle" and drives.began_anywhere(run)]
 
 
-def unknown_starts(campaign: Campaign, settings: SimulationSettings = DEFAULT_SETTINGS.simulation) -> dict[str, int]:
+def unknown_starts(campaign: Campaign) -> dict[str, int]:
     """From how many starts the motion may have come with a joint that became loose, by run of which nobody knows where
     it began; none where joints are loose already: of these another start is one of the `NUMERICS`.
     """
-    return {} if campaign.mechanism.applied().loose else dict.fromkeys(_free_runs(campaign), settings.starts)
+    return {} if campaign.mechanism.applied().loose else dict.fromkeys(_free_runs(campaign), STARTS)
 
 
 @dataclass(frozen=True)
@@ -189,7 +199,7 @@ class RunPlan:
     samples: SampleGrid
     channels: tuple[str, ...]  # That are compared
     measured: drives.MeasuredDrive | None = None  # A measured angle that drives the crank
-    settings: SliderCrankSettings = DEFAULT_SETTINGS
+    tolerance: float = TOLERANCE  # [m] Local error of a step
 
 
 def channels_read(
@@ -219,22 +229,17 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
     if clockwise:
         mechanism = mechanism.mirrored()
     finer, change = other_numerics(numerics)
-    tolerance = finer * tolerance_for(mechanism, plan.settings.simulation, numerics == FAST)
+    tolerance = finer * tolerance_for(mechanism, FAST_TOLERANCE if numerics == FAST else plan.tolerance)
     start = sum(round(own.get(START, 0.0)) for _, own in effects)  # of two joints it is one of the same starts
     if numerics == len(NUMERICS) and drives.began_anywhere(plan.run):
         start += 1
-    earlier = _turned_earlier(start % plan.settings.simulation.starts, plan.settings.simulation)
+    earlier = math.fmod(start % STARTS * OTHER_START_REVOLUTIONS, MOST_START_REVOLUTIONS) * tau
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
     change(driven.numbers)
     harmonic = driven.numbers.effects
     # phases of forces count from the record's time 0, that of the simulation is earlier
     harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
     return _read(campaign, plan, driven, faults, tolerance, perturbation, numerics == FAST)
-
-
-def _turned_earlier(start: int, settings: SimulationSettings) -> float:
-    """How much earlier [rad] the motion begins for another `start`, counted from 0, the usual one."""
-    return math.fmod(start * settings.other_start_revolutions, settings.most_start_revolutions) * tau
 
 
 def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
@@ -254,29 +259,22 @@ def _threlfall(p: Parameters) -> None:
 
 
 def _driven_run(
-    campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance, earlier: float
+    campaign: Campaign, plan: RunPlan, mechanism: Mechanism, values, faults: Faults, tolerance: float, earlier: float
 ) -> drives.DrivenRun:
-    driven = _driven(campaign, plan, mechanism, values, faults, tolerance, earlier)
+    run, samples = plan.run, plan.samples
+    offset = faults.offset - faults.lag * values.get("speed", samples.speed)  # an encoder that lags reads less
+    if plan.measured is not None:
+        driven = drives.measured_angle_run(mechanism, samples, plan.measured, faults.offset, faults.lag, tolerance)
+    elif campaign.drive == "motor":
+        driven = drives.motor_run(mechanism, campaign, run, samples, values, offset, tolerance, earlier)
+    else:
+        driven = drives.constant_speed_run(mechanism, run, samples, values, offset, tolerance, earlier)
     effects = driven.numbers.effects
     if effects.table_over == 2:  # a load over time: that of the record, which begins later than the simulation
-        if not plan.samples.timed:
+        if not samples.timed:
             raise InputError("slider_force_table: a load over time needs the channel time; add it, or give its angle")
-        effects.table_begin += driven.begin - plan.samples.time[0]
+        effects.table_begin += driven.begin - samples.time[0]
     return driven
-
-
-def _driven(
-    campaign, plan, mechanism: Mechanism, values, faults: Faults, tolerance, earlier: float
-) -> drives.DrivenRun:
-    settings = plan.settings.simulation
-    if plan.measured is not None:
-        return drives.measured_angle_run(mechanism, plan.samples, plan.measured, faults.offset, faults.lag, tolerance)
-    offset = faults.offset - faults.lag * values.get("speed", plan.samples.speed)  # an encoder that lags reads less
-    if campaign.drive == "motor":
-        return drives.motor_run(
-            mechanism, campaign, plan.run, plan.samples, values, offset, tolerance, settings, earlier
-        )
-    return drives.constant_speed_run(mechanism, plan.run, plan.samples, values, offset, tolerance, settings, earlier)
 
 
 def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -> dict[str, np.ndarray]:
@@ -294,7 +292,7 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
     earlier = [driven.at(np.maximum(plan.samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
     angles = np.concatenate([driven.angles, *earlier, driven.at(grid)])
     change = _change_over_noise(campaign, plan, count, fast) if drives.began_anywhere(plan.run) else None
-    true = channels_at(driven.numbers, angles, tolerance, perturbation, plan.settings.simulation, change, count, fast)
+    true = channels_at(driven.numbers, angles, tolerance, perturbation, change, count, fast)
     elapsed = true["time"][:count] - driven.begin
     readings = {}
     for name, channel in channels.items():
@@ -306,18 +304,18 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
             values = -values
         if channel.reads_gravity:
             values = values + sensors.gravity_read(name, campaign.mechanism.gravity_direction)
-        values = faults.before_filter(name, values)
+        values = faults.act("before_filter", name, values)
         delay = faults.delay(name)
         first, times = count * delays.index(delay), elapsed - delay
         read, fine = values[first : first + count], values[count * len(delays) :]
         if channel.bandwidth:
             fine = sensors.low_pass(fine, grid[1] - grid[0], channel.bandwidth, channel.filter == "causal")
-            read = sensors.at_times(times, grid, fine)
+            read = CubicSpline(grid, fine)(times)
         if faults.need_grid(name):
             # the lag's change is interpolated, not the reading: without a filter impacts stay as sharp as they are
-            change = faults.over_time(name, fine, grid[1] - grid[0]) - fine
-            read = read + sensors.at_times(times, grid, change)
-        readings[name] = faults.after_filter(name, read)
+            change = faults.act("over_time", name, fine, grid[1] - grid[0]) - fine
+            read = read + CubicSpline(grid, change)(times)
+        readings[name] = faults.act("after_filter", name, read)
     return readings
 
 
@@ -330,24 +328,24 @@ def _change_over_noise(
     Where the noise is not stated, it is taken for a share of what the channel varies by. Filters and faults are left
     out: they make it no larger.
     """
-    stated, share = noise_of(campaign, plan.run.id), plan.settings.chaos.unstated_noise_share
+    stated = noise_of(campaign, plan.run.id)
     channels = [name for name in plan.channels if name != "crank_angle"]
 
     def change(one: Columns, other: Columns) -> float:
         squares = 0.0
         for name in channels:
-            sd = stated.get(name) or share * float(np.std(other[name])) or 1e-300
+            sd = stated.get(name) or UNSTATED_NOISE_SHARE * float(np.std(other[name])) or 1e-300
             squares += float(np.mean(((one[name] - other[name]) / sd) ** 2))
         if fast:
-            return math.sqrt(squares / len(channels)) / plan.settings.simulation.fast_settled
+            return math.sqrt(squares / len(channels)) / FAST_SETTLED
         return math.sqrt(count * squares)
 
     return change
 
 
 def _filter_times(plan: RunPlan, driven: drives.DrivenRun, corners: list[float]) -> np.ndarray:
-    settings, revolution = plan.settings.sensors, tau / plan.samples.speed
-    padding = settings.padding_revolutions * revolution
+    revolution = tau / plan.samples.speed
+    padding = sensors.PADDING_REVOLUTIONS * revolution
     after = 0.0 if plan.measured is not None else padding  # a measured angle ends with the record
     first, last = -min(padding, driven.begin), plan.samples.elapsed[-1] + after
-    return sensors.filter_times(first, last, revolution, corners, settings)
+    return sensors.filter_times(first, last, revolution, corners)

@@ -14,8 +14,30 @@ from jointgap.config.campaign_file import Campaign
 from jointgap.core.candidates import Effects
 from jointgap.dynamics.parallel import cores
 from jointgap.dynamics.simulate import perturbed_start
-from jointgap.rig.settings import DEFAULT_SETTINGS, CycleStatisticsSettings
-from jointgap.rig.simulate_run import RunPlan, channels_read
+from jointgap.rig.simulate_run import UNSTATED_NOISE_SHARE, RunPlan, channels_read
+
+BINS = 24  # Of the crank angle: 15 deg, as long as a contact's ringing at usual speeds (experience)
+MEDIAN_ANGLES = 144  # Of the median course, six in a bin: the course turns little between them
+# [1, mean sizes of a deviation] Scale k of the compression k tanh(u / k): rare spikes would hold nearly all of a mean's
+# scatter
+COMPRESSION_MEAN_SIZES = 3.0
+PREDICTING_BINS = 2  # Bins before one from which it is predicted: contacts ring no longer (experience)
+EDGE_SHARE_OF_BIN = 1e-6  # Within it a sample lies on its bin's edge and counts for the bin that begins
+START_DISTANCE = 1e-7  # [m] Between the two starts whose motions are compared: far below any clearance
+# [1] Samples are compared while the two motions differ by less than this share of the noise; then they add 4 % to its
+# standard deviation
+MAX_DEPARTURE_SHARE_OF_NOISE = 0.3
+# [m] Local error of a step: from 1e-11 to 1e-7 statistics do not depend on it beyond their scatter, and 1e-9 saves a
+# quarter to a half of the time that 1e-10 takes
+STATISTICS_TOLERANCE = 1e-9
+CYCLES = 18  # Simulated in every evaluation
+LEARNING_CYCLES = 180  # Simulated once to learn how statistics scatter: they tell a variance within 10 % (experience)
+CYCLES_PER_SIMULATION = 9  # That count. Several short simulations run in parallel
+SETTLING_CYCLES = 1  # Before those that count
+REMEMBERED_CYCLES = 30  # Of one simulation to learn from: slow changes make a record's mean less sure
+SAMPLES_PER_REVOLUTION = 320  # Simulated, at least: what lies between the record's makes a mean surer
+PRIOR_CYCLES = 60  # The simulated scatter counts as much as this many measured cycles (experience)
+MIN_SCATTER_CYCLES = 3  # Measured cycles from which on their own scatter is looked at
 
 KINDS = ("mean", "spread")
 
@@ -33,7 +55,6 @@ class CycleStatistics:
     median_curves: np.ndarray  # Median course of each channel [SI]
     compression: np.ndarray  # k [SI]
     weights: list[tuple[np.ndarray, np.ndarray]]  # For every statistic, which others predict it and how
-    settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics
 
     @classmethod
     def of(
@@ -42,11 +63,10 @@ class CycleStatistics:
         angle: np.ndarray,
         values: Sequence[np.ndarray],
         finer: int = 1,
-        settings: CycleStatisticsSettings = DEFAULT_SETTINGS.statistics,
     ) -> "CycleStatistics":
         """Learnt from many simulated cycles."""
-        within = _within_revolution(angle, settings)
-        count = settings.median_angles
+        within = _within_revolution(angle)
+        count = MEDIAN_ANGLES
         fine = np.minimum((within * (count / tau)).astype(int), count - 1)
         # a bin's medians belong to its samples' angle: where these keep to a few angles, that is not its middle
         angles, *median_curves = (
@@ -54,21 +74,21 @@ class CycleStatistics:
         )
         angles = np.concatenate([[angles[-1] - tau], angles, [angles[0] + tau]])
         median_curves = np.array([np.concatenate([medians[-1:], medians, medians[:1]]) for medians in median_curves])
-        learnt = cls(tuple(channels), angles, median_curves, np.ones(len(channels)), [], settings)
+        learnt = cls(tuple(channels), angles, median_curves, np.ones(len(channels)), [])
         sizes = [np.abs(value - median) for value, median in zip(values, learnt._medians(angle), strict=True)]
-        compression = np.array([max(settings.compression_mean_sizes * float(np.mean(size)), 1e-300) for size in sizes])
+        compression = np.array([max(COMPRESSION_MEAN_SIZES * float(np.mean(size)), 1e-300) for size in sizes])
         learnt = replace(learnt, compression=compression)
         rows = learnt.cycles(angle[::finer], [value[::finer] for value in values])
-        return replace(learnt, weights=_predictions(rows, len(channels), settings))
+        return replace(learnt, weights=_predictions(rows, len(channels)))
 
     def _medians(self, angle: np.ndarray) -> list[np.ndarray]:
-        return [np.interp(_within_revolution(angle, self.settings), self.angles, curve) for curve in self.median_curves]
+        return [np.interp(_within_revolution(angle), self.angles, curve) for curve in self.median_curves]
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
         """Statistics of every cycle, shape (cycles, m); NaN where a bin has no sample."""
-        bins = self.settings.bins
+        bins = BINS
         first = np.floor(np.min(angle) / tau)
-        place = np.floor((angle / tau - first) * bins + self.settings.edge_share_of_bin).astype(int)
+        place = np.floor((angle / tau - first) * bins + EDGE_SHARE_OF_BIN).astype(int)
         count = int(place.max()) // bins + 1
         rows = np.full((count, len(self.channels), len(KINDS), bins), np.nan)
         for i, (value, median, k) in enumerate(zip(values, self._medians(angle), self.compression, strict=True)):
@@ -103,7 +123,7 @@ class CycleStatistics:
         """
         squares, variances = [], []
         for angles, values in ((angle, measured), (simulated_angle, simulated)):
-            rows = self.cycles(angles, values).reshape(-1, len(self.channels), len(KINDS), self.settings.bins)[:, :, 1]
+            rows = self.cycles(angles, values).reshape(-1, len(self.channels), len(KINDS), BINS)[:, :, 1]
             mean = np.nanmean(rows, axis=0)
             squares.append(mean**2)
             variances.append(4.0 * mean**2 * cycle_variance(rows) / np.isfinite(rows).sum(axis=0))
@@ -113,29 +133,27 @@ class CycleStatistics:
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
         """Statistics `row` (m,) by the name of their series, (bins,) each."""
-        parts = row.reshape(len(self.channels), len(KINDS), self.settings.bins)
+        parts = row.reshape(len(self.channels), len(KINDS), BINS)
         return {
             f"{channel} {kind}": parts[i, k] for i, channel in enumerate(self.channels) for k, kind in enumerate(KINDS)
         }
 
 
-def _within_revolution(angle: np.ndarray, settings: CycleStatisticsSettings) -> np.ndarray:
+def _within_revolution(angle: np.ndarray) -> np.ndarray:
     """Crank angles within a revolution [rad]; those on its edge begin one, whichever way they were rounded."""
-    return np.mod(angle + settings.edge_share_of_bin * tau / settings.bins, tau)
+    return np.mod(angle + EDGE_SHARE_OF_BIN * tau / BINS, tau)
 
 
-def _predictions(
-    rows: np.ndarray, channels: int, settings: CycleStatisticsSettings
-) -> list[tuple[np.ndarray, np.ndarray]]:
+def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """For each statistic the least-squares weights of those that may predict it."""
-    bins = settings.bins
+    bins = BINS
     places = np.arange(rows.shape[1]).reshape(channels, len(KINDS), bins)
     centred = rows - np.nanmean(rows, axis=0)
     sizes = np.maximum(np.nanstd(rows, axis=0), 1e-300)
     centred = np.nan_to_num(centred / sizes)
     predictions = []
     for i, kind, place in np.ndindex(places.shape):
-        others = [places[i, kind, place - back] for back in range(1, settings.predicting_bins + 1) if place >= back]
+        others = [places[i, kind, place - back] for back in range(1, PREDICTING_BINS + 1) if place >= back]
         others += [places[j, kind, (place + near) % bins] for j in range(i) for near in (-1, 0, 1)]
         others += [places[i, 0, place]] if kind else []
         chosen, own = np.array(others, dtype=int), places[i, kind, place]
@@ -149,11 +167,11 @@ def cycle_variance(rows: np.ndarray) -> np.ndarray:
     return np.maximum(np.nanvar(rows, axis=0, ddof=1), 1e-300)
 
 
-def persistence(rows: np.ndarray, block: int, bins: int = DEFAULT_SETTINGS.statistics.bins) -> np.ndarray:
+def persistence(rows: np.ndarray, block: int) -> np.ndarray:
     """How many times the variance of the mean of many cycles is what it would be if they were independent."""
     blocks = np.nanmean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
     ratio = block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows)
-    return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, bins), axis=1), 1.0), bins)
+    return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, BINS), axis=1), 1.0), BINS)
 
 
 # fractions of multiples of the golden and the plastic ratio: they spread starts evenly, however many there are
@@ -179,14 +197,14 @@ def chaotic_channels(
     """Channels in which two simulations from starts that hardly differ come out farther apart than noise would hide."""
     if not campaign.mechanism.applied().loose:
         return ()
-    settings, chaotic = plan.settings.chaos, []
-    start = _start(campaign.mechanism, np.full(3, settings.start_distance_m), np.zeros(3))
+    chaotic = []
+    start = _start(campaign.mechanism, np.full(3, START_DISTANCE), np.zeros(3))
     first = channels_read(campaign, plan, values)
     second = channels_read(campaign, plan, values, perturbation=start)
     for channel in plan.channels:
-        sd = noise.get(channel) or settings.unstated_noise_share * float(np.std(first[channel]))
+        sd = noise.get(channel) or UNSTATED_NOISE_SHARE * float(np.std(first[channel]))
         departure = np.sqrt(np.mean((first[channel] - second[channel]) ** 2))
-        if channel != "crank_angle" and departure > settings.max_departure_share_of_noise * sd:
+        if channel != "crank_angle" and departure > MAX_DEPARTURE_SHARE_OF_NOISE * sd:
             chaotic.append(channel)
     return tuple(chaotic)
 
@@ -206,23 +224,23 @@ def chaotic_run(
     noise: Mapping[str, float | None],
 ) -> ChaoticRun:
     """Learn the statistics of a run's chaotic channels from its model as it stands."""
-    settings, bins = plan.settings.chaos, plan.settings.statistics.bins
-    recorded = max(int(plan.samples.turned / tau) - settings.settling_cycles, 1)
+    recorded = max(int(plan.samples.turned / tau) - SETTLING_CYCLES, 1)
     # a measured angle ends with the record; a crank that turns by itself goes on
-    cycles = settings.cycles_per_simulation
+    cycles = CYCLES_PER_SIMULATION
     cycles = cycles if plan.measured is None else min(cycles, recorded)
-    coarser = replace(plan.settings, simulation=replace(plan.settings.simulation, tolerance_m=settings.tolerance_m))
-    finer = math.ceil(settings.samples_per_revolution * plan.samples.turned / tau / plan.samples.angle.size)
+    finer = math.ceil(SAMPLES_PER_REVOLUTION * plan.samples.turned / tau / plan.samples.angle.size)
 
     def of_length(cycles: int) -> RunPlan:
-        turned = (cycles + settings.settling_cycles) * tau
+        turned = (cycles + SETTLING_CYCLES) * tau
         samples = plan.samples.extended(turned) if plan.measured is None else plan.samples
-        return replace(plan, channels=channels, samples=samples.first(turned).refined(finer), settings=coarser)
+        return replace(
+            plan, channels=channels, samples=samples.first(turned).refined(finer), tolerance=STATISTICS_TOLERANCE
+        )
 
-    remembered = max(min(recorded, settings.remembered_cycles), cycles)
-    many, members = math.ceil(settings.learning_cycles / remembered), math.ceil(settings.cycles / cycles)
+    remembered = max(min(recorded, REMEMBERED_CYCLES), cycles)
+    many, members = math.ceil(LEARNING_CYCLES / remembered), math.ceil(CYCLES / cycles)
     angle, read = _ensemble(campaign, of_length(remembered), values, (), 0, many)
-    clean = CycleStatistics.of(channels, angle, list(read.values()), finer, plan.settings.statistics)
+    clean = CycleStatistics.of(channels, angle, list(read.values()), finer)
     sds = {channel: noise.get(channel) for channel in channels}
     if any(np.isfinite(measured[channel]).any() for channel in channels):
         excess = clean.noise(
@@ -231,11 +249,11 @@ def chaotic_run(
         sds = {channel: excess[i] if sds[channel] is None else sds[channel] for i, channel in enumerate(channels)}
     sds = {channel: sd or 0.0 for channel, sd in sds.items()}
     noisy = [_noisy(read[channel], sds[channel], place) for place, channel in enumerate(channels)]
-    learnt = CycleStatistics.of(channels, angle, noisy, finer, plan.settings.statistics)
+    learnt = CycleStatistics.of(channels, angle, noisy, finer)
     rows = learnt.independent(learnt.cycles(angle[::finer], [values[::finer] for values in noisy]))
     dense = learnt.independent(learnt.cycles(angle, noisy))
-    error = np.sqrt(persistence(dense, cycles, bins) * cycle_variance(dense) / (members * cycles))
-    persistent = persistence(rows, len(rows) // many, bins)
+    error = np.sqrt(persistence(dense, cycles) * cycle_variance(dense) / (members * cycles))
+    persistent = persistence(rows, len(rows) // many)
     return ChaoticRun(of_length(cycles), learnt, cycle_variance(rows), persistent, members, error, sds)
 
 
@@ -243,18 +261,18 @@ def measured_statistics(
     chaotic: ChaoticRun, angle: np.ndarray, measured: Mapping[str, np.ndarray]
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Statistics of what was measured and their standard errors, those of the simulated ones included."""
-    own, settings = chaotic.statistics, chaotic.plan.settings.chaos
+    own = chaotic.statistics
     rows = own.independent(own.cycles(angle, [measured[channel] for channel in own.channels]))
     cycles = np.isfinite(rows).sum(axis=0)
     count = np.maximum(cycles, 1)
     if not len(rows):  # yet to be measured
         count[:] = max(round(float(np.ptp(angle)) / tau), 1)
-    simulated, several = chaotic.variance, cycles >= settings.min_scatter_cycles
+    simulated, several = chaotic.variance, cycles >= MIN_SCATTER_CYCLES
     variance = simulated.copy()
     if several.any():
         # few cycles tell their own scatter badly: mostly its ratio to the simulated one over all bins counts
         ratio = cycle_variance(rows[:, several]) / simulated[several]
-        weight = count[several] / (count[several] + settings.prior_cycles)
+        weight = count[several] / (count[several] + PRIOR_CYCLES)
         variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
     error = np.sqrt(chaotic.persistence * variance / count + chaotic.error**2)
     with warnings.catch_warnings():
@@ -298,7 +316,7 @@ def _ensemble(campaign, plan, values, effects, numerics, count) -> tuple[np.ndar
     with ThreadPoolExecutor(min(cores(), count)) as pool:
         members = list(pool.map(member, range(count)))
     own = plan.samples.angle
-    settled = own >= own[0] + plan.settings.chaos.settling_cycles * tau
+    settled = own >= own[0] + SETTLING_CYCLES * tau
     turns = math.ceil(plan.samples.turned / tau) + 1
     angle = np.concatenate([own[settled] + place * turns * tau for place in range(count)])
     return angle, {channel: np.concatenate([read[channel][settled] for read in members]) for channel in plan.channels}
