@@ -78,15 +78,15 @@ def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") 
 
 def _decoded(path: Path, content: bytes) -> str:
     wide = content.startswith((b"\xff\xfe", b"\xfe\xff"))
-    place = content.find(b"\x00")
     try:
         text = content.decode("utf-16" if wide else "utf-8-sig")
-        if wide or place < 0:
+        if "\x00" not in text:
             return text
+        before = text[: text.index("\x00")].encode()
     except UnicodeDecodeError as error:
-        place = error.start
-    line = content[:place].count(b"\n") + 1
-    raise InputError(f"{path}, row {line}: is not text in UTF-8 (byte {place}); save it as UTF-8")
+        before = content[: error.start]
+    row = before.count(b"\n") + 1
+    raise InputError(f"{path}, row {row}: is not text in UTF-8 (byte {len(before)}); save it as UTF-8")
 
 
 def _csv(
@@ -253,7 +253,9 @@ def _parquet(path: Path, wanted: Sequence[str], clock: str) -> pd.DataFrame:
         file = pq.ParquetFile(path, page_checksum_verification=True)
         table = file.read(columns=[name for name in wanted if name in file.schema_arrow.names])
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write it again") from error
+        raise InputError(
+            f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write the file again"
+        ) from error
     _check_headings(str(path), file.schema_arrow.names, wanted)
     columns = {}
     for column in wanted:

@@ -327,16 +327,17 @@ def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
 
 
 def _check_rising(file: RunFile, time: np.ndarray, rows: np.ndarray) -> None:
-    if (late := np.flatnonzero(np.diff(time) <= 0.0)).size:
-        before, after = time[late[0]], time[late[0] + 1]
-        what = f"repeats {after:.10g} s" if after == before else f"falls from {before:.10g} to {after:.10g} s"
-        fix = "sort the rows, or give one file per record"
-        if after == before:
-            fix = (
-                f"with other values ({np.count_nonzero(np.diff(time) == 0.0)} rows do); write times with more digits, "
-                "or give channels.time 'repeated: last' to keep the last row of each time, or 'first'"
-            )
-        raise InputError(f"{file.place('time', rows[late[0] + 1])}: time {what}{' ' if after == before else '; '}{fix}")
+    steps = np.diff(time)
+    if not (late := np.flatnonzero(steps <= 0.0)).size:
+        return
+    before, after = time[late[0]], time[late[0] + 1]
+    what = f"falls from {before:.10g} to {after:.10g} s; sort the rows, or give one file per record"
+    if after == before:
+        what = (
+            f"repeats {after:.10g} s with other values ({np.count_nonzero(steps == 0.0)} rows do); write times with "
+            "more digits, or give channels.time 'repeated: last' to keep the last row of each time, or 'first'"
+        )
+    raise InputError(f"{file.place('time', rows[late[0] + 1])}: time {what}")
 
 
 def _check_time_alone(file: RunFile, time: np.ndarray, least: float) -> None:
@@ -429,33 +430,24 @@ def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: floa
 def _check_enough(file: RunFile, total: float, samples: int) -> None:
     """Whether `samples` over an angle of `total` [rad] hold a revolution, and enough samples in each."""
     turns = total * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample stands for a step too
+    what = ""
     if turns < MIN_REVOLUTIONS:
-        what, fix = (
-            f"the crank turns by {math.degrees(total):.4g} deg, less than one revolution",
-            "give a longer record",
-        )
+        what = f"the crank turns by {math.degrees(total):.4g} deg, less than one revolution; give a longer record"
     elif samples / turns < (least := MIN_SAMPLES_PER_REVOLUTION):
-        what, fix = (
-            f"{samples} samples in {turns:.4g} revolutions are fewer than {least:g} a revolution",
-            "sample faster",
-        )
-    else:
-        return
-    raise InputError(f"{file.place('crank_angle')}: {what}; {fix}, or correct the unit of the channel crank_angle")
+        what = f"{samples} samples in {turns:.4g} revolutions are fewer than {least:g} a revolution; sample faster"
+    if what:
+        raise InputError(f"{file.place('crank_angle')}: {what}, or correct the unit of the channel crank_angle")
 
 
 def _turns_back(file: RunFile, angle: np.ndarray) -> InputError:
     """The error of an `angle` [rad], mirrored where the run is clockwise, that falls on the whole."""
-    finite = np.degrees(angle[np.isfinite(angle)])
+    first, last = np.degrees(angle[np.isfinite(angle)])[[0, -1]]
+    what = f"falls from {first:.6g} to {last:.6g} deg; if the crank turns clockwise, give the run"
+    fix = "'direction: clockwise', else"
     if file.run.direction == "clockwise":
-        return InputError(
-            f"{file.place('crank_angle')}: the angle rises from {-finite[0]:.6g} to {-finite[-1]:.6g} deg, but run "
-            f"'{file.run.id}' has 'direction: clockwise'; remove it, or change the sign of the angles"
-        )
-    return InputError(
-        f"{file.place('crank_angle')}: the angle falls from {finite[0]:.6g} to {finite[-1]:.6g} deg; if the crank "
-        "turns clockwise, give the run 'direction: clockwise', else change the sign of the angles"
-    )
+        what = f"rises from {-first:.6g} to {-last:.6g} deg, but run '{file.run.id}' has"
+        fix = "'direction: clockwise'; remove it, or"
+    return InputError(f"{file.place('crank_angle')}: the angle {what} {fix} change the sign of the angles")
 
 
 def _proposal(file: RunFile, channel: str, fitting) -> str:
