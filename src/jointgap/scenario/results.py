@@ -11,7 +11,7 @@ from jointgap.core import joints, parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import FIT_ERRORS, TRAJECTORY, Table
-from jointgap.scenario.stages import OF_NETWORKS
+from jointgap.networks import OF_NETWORKS
 
 CLEARANCE = "clearance"
 """Stands for an output where the second surrogate has all of them in one file."""

@@ -42,6 +42,7 @@ from jointgap.core.schema import (
     TRAJECTORY,
 )
 from jointgap.core.stage import Option, Stages, Workers
+from jointgap.networks import OF_NETWORKS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,10 +51,6 @@ if TYPE_CHECKING:
     from jointgap.scenario.results import ScenarioResults
 
 SCENARIO_STAGES = Stages()
-
-
-OF_NETWORKS = (FIT, FIT_HISTORY, FIT_ERRORS, CLEARANCE_FIT)
-"""Tables of a scenario that trains networks."""
 
 
 def stages_of(scenario: "Scenario") -> list[str]:
