@@ -28,7 +28,7 @@ def test_the_fine_simulation_for_the_second_surrogate_is_part_of_its_stage():
 def test_a_stage_depends_on_its_own_function_and_on_none_of_its_neighbours():
     own, modules = code_of(SCENARIO_STAGES["simulate"].function)
     assert "def simulate" in own and "def optimise" not in own and "_MOTION = " in own
-    assert not {name for name in modules if name.startswith(("networks", "lengths", "scenario.figures"))}
+    assert not {name for name in modules if name.startswith(("networks.", "lengths", "scenario.figures"))}
 
 
 def test_what_a_stage_is_given_counts_though_it_is_named_in_an_annotation_alone():

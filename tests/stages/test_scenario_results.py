@@ -21,7 +21,7 @@ def scenario(loose=("crank_pin", "piston_pin"), effects=(), **simulated):
     for name, joint in mechanism["joints"].items():
         joint["loose"] = name in loose
     options = {"revolutions": 1, "samples_per_revolution": 1800} | simulated
-    return Scenario.model_validate({"mechanism": mechanism, "simulate": options, "surrogate": QUICK})
+    return Scenario.model_validate({"mechanism": mechanism, "simulate": options, "surrogate": QUICK, "networks": True})
 
 
 @pytest.fixture(scope="module")
