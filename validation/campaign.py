@@ -14,7 +14,7 @@ import pandas as pd
 import yaml
 
 from jointgap.config import read_yaml
-from jointgap.quantities import unit_factor
+from jointgap.core.units import unit_factor
 from validation.calibrate import Readings
 from validation.rig import VirtualRig
 

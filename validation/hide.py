@@ -14,9 +14,9 @@ import numpy as np
 from jointgap.config import Mechanism
 from jointgap.config.load import load_campaign, validate
 from jointgap.core.errors import SimulationError
+from jointgap.core.formula import Program, compile_formula
 from jointgap.dynamics.equations import evaluate
 from jointgap.effects import EFFECTS
-from jointgap.formula import Program, compile_formula
 from jointgap.rig.model import build_model
 from validation import exudyn
 from validation.calibrate import GAP_TOLERANCE, Calibrator, Readings, StatisticsCalibrator, calibrate_size

@@ -13,8 +13,8 @@ from jointgap.config import read_yaml, validate
 from jointgap.config.names import Word
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS, PINS
+from jointgap.core.units import Fraction
 from jointgap.effects import EFFECTS
-from jointgap.quantities import Fraction
 from jointgap.rig.sensors import SENSOR_DELAY
 from jointgap.section import Section
 from validation.campaign import DAMAGES

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from jointgap.core.errors import InputError
+from jointgap.core.formula import compile_formula
 from jointgap.effects import EFFECTS
-from jointgap.formula import compile_formula
 from jointgap.identification.confirmation import share_closed
 from jointgap.identification.fit import LEVELS
 from jointgap.rig.sensors import ENCODER_FAULTS, FAULTS

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from jointgap.quantities import scaled_unit_factor, to_si, unit_factor
+from jointgap.core.units import scaled_unit_factor, to_si, unit_factor
 
 
 @pytest.mark.parametrize(
@@ -59,12 +59,6 @@ def test_a_frequency_is_no_speed_of_rotation(text):
         to_si(text, "Hz")
 
 
-@pytest.mark.parametrize("text", ["7,5 mm", "7,5", "1,5e-3 m"])
-def test_a_decimal_comma_is_refused_with_the_number_that_may_be_meant(text):
-    with pytest.raises(ValueError, match=f"has a comma; write {text.replace(',', '.')}"):
-        to_si(text, "m")
-
-
 @pytest.mark.parametrize("value", [10**400, -(10**400)])
 def test_a_number_beyond_all_floats_is_refused(value):
     with pytest.raises(ValueError, match="too large for a number"):
@@ -90,46 +84,24 @@ def test_a_typographic_minus_is_a_minus(text, unit, number):
 
 
 @pytest.mark.parametrize(
-    ("text", "meant"),
-    [
-        ("1 500 mm", "1500 mm"),
-        ("1 500", "1500"),
-        ("1'500 mm", "1500 mm"),
-        ("1\N{RIGHT SINGLE QUOTATION MARK}500 mm", "1500 mm"),
-        ("1\N{NARROW NO-BREAK SPACE}500 mm", "1500 mm"),
-        ("1_500 mm", "1500 mm"),
-        ("1,500.5 mm", "1500.5 mm"),
-        ("12 345 678 um", "12345678 um"),
-        ("5 1/2 inch", "5.5 inch"),
-        ("-5 1/2 inch", "-5.5 inch"),
-        ("1/2 inch", "0.5 inch"),
-        ("150 mm ± 1", "150 mm"),
-        ("\N{EN DASH}150 mm", "-150 mm"),
-        ("360 mm/4096", "0.087890625 mm"),
-    ],
-)
-def test_text_that_is_not_one_number_with_one_unit_is_refused_with_what_may_be_meant(text, meant):
-    with pytest.raises(ValueError, match=f"is not one number with one unit; write {meant}$"):
-        to_si(text, "m")
-
-
-@pytest.mark.parametrize(
     "text",
     ["", " ", "mm", "0.1.5 m", "150:200 mm", "150 - 200 mm", "2*3 mm", "5 mm 3", "5 mm/", "5 m//s", "7 mm."]
-    + ["nan", "inf m", "turn/0", "turn/3600/2", "9" * 5000, "5 mm" * 1000, "5 " + "(" * 40 + "m" + ")" * 40],
+    + ["nan", "inf m", "turn/0", "turn/3600/2", "9" * 5000, "5 mm" * 1000]
+    + ["7,5 mm", "7,5", "1,5e-3 m", "1 500 mm", "1 500", "1'500 mm", "1\N{NARROW NO-BREAK SPACE}500 mm", "1,500.5 mm"]
+    + ["5 1/2 inch", "1/2 inch", "150 mm ± 1", "\N{EN DASH}150 mm", "360 mm/4096"],
 )
 def test_text_that_is_no_number_with_a_unit_is_refused(text):
-    with pytest.raises(ValueError, match="with a unit; write"):
+    with pytest.raises(ValueError, match="is not a number with a unit"):
         to_si(text, "m")
 
 
 @pytest.mark.parametrize("text", ["9**9**9 m", "5 m^9999999999", "5 km⁹⁹⁹⁹⁹⁹⁹⁹", "m/9**9**9", "9**9**9"])
 def test_nothing_in_a_text_is_evaluated(text):
-    with pytest.raises(ValueError, match="with a unit; write"):
+    with pytest.raises(ValueError, match="is not a number with a unit"):
         to_si(text, "m")
 
 
-@pytest.mark.parametrize("text", ["_000 mm", "5 furlongg", "0x10 mm", "5 and", "5½ inch"])
+@pytest.mark.parametrize("text", ["1_500 mm", "5 furlongg", "0x10 mm", "5 and", "5½ inch"])
 def test_a_unit_that_there_is_none_of_is_named(text):
     with pytest.raises(ValueError, match="with a unit"):
         to_si(text, "m")

@@ -476,7 +476,7 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
 def _quantity(option: str, text: str, unit: str) -> float:
     """The value of an option in `unit`."""
     from jointgap.core.errors import InputError
-    from jointgap.quantities import to_si
+    from jointgap.core.units import to_si
 
     try:
         return to_si(text, unit)

@@ -24,7 +24,7 @@ from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
-from jointgap.quantities import Angle, PositiveAngle, PositiveAngularSpeed, PositiveTime, split_share
+from jointgap.core.units import Angle, PositiveAngle, PositiveAngularSpeed, PositiveTime, split_share
 from jointgap.section import Section
 
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")

@@ -7,7 +7,7 @@ from jointgap.config.load import validate
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
-from jointgap.quantities import to_si
+from jointgap.core.units import to_si
 from jointgap.section import Section
 
 AnySection = TypeVar("AnySection", bound=Section)

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationInfo, WithJsonSchema, field_validator, model_validator
 
 from jointgap.config.names import Name, text_of
-from jointgap.quantities import quantity, scaled_unit_factor, split_quantity, split_share, to_si, unit_factor
+from jointgap.core.units import quantity, scaled_unit_factor, split_quantity, split_share, to_si, unit_factor
 from jointgap.section import Section
 
 CHANNELS = {

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from jointgap.quantities import OpenFraction
+from jointgap.core.units import OpenFraction
 from jointgap.section import Section
 
 

@@ -7,7 +7,7 @@ from pydantic import Field, WrapValidator, model_validator
 
 from jointgap.config.friction_laws import FRICTION_LAWS, FRICTION_PARAMETERS, described, laws_reading
 from jointgap.core.joints import JOINT, REFERENCE_APPROACH_SPEED
-from jointgap.quantities import (
+from jointgap.core.units import (
     FrictionCoefficient,
     NonNegativeNumber,
     PoissonRatio,

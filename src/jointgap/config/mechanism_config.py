@@ -10,8 +10,8 @@ from jointgap.complaints import complaints
 from jointgap.config.joint_config import Contact, Joint, Joints
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME
+from jointgap.core.units import Angle, Length, PositiveInertia, PositiveLength, PositiveMass
 from jointgap.effects import AnyEffect
-from jointgap.quantities import Angle, Length, PositiveInertia, PositiveLength, PositiveMass
 from jointgap.section import Section
 
 _INERTIA_ARM = 2.0

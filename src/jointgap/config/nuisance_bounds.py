@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
+from jointgap.core.units import split_quantity, to_si
 from jointgap.effects.clearance import LEAST_CLEARANCE
-from jointgap.quantities import split_quantity, to_si
 
 
 class _Range(NamedTuple):

@@ -5,8 +5,8 @@ from typing import Any, Literal
 from pydantic import Field, field_validator
 
 from jointgap.config.sweep_config import Distribution, with_distribution
+from jointgap.core.units import OpenFraction, quantity
 from jointgap.counts import Seed, count
-from jointgap.quantities import OpenFraction, quantity
 from jointgap.section import Section
 
 _SEARCH = 10_000, "each candidate is simulated at every draw: some milliseconds times draws"

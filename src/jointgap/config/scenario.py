@@ -27,8 +27,7 @@ from jointgap.config.sensitivity_config import Sensitivity
 from jointgap.config.sweep_config import Sweep
 from jointgap.core.errors import InputError
 from jointgap.core.schema import PRINTED_OPTIMA
-from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
-from jointgap.quantities import (
+from jointgap.core.units import (
     Angle,
     AngularSpeed,
     OpenFraction,
@@ -40,6 +39,7 @@ from jointgap.quantities import (
     split_quantity,
     unit_factor,
 )
+from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
 from jointgap.section import Section
 
 Interval = tuple[PositiveLength, PositiveLength]

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, FiniteFloat, WithJsonSchema, field_validator, model_validator
 
+from jointgap.core.units import Angle
 from jointgap.counts import Seed, count
-from jointgap.quantities import Angle
 from jointgap.section import Section
 
 MOST_DESIGNS = 10_000_000

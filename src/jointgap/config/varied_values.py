@@ -7,7 +7,7 @@ from jointgap.config.load import validate
 from jointgap.config.scenario import DrivenMechanism
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME
-from jointgap.quantities import to_si
+from jointgap.core.units import to_si
 from jointgap.section import Section
 
 _LINKS = {"crank_length": "crank", "rod_length": "rod"}
@@ -42,7 +42,7 @@ def _turn(key: str) -> int:
 
 
 def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
-    """SI unit of the number at a `key`, as `jointgap.quantities.to_si` takes it; '' for a pure number."""
+    """SI unit of the number at a `key`, as `jointgap.core.units.to_si` takes it; '' for a pure number."""
     if key in VARIED_BY_WORD:
         return VARIED_BY_WORD[key].replace("1", "")
     data = dict(base)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from jointgap.core.errors import InputError
 from jointgap.core.parquet import batches, check_writable, describe, write_atomically
-from jointgap.quantities import unit_factor
+from jointgap.core.units import unit_factor
 
 
 def export(source: Path, to: Path | None = None, units: Sequence[str] = (), force: bool = False) -> list[Path]:

@@ -20,9 +20,9 @@ from jointgap.config.varied_values import unit_of, with_values
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import Column
+from jointgap.core.units import to_si
 from jointgap.lengths.objective import MEASURES, Objective
 from jointgap.paper.printed import OPTIMA, departures
-from jointgap.quantities import to_si
 
 COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
 """Parameters that say how the error is counted, with their units; '' for words and whole numbers, which are listed."""

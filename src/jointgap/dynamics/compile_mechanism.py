@@ -8,6 +8,7 @@ from jointgap.config import Mechanism, Simulate, check_drive, check_tolerance, h
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.scenario import MeasuredDrive, MotorDrive
 from jointgap.core.errors import InputError
+from jointgap.core.formula import NOTHING
 from jointgap.core.joints import JOINT, JOINTS
 from jointgap.dynamics.contact import FADING_DURATIONS, LAWS, MEMORY_DURATIONS, elastic_duration
 from jointgap.dynamics.drive import angle_pieces
@@ -27,7 +28,6 @@ from jointgap.dynamics.parameters import (
     table_record,
 )
 from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
-from jointgap.formula import NOTHING
 
 
 def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:

@@ -13,9 +13,9 @@ from scipy.sparse import sparray
 from jointgap.config import Simulate
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.parquet import is_as_written
+from jointgap.core.units import unit_factor
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MEASURED, MOST_KNOTS, MOTOR
-from jointgap.quantities import unit_factor
 
 
 @compiled

@@ -8,7 +8,7 @@ from numba import carray, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from jointgap import formula as f
+from jointgap.core import formula as f
 from jointgap.dynamics.bodies import bodies_under
 from jointgap.dynamics.joints import NOTHING, bristle_motion, joint_force, under_reactions
 from jointgap.dynamics.numba_cache import compiled, inlined

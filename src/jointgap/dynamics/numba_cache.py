@@ -166,7 +166,7 @@ def linked_where_called(dispatcher: Dispatcher) -> Callable:
 
 
 _PACKAGE = Path(__file__).parent
-_ELSEWHERE = ("formula.py", "core/joints.py", "config/friction_laws.py")
+_ELSEWHERE = ("core/formula.py", "core/joints.py", "config/friction_laws.py")
 SOURCES = (*sorted(_PACKAGE.rglob("*.py")), *(_PACKAGE.parent / name for name in _ELSEWHERE))
 """All that compiled code of this package is made from."""
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jointgap.core.formula import Program
 from jointgap.effects.slider_force_table import MOST_ROWS
-from jointgap.formula import Program
 
 DRIVE_KINDS = ("constant", "fluctuating", "measured", "motor")
 CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(len(DRIVE_KINDS))

@@ -11,8 +11,8 @@ from pydantic_core import PydanticUndefined
 
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import InputError
-from jointgap.formula import compile_formula
-from jointgap.quantities import quantity
+from jointgap.core.formula import compile_formula
+from jointgap.core.units import quantity
 from jointgap.section import Section
 
 SLIDER_SIGN_SPEED = 0.01

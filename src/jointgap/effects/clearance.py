@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import REFERENCE_APPROACH_SPEED
+from jointgap.core.units import FrictionCoefficient, quantity
 from jointgap.effects.base import (
     Candidates,
     DataEffect,
@@ -22,7 +23,6 @@ from jointgap.effects.base import (
     joint_data,
     register_effect,
 )
-from jointgap.quantities import FrictionCoefficient, quantity
 from jointgap.section import Section
 
 LEAST_CLEARANCE = 1e-9

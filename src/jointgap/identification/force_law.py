@@ -33,7 +33,7 @@ class Law:
 
     effect: str  # Such as ``discovered_slider_force`` and ``slider``
     site: str  # Such as ``discovered_slider_force`` and ``slider``
-    terms: Mapping[str, str]  # Of each coefficient its term in the syntax of `jointgap.formula`, SI
+    terms: Mapping[str, str]  # Of each coefficient its term in the syntax of `jointgap.core.formula`, SI
     coefficients: Mapping[str, float]  # Their values
     keys: Mapping[str, str]  # Key of each coefficient among the parameters of a fit
 

@@ -16,8 +16,8 @@ from scipy.signal import butter
 
 from jointgap.config.campaign_file import Campaign, CampaignRun
 from jointgap.config.channels import CHANNELS, FILTER_ORDER, UNITS, Channel
+from jointgap.core.units import unit_factor
 from jointgap.dynamics.kinematics import FORCES, SPEED_POWERS, ideal_orders
-from jointgap.quantities import unit_factor
 from jointgap.rig.checks import cycle_scatter
 from jointgap.rig.recording import Contradiction, Recording
 

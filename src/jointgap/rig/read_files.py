@@ -12,7 +12,7 @@ from jointgap.config.channels import CHANNELS
 from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
-from jointgap.quantities import split_share, unit_factor
+from jointgap.core.units import split_share, unit_factor
 from jointgap.rig.checks import (
     MIN_REVOLUTIONS,
     MIN_SAMPLES,

@@ -1,0 +1,163 @@
+"""Numbers with units in files and commands; SI floats once read. A plain number is taken as SI.
+
+Text is one number and one unit: ``7 mm``, ``600 rpm``, ``2 N*m/rad``, ``turn/3600``. What a unit means is left to pint,
+which would evaluate a whole formula; so a unit is passed on only where it looks like one.
+"""
+
+import math
+import re
+from functools import cache, lru_cache
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, WithJsonSchema
+
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
+_SHARE = re.compile(rf"\s*(.*[^*/\s])\s*/\s*({_NUMBER})\s*", re.DOTALL)  # turn/3600: what one line of an encoder is
+_UNIT = re.compile(r"(?!.*//)(?:1?\s*/)?(?:[^\W\d]\w*+|(?:\^|\*\*)\s*\(?\s*[-+]?[0-9](?:\.[0-9]+)?|[°%‰()*/\s])++")
+_LONGEST = 100  # [characters] of a number with its unit
+_SIGNS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{MIDDLE DOT}": "*", "\N{DOT OPERATOR}": "*"})
+_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_PLAIN_POWER = re.compile(r"(?<=[A-Za-z])([234])(?![\w.^])")  # m/s2, kg m2: no unit of pint's ends in such a digit
+# Nm, kNm, Nmm, whole below a stroke: pint takes Nm for a measure of yarn
+_TORQUE = re.compile(r"(/ ?)?\b([kmM]?N)([mc]?m)\b((?:\^|\*\*)-?\d)?")
+
+_NO_QUANTITY = "is not a number with a unit; write one number, with a decimal point, and one unit, such as 1.5 mm"
+
+
+@cache
+def _registry():
+    import pint  # 0.3 s: only where a file really carries units
+
+    return pint.UnitRegistry()
+
+
+def to_si(value: Any, unit: str) -> float:
+    """A number or a text such as ``'7 mm'`` as a float in `unit`; ValueError says what is wrong with it."""
+    if type(value) is float and math.isfinite(value):  # most are: a design of a sweep has dozens
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError(f"must be a number{f' in {unit}' if unit else ''} or text like '1.5 {unit}'")
+    try:
+        number = _read(value, unit) if isinstance(value, str) else float(value)
+    except OverflowError as error:
+        raise ValueError("is too large for a number; 1.8e308 is the largest") from error
+    if not math.isfinite(number):
+        raise ValueError("must be finite")
+    return number
+
+
+@lru_cache(4096)  # defaults with units are read at each of a fit's thousands of simulations
+def _read(text: str, unit: str) -> float:
+    number, own = split_quantity(text)
+    return _converted(float(number), own, unit) if own else float(number)
+
+
+def split_quantity(text: str) -> tuple[str, str]:
+    """The number in `text`, in digits that `float` reads, and its unit, as pint reads it; '' without one."""
+    plain = text.translate(_SIGNS) if len(text) <= _LONGEST else ""
+    if found := _QUANTITY.fullmatch(plain):
+        number, unit = found.groups()
+    else:
+        unit, parts = split_share(plain)
+        number = repr(1.0 / parts) if parts != 1.0 else ""
+    own = _unit_for_pint(unit)
+    if not number or (unit and not own):
+        raise ValueError(_NO_QUANTITY)
+    return number, own
+
+
+def split_share(unit: str) -> tuple[str, float]:
+    """The unit of which `unit` is a part, and how many parts: turn and 4000 of ``turn/4000``; 1 of whole units."""
+    share = _SHARE.fullmatch(unit) if len(unit) <= _LONGEST else None
+    return (share[1], float(share[2])) if share and float(share[2]) > 0 else (unit, 1.0)
+
+
+def _unit_for_pint(unit: str) -> str:
+    """`unit` as pint reads it; '' where it is none by its form."""
+    unit = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda raised: "^" + raised[0].translate(_RAISED), unit.translate(_SIGNS))
+    unit = _TORQUE.sub(_torque_for_pint, _PLAIN_POWER.sub(r"^\1", " ".join(unit.split())))
+    if len(unit) > _LONGEST or _UNIT.fullmatch(unit) is None:
+        return ""
+    return f"1{unit}" if unit.startswith("/") else unit
+
+
+def _torque_for_pint(found: re.Match[str]) -> str:
+    stroke, force, lever, power = (part or "" for part in found.groups())
+    return f"/({force}*{lever}{power})" if stroke else f"{force}*{lever}{power}"
+
+
+def _converted(number: float, own: str, unit: str) -> float:
+    """A `number` of the unit `own`, which pint can read, in `unit`."""
+    import pint
+
+    try:
+        quantity = _registry().Quantity(number, own)
+    except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
+        raise ValueError(
+            f"is not a number with a unit (a unit of '{unit or 'no dimension'}' is needed): there is no unit '{own}'"
+        ) from error
+    try:
+        converted = quantity.to(_unit_for_pint(unit) or "dimensionless")
+    except pint.DimensionalityError as error:
+        raise ValueError(f"has the unit '{quantity.units}', which is not a '{unit or 'pure number'}'") from error
+    if unit in _RATES and quantity.to_root_units().units != converted.to_root_units().units:
+        raise ValueError(f"has the unit '{quantity.units}', which may or may not mean turns; write {_RATES[unit]}")
+    return float(converted.magnitude)
+
+
+_RATES = {"rad/s": "rpm, turn/s or rad/s", "Hz": "Hz or 1/s", "rad": "deg, turn or rad"}
+"""Units with an angle and without one: pint takes a radian for 1, and 10 Hz for 10 rad/s."""
+
+
+def unit_factor(unit: str, base: str) -> float:
+    """How many `base` one `unit` is."""
+    whole, parts = split_share(unit)
+    return _converted(1.0 / parts, _checked_unit(whole, base), base)
+
+
+def scaled_unit_factor(scale: str, unit: str, base: str) -> float:
+    """How many `base` one `unit` is of a signal that a `scale` such as ``0.35 N*m/A`` converts."""
+    number, own = split_quantity(scale)
+    signal = _checked_unit(unit, base)
+    return _converted(float(number), f"({own}) * ({signal})" if own else signal, base)
+
+
+def _checked_unit(unit: str, base: str) -> str:
+    if own := _unit_for_pint(unit):
+        return own
+    raise ValueError(f"is {'not a unit' if unit.strip() else 'empty'}; write a unit such as {base}")
+
+
+_LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
+"""Words of JSON schemas for pydantic's limits."""
+
+
+def quantity(unit: str, **limits: float) -> Any:
+    """Type of a quantity in `unit` (a pint name, '' for pure numbers) within `limits` (gt, ge, lt, le, multiple_of)."""
+    number = {"type": "number", **{_LIMITS.get(key, "multipleOf"): limit for key, limit in limits.items()}}
+    text = {"type": "string", "description": f"number with a unit that converts to {unit or '1'}"}
+    return Annotated[
+        float,
+        Field(**limits),
+        BeforeValidator(lambda value: to_si(value, unit)),
+        WithJsonSchema({"anyOf": [number, text], "unit": unit or "1"}),
+    ]
+
+
+PositiveLength = quantity("m", gt=0)
+Length = quantity("m")
+PositiveMass = quantity("kg", gt=0)
+PositiveInertia = quantity("kg*m^2", gt=0)
+PositiveSpeed = quantity("m/s", gt=0)
+PositiveAngularSpeed = quantity("rad/s", gt=0)
+AngularSpeed = quantity("rad/s")
+Angle = quantity("rad")
+PositiveAngle = quantity("rad", gt=0)
+Fraction = quantity("", ge=0, le=1)
+OpenFraction = quantity("", gt=0, lt=1)
+PositiveTime = quantity("s", gt=0)
+PositiveNumber = quantity("", gt=0)
+NonNegativeNumber = quantity("", ge=0)
+FrictionCoefficient = quantity("", ge=0, le=0.6)
+PoissonRatio = quantity("", ge=0, lt=0.5)
