@@ -169,7 +169,7 @@ def test_a_mode_that_rings_has_settled_when_it_is_near_its_limit_and_no_longer_m
         return float(np.linalg.norm(one["x"] - other["x"]))
 
     near = away < 1.0 and abs(away - away / z) < 1.0
-    assert motion.has_settled(*spiral, distance, 1.0) == near
+    assert motion.has_settled(*spiral, distance) == near
 
 
 def ringing(damping_ratio):

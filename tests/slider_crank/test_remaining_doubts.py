@@ -89,8 +89,9 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path, label, nam
     if candidate.site == "slider_acceleration":
         true = faults.taken_out(recording).channels["slider_acceleration"]
         interval = float(recording.time[1] - recording.time[0])
-        again = faults.after_filter(candidate.site, faults.before_filter(candidate.site, true))
-        again = faults.over_time(candidate.site, again, interval)
+        again = faults.act("before_filter", candidate.site, true)
+        again = faults.act("after_filter", candidate.site, again)
+        again = faults.act("over_time", candidate.site, again, interval)
         again = np.interp(recording.time - faults.delay(candidate.site), recording.time, again)
         # a derivative of noisy samples is as good as differences of neighbours, and a filter forgets its beginning
         allowed = 0.1 if candidate.name in ("sensor_lag", "sensor_delay") else 1e-12
