@@ -11,7 +11,7 @@ pytestmark = pytest.mark.integration
 
 OWN = {
     "mechanism": str(ROOT / "config/mechanisms/compressor.yaml"),
-    "simulate": {"speed": "1450 rpm", "revolutions": 2, "samples_per_revolution": 720, "tolerance": "1e-9 m"},
+    "simulate": {"speed": "1450 rpm", "revolutions": 2, "samples_per_revolution": 1800, "tolerance": "1e-9 m"},
     "surrogate": {
         "iterations": 20,
         "seeds": [0],
