@@ -206,11 +206,26 @@ def kind_of(hypothesis: Hypothesis) -> str:
     return ("base", "single", "pair")[len(hypothesis)]
 
 
+_MATRICES = {
+    "fit_curvature": ("sample", "derivative"),
+    "fit_shifts": ("numerics", "shift"),
+    "fit_draws": ("draw", "value"),
+}
+"""Tables of a matrix with a column for each parameter of a fit: what counts its rows, and what its entries are."""
+
+
+def _rows_of_matrix(fit: Fit, table: str, matrix: np.ndarray) -> pd.DataFrame:
+    count, entry = _MATRICES[table]
+    keys = [p.key for p in fit.parameters]
+    places = np.arange(len(matrix)) + (count == "numerics")  # these count from 1
+    return _labelled(fit, {count: np.repeat(places, len(keys)), "key": keys * len(matrix), entry: np.ravel(matrix)})
+
+
 def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, whole_jacobian: bool = False) -> Frames:
     """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals."""
     fits = list(fits)
     durations = [np.nan] * len(fits) if seconds is None else list(seconds)
-    rows, values, curvature, residuals, shifts, draws = [], [], [], [], [], []
+    rows, parts = [], {name: [] for name in ("fit_values", "fit_residuals", *_MATRICES)}
     for fit, duration in zip(fits, durations, strict=True):
         failed = fit.status == FAILED
         rows.append(
@@ -228,33 +243,19 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
                 "gap_left": fit.gap_left,
             }
         )
-        keys = [p.key for p in fit.parameters]
         slope = np.nan if failed else fit.half_derivative
-        values.append(_labelled(fit, {"key": keys, "value": fit.values, "slope": slope}))
-        if not failed:
-            jacobian = fit.jacobian if whole_jacobian else compress_rows(fit.jacobian)[0]
-            samples = np.arange(len(jacobian))
-            curvature += [
-                _labelled(fit, {"key": key, "sample": samples, "derivative": jacobian[:, i]})
-                for i, key in enumerate(keys)
-            ]
-            residuals.append(_labelled(fit, {"sample": np.arange(fit.residual.size), "residual": fit.residual}))
-            shifts += [
-                _labelled(fit, {"numerics": number, "key": keys, "shift": shift})
-                for number, shift in enumerate(() if fit.shifts is None else fit.shifts, 1)
-            ]
-            if fit.draws is not None:
-                places = np.repeat(np.arange(len(fit.draws)), len(keys))
-                columns = {"draw": places, "key": keys * len(fit.draws), "value": fit.draws.ravel()}
-                draws.append(_labelled(fit, columns))
-    return {
-        "fits": _frame(schema.FITS, [pd.DataFrame(rows)] if rows else []),
-        "fit_values": _frame(schema.FIT_VALUES, values),
-        "fit_curvature": _frame(schema.FIT_CURVATURE, curvature),
-        "fit_residuals": _frame(schema.FIT_RESIDUALS, residuals),
-        "fit_shifts": _frame(schema.FIT_SHIFTS, shifts),
-        "fit_draws": _frame(schema.FIT_DRAWS, draws),
-    }
+        values = {"key": [p.key for p in fit.parameters], "value": fit.values, "slope": slope}
+        parts["fit_values"].append(_labelled(fit, values))
+        if failed:
+            continue
+        residuals = {"sample": np.arange(fit.residual.size), "residual": fit.residual}
+        parts["fit_residuals"].append(_labelled(fit, residuals))
+        jacobian = fit.jacobian if whole_jacobian else compress_rows(fit.jacobian)[0]
+        for table, matrix in zip(_MATRICES, (jacobian, fit.shifts, fit.draws), strict=True):
+            if matrix is not None:
+                parts[table].append(_rows_of_matrix(fit, table, matrix))
+    parts["fits"] = [pd.DataFrame(rows)] if rows else []
+    return {name: _frame(schema.TABLES[name], own) for name, own in parts.items()}
 
 
 def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
@@ -265,33 +266,33 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
     """
     families = {f.law.label: f.law for c in problem.model.candidates for f in c.families}
     candidates = (*problem.model.candidates, *families.values(), *more)
-    values, jacobians, residuals, all_shifts, all_draws = (
-        {label: rows for label, rows in frames[name].groupby("explanation", sort=False)}
-        for name in ("fit_values", "fit_curvature", "fit_residuals", "fit_shifts", "fit_draws")
-    )
+    own = {
+        (name, label): rows
+        for name in ("fit_values", "fit_residuals", *_MATRICES)
+        for label, rows in frames[name].groupby("explanation", sort=False)
+    }
     fits = []
     for row in frames["fits"].to_dict("records"):
         label = row["explanation"]
         hypothesis = hypothesis_of(label, candidates)
-        own = values[label].set_index("key") if label in values else pd.DataFrame({"value": [], "slope": []})
-        stored = own["value"].to_dict()
-        parameters = tuple(p for p in problem.parameters(hypothesis) if p.key in stored)
+        stored = own.get(("fit_values", label), frames["fit_values"].head(0)).set_index("key")
+        parameters = tuple(p for p in problem.parameters(hypothesis) if p.key in stored.index)
         keys = [p.key for p in parameters]
-        fitted = np.array([stored[key] for key in keys], dtype=float)
-        jacobian, residual = np.empty((problem.size, 0)), np.full(problem.size, np.nan)
-        if row["status"] != FAILED:
-            residual = residuals[label]["residual"].to_numpy()
-            if keys:
-                jacobian = jacobians[label].pivot(index="sample", columns="key", values="derivative")[keys].to_numpy()
-        shifts = draws = None
-        if label in all_draws:
-            draws = all_draws[label].pivot(index="draw", columns="key", values="value")[keys].to_numpy()
-        if label in all_shifts:
-            shifts = all_shifts[label].pivot(index="numerics", columns="key", values="shift")[keys].to_numpy()
+        values, slope = (stored.loc[keys, name].to_numpy(dtype=float) for name in ("value", "slope"))
+        residual = np.full(problem.size, np.nan)
+        if ("fit_residuals", label) in own:
+            residual = own["fit_residuals", label]["residual"].to_numpy()
+        jacobian, shifts, draws = (
+            own[table, label].pivot(index=count, columns="key", values=entry)[keys].to_numpy()
+            if (table, label) in own
+            else None
+            for table, (count, entry) in _MATRICES.items()
+        )
+        if jacobian is None:
+            jacobian = np.empty((problem.size, 0))
         status = row["simulations"], row["status"], row["reason"] or ""
-        slope = own.loc[keys, "slope"].to_numpy(dtype=float)
         known = slope, shifts, draws, problem.settings, row["gap_left"]
-        fits.append(Fit(hypothesis, parameters, fitted, residual, jacobian, *status, *known))
+        fits.append(Fit(hypothesis, parameters, values, residual, jacobian, *status, *known))
     return fits
 
 
@@ -301,37 +302,15 @@ def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.
     for fit in fits:
         if fit.status == FAILED:
             continue
-        for p, estimate in nuisances_as_read(fit, clockwise):
-            rows.append(_parameter_row(fit, p.key, p.name, estimate, run=p.run, unit=p.unit))
+        found = [((p.key, p.name, None, p.run), own, p.unit) for p, own in nuisances_as_read(fit, clockwise)]
         for candidate in fit.hypothesis:
-            for name, estimate in effect_estimates(fit, candidate).items():
-                rows.append(_parameter_row(fit, f"{candidate.label}.{name}", name, estimate, effect=candidate.label))
-    return _frame(schema.FIT_PARAMETERS, [pd.DataFrame(rows)] if rows else [])
-
-
-def _parameter_row(
-    fit: Fit,
-    key: str,
-    parameter: str,
-    estimate: dict,
-    effect: str | None = None,
-    run: str | None = None,
-    unit: str = "",
-) -> dict[str, Any]:
-    low, high = estimate["interval_90"]
-    return {
-        "explanation": fit.label,
-        "key": key,
-        "parameter": parameter,
-        "effect": effect,
-        "run": run,
-        "value": estimate["value"],
-        "sd": estimate["sd"],
-        "low_90": low,
-        "high_90": high,
-        "remark": estimate.get("remark"),
-        "unit": unit,
-    }
+            for name, own in effect_estimates(fit, candidate).items():
+                found.append(((f"{candidate.label}.{name}", name, candidate.label, None), own, ""))
+        for names, own, unit in found:
+            rows.append(
+                (fit.label, *names, own["value"], own["sd"], *own["interval_90"], own.get("remark"), unit),
+            )
+    return pd.DataFrame(rows, columns=schema.FIT_PARAMETERS.names)
 
 
 @dataclass(frozen=True)
