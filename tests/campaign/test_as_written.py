@@ -6,8 +6,8 @@ import yaml
 
 from jointgap.campaign.augment import as_written
 from jointgap.config import Mechanism
-from jointgap.config.documents import read_yaml
 from jointgap.config.load import load_mechanism, validate
+from jointgap.config.yaml_files import read_yaml
 
 FILE = Path("config/mechanisms/ideal_joints.yaml")
 MECHANISM = load_mechanism(FILE)

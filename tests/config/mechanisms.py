@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from jointgap.config import Mechanism, load_mechanism, read_yaml, validate
-from jointgap.config.layers import merge
+from jointgap.config.yaml_files import merge
 
 ROOT = Path(__file__).resolve().parents[2]
 PAPER = ROOT / "config/mechanisms/erkaya2009.yaml"

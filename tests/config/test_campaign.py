@@ -11,8 +11,8 @@ import yaml
 
 from jointgap.config import read_yaml
 from jointgap.config.channels import CHANNELS
-from jointgap.config.layers import merge
 from jointgap.config.load import campaign_json_schema, load_campaign
+from jointgap.config.yaml_files import merge
 from jointgap.core.errors import InputError
 from tests.config.mechanisms import PAPER, paper
 

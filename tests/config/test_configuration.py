@@ -21,8 +21,8 @@ from jointgap.config import (
     resolve,
     stands_alone,
 )
-from jointgap.config.layers import Layer, merge, merged, sources
 from jointgap.config.load import sources_of
+from jointgap.config.yaml_files import Layer, merge, merged, sources
 from jointgap.core.errors import InputError
 from jointgap.scenario.stages import SCENARIO_STAGES
 

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from jointgap.config import read_yaml, resolve
-from jointgap.config.layers import merge
+from jointgap.config.yaml_files import merge
 from jointgap.core import parquet, schema
 from jointgap.core.page import to_html, to_markdown
 from jointgap.paper.compare import (

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from jointgap.config.layers import merge
 from jointgap.config.load import load_campaign
+from jointgap.config.yaml_files import merge
 from jointgap.dynamics.kinematics import Motion, linkage_motion
 from jointgap.rig.read_files import read_measurements
 from tests.config.mechanisms import PAPER, paper

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Simulate, Surrogate, read_yaml, resolve
-from jointgap.config.layers import merge
+from jointgap.config.yaml_files import merge
 from jointgap.core.joints import OUTPUTS
 from jointgap.dynamics.simulate import simulate
 from jointgap.networks.clearance import train_clearance

@@ -7,7 +7,7 @@ import pytest
 from benchmarks.project import SMOKE_REPORT
 from jointgap.app import report as report_page
 from jointgap.config import resolve
-from jointgap.config.documents import read_yaml
+from jointgap.config.yaml_files import read_yaml
 from jointgap.core.page import to_html
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults

@@ -674,7 +674,7 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     JSON for --options.
     """
     from jointgap.config import load, read_yaml
-    from jointgap.config.layers import Layer, merged
+    from jointgap.config.yaml_files import Layer, merged
     from jointgap.core.errors import InputError, did_you_mean
     from jointgap.lengths.region import check_constraints
 

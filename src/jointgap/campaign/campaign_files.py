@@ -89,7 +89,7 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
 def plan(file: Path) -> tuple[str, ...]:
     """A campaign file and the mechanism file that it names, if it names one."""
     from jointgap.config import read_yaml
-    from jointgap.config.layers import mechanism_file
+    from jointgap.config.yaml_files import mechanism_file
 
     mechanism = read_yaml(file).get("mechanism")
     named = [mechanism_file(mechanism, (file.parent,), f"{file}: mechanism")] if isinstance(mechanism, str) else []

@@ -1,9 +1,7 @@
 """Typed, frozen, validated configuration; SI inside."""
 
 from jointgap.config.change import change
-from jointgap.config.documents import read_yaml
 from jointgap.config.joint_config import Contact, Joint, Joints, hertz_stiffness
-from jointgap.config.layers import shipped_mechanisms
 from jointgap.config.load import (
     check_whole,
     json_schema,
@@ -32,6 +30,7 @@ from jointgap.config.scenario import (
     check_drive,
     check_tolerance,
 )
+from jointgap.config.yaml_files import read_yaml, shipped_mechanisms
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED, Effect
 

@@ -10,12 +10,21 @@ from pydantic import BaseModel, ValidationError
 from jointgap.complaints import complaints
 from jointgap.config.campaign_file import Campaign
 from jointgap.config.channels import CHANNELS
-from jointgap.config.documents import parse_json, read_yaml
-from jointgap.config.layers import BASE, Layer, existing_file, leaves, mechanism_layers, merged, sources
 from jointgap.config.mechanism_config import Mechanism
 from jointgap.config.names import word
 from jointgap.config.nuisance_bounds import NUISANCES
 from jointgap.config.scenario import Scenario
+from jointgap.config.yaml_files import (
+    BASE,
+    Layer,
+    existing_file,
+    leaves,
+    mechanism_layers,
+    merged,
+    parse_json,
+    read_yaml,
+    sources,
+)
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.counts import MOST_PARTS
 

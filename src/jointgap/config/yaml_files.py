@@ -1,20 +1,122 @@
-"""Configurations in layers: what is laid over what, and from which file each value came.
+"""Files of settings, YAML or JSON, read strictly and laid over one another; from which file each value came.
 
-A mechanism is the path of a file, the name of one that comes with jointgap, or its content, and it is whole; other
-mechanisms are not in it. What is laid over another mechanism says so: ``base``, the path or name of that one, beside
-the keys that differ. A file may have a ``base`` too.
+A mechanism is the path of a file, the name of one that comes with jointgap, or its content, and it is whole. What is
+laid over another one says so: ``base``, the path or name of that one, beside the keys that differ. A file may have a
+``base`` too.
 """
 
+import json
 import os
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from jointgap.core.errors import InputError
 
 BASE = "base"
 """Key of a mechanism: the path of the one over which the keys beside it are laid."""
+
+_TWO_MEANINGS = re.compile(
+    r"[-+]?0[0-9_]+|[-+]?[0-9][0-9.]*[_:][0-9._:]*|[-+]?0[box][0-9a-f_]*|yes|no|on|off", re.IGNORECASE
+)
+"""Numbers and words that YAML 1.1, which Snakemake reads, and YAML 1.2 take for different things."""
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """YAML whose every value means one thing, and whose keys stand once; days are text."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
+        event = self.peek_event()
+        if tag := getattr(event, "tag", None):
+            self._refuse(f"the tag {tag} is not read; take it away", event)
+        if isinstance(event, yaml.ScalarEvent) and event.implicit[0] and _TWO_MEANINGS.fullmatch(event.value):
+            self._refuse(
+                f"{event.value} is one thing to some programs and another to others; write a plain decimal number, "
+                f'true or false, or "{event.value}" in quotation marks where a text is meant',
+                event,
+            )
+        return super().compose_node(parent, index)
+
+    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
+        node = super().compose_mapping_node(anchor)
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                line = key.start_mark.line + 1
+                if before := lines.get(key.value):
+                    self._refuse(
+                        f"the key '{key.value}' is given twice, in line {before} and in line {line}; remove one", key
+                    )
+                lines[key.value] = line
+        return node
+
+    @staticmethod
+    def _refuse(problem: str, where: yaml.Node | yaml.Event) -> None:
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
+
+
+for _kind in ("timestamp", "value"):
+    _StrictLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", yaml.SafeLoader.construct_yaml_str)
+
+
+def read_yaml(path: Path | str) -> dict[str, Any]:
+    """The mapping in a YAML file, or in a JSON file whose name ends in ``.json``.
+
+    Numbers, true, false and null are read as such where YAML 1.1 and 1.2 agree; dates are text.
+
+    Raises
+    ------
+    InputError
+        No such file, no mapping, a key given twice, a value with two meanings; the message names file and line.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not text in UTF-8 (byte {error.start}); save the file as UTF-8") from error
+    # YAML would take 1e-9 for a text
+    content = parse_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
+    if isinstance(content, dict):
+        return content
+    what = "is empty" if content is None else "holds no keys"
+    raise InputError(f"{path}: {what}; write a mapping of keys to values, such as 'key: value', a line each")
+
+
+def _parse_yaml(text: str, source: str) -> Any:
+    try:
+        return yaml.load(text, _StrictLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        what = "" if type(error) is yaml.MarkedYAMLError else "is not YAML: "
+        raise InputError(f"{source}{where}: {what}{error.problem or error.context}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # signs that no text has, endless digits, nesting
+        raise InputError(f"{source}: is not YAML: {error}") from error
+
+
+def parse_json(text: str, source: str) -> Any:
+    """What a JSON `text` holds."""
+
+    def refuse(constant: str) -> float:
+        raise InputError(f"{source}: holds {constant}, which is not a number; remove it")
+
+    def without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        if double := next((key for key in keys if keys.count(key) > 1), None):
+            raise InputError(f"{source}: the key '{double}' is given twice in one mapping; remove one")
+        return dict(pairs)
+
+    try:
+        return json.loads(text, parse_constant=refuse, object_pairs_hook=without_doubles)
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source}: is not JSON: {error}") from error
 
 
 @dataclass(frozen=True)
