@@ -17,7 +17,7 @@ def modules_of(stage):
 
 @pytest.mark.parametrize("stage", ["kinematics", "optimise", "figures"])
 def test_stages_that_evaluate_surrogates_depend_on_their_code(stage):
-    assert {"scenario.results", "networks.trained", "networks.network"} <= modules_of(stage)
+    assert {"scenario.results", "scenario.trained", "networks.network"} <= modules_of(stage)
 
 
 def test_the_fine_simulation_for_the_second_surrogate_is_part_of_its_stage():

@@ -9,8 +9,8 @@ from jointgap.core.errors import InputError
 from jointgap.dynamics.simulate import simulate
 from jointgap.networks.clearance import train_clearance
 from jointgap.networks.train import train
-from jointgap.networks.trained import trained_surrogates
 from jointgap.scenario.results import ScenarioResults, outputs_of, read_trajectory
+from jointgap.scenario.trained import trained_surrogates
 
 MOTOR = {"kind": "motor", "stall_torque": 40.0, "no_load_speed": "660 rpm", "inertia": 0.05}
 QUICK = {"hidden": (2,), "training_points": 121, "iterations": 2, "seeds": (0,)}
@@ -35,7 +35,7 @@ def folder(tmp_path_factory):
     fit = train_clearance(coarse, simulate(motor.mechanism, finer).samples, motor.surrogate, motor.mechanism.loose)
     results.write(schema.CLEARANCE_FIT, fit.weights())
     for output in outputs_of(motor.mechanism):
-        network = train(coarse, output, Surrogate(**QUICK))
+        network, *_ = train(coarse, output, Surrogate(**QUICK))
         results.write(schema.FIT, network.weights(), output)
     return results, coarse
 

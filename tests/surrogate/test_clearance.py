@@ -8,8 +8,7 @@ from jointgap.config import Surrogate
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
-from jointgap.networks.clearance import ClearanceNetwork, CrankSpeed, Layer, train_clearance
-from jointgap.networks.train import Samples
+from jointgap.networks.clearance import ClearanceNetwork, CrankSpeed, Layer, Samples, train_clearance
 from jointgap.paper.printed import TRAINING_MSE
 
 SPEED = 30.0

@@ -30,7 +30,7 @@ def motion(pytestconfig, name, samples):
 @pytest.mark.parametrize("output", OUTPUTS)
 def test_networks_reach_the_papers_training_error_from_the_default_seed(pytestconfig, output):
     options = Surrogate(iterations=2000, seeds=(0,))
-    errors = train(motion(pytestconfig, "paper", 3600), output, options).errors()
+    errors = train(motion(pytestconfig, "paper", 3600), output, options)[0].errors()
     assert errors["training_mse"].iloc[0] <= errors["paper_mse"].iloc[0]
 
 

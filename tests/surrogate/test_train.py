@@ -7,11 +7,12 @@ import pytest
 from jointgap.config import Surrogate
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
-from jointgap.networks.errors import Grid, Points, Trained, error_rows
+from jointgap.networks.errors import Grid, Points, error_rows
 from jointgap.networks.network import Network
 from jointgap.networks.train import train
 from jointgap.paper.printed import TRAINING_MSE
 
+STATED = {"model": "network", "seed": 0, "weights": 19, "iterations": 5, "stop": "why"}
 SMALL = Surrogate(hidden=(6,), training_points=73, iterations=60, seeds=(4, 1, 2), seed_iterations=25)
 
 
@@ -33,7 +34,7 @@ def test_every_kth_sample_of_the_first_revolution_trains_and_the_others_are_held
 
 
 def test_undefined_points_are_left_out_and_counted():
-    fit = train(trajectory(gap=(0, 3, 40)), "gamma2", SMALL)
+    fit = train(trajectory(gap=(0, 3, 40)), "gamma2", SMALL)[0]
     assert (fit.grid.training.undefined, fit.grid.held_out.undefined) == (2, 1)
     assert len(fit.grid.training.values) == 71
     whole, late = fit.errors().iloc[:2].itertuples()
@@ -50,7 +51,7 @@ def test_training_points_that_are_no_samples_or_leave_nothing_to_hold_out_are_re
 
 def test_errors_are_what_their_names_say():
     grid = Grid.of(trajectory(), "gamma2", 73)
-    rows = error_rows(grid, lambda angle: 3.0 + 2.0 * np.sin(2 * angle), Trained("network", 0, 19, 5, "why"))
+    rows = error_rows(grid, lambda angle: 3.0 + 2.0 * np.sin(2 * angle), grid.training, STATED)
     for row, first in zip(rows, (0.0, np.pi / 3), strict=True):
         for name, points in (("training", grid.training), ("held_out", grid.held_out)):
             inside = points.crank_angle - 0.4 >= first
@@ -70,58 +71,54 @@ def test_the_spline_goes_through_the_points_the_model_was_trained_at():
     frame = trajectory()
     frame["gamma2"] = (frame["crank_angle"] - 3.0) ** 3  # which a cubic spline with free ends gives exactly
     grid = Grid.of(frame, "gamma2", 73)
-    (row, _) = error_rows(grid, np.zeros_like, Trained("network", 0, 1, 1, ""))
+    (row, _) = error_rows(grid, np.zeros_like, grid.training, STATED)
     assert row["spline_held_out_mse"] < 1e-25
     coarse = Points(grid.training.crank_angle[::24], np.sin(grid.training.crank_angle[::24]), 0)
-    (row, _) = error_rows(grid, np.zeros_like, Trained("clearance", None, 1, 1, ""), coarse)
+    (row, _) = error_rows(grid, np.zeros_like, coarse, STATED | {"seed": None})
     assert row["spline_held_out_mse"] > 1e-3
     assert row["training_points"] == 4
 
 
 def test_the_default_seed_comes_first_with_its_own_budget_and_the_others_share_theirs():
-    fit = train(trajectory(), "gamma2", SMALL)
-    assert list(fit.networks) == [4, 1, 2]
-    assert [result.iterations for result in fit.results.values()] == [60, 25, 25]
-    assert fit.default is fit.networks[4]
-    history = fit.history()
-    assert (history.groupby("seed")["iteration"].max() == pd.Series({1: 25, 2: 25, 4: 60})).all()
-    last = history[history["seed"] == 4]["mse"].iloc[-1]
-    training = fit.grid.training
-    error = (fit.default.values(training.crank_angle) - training.values) / fit.default.output.range
+    fits = train(trajectory(), "gamma2", SMALL)
+    assert [fit.seed for fit in fits] == [4, 1, 2]
+    assert [fit.history()["iteration"].max() for fit in fits] == [60, 25, 25]
+    fit, training = fits[0], fits[0].grid.training
+    last = fit.history()["mse"].iloc[-1]
+    error = (fit.network.values(training.crank_angle) - training.values) / fit.network.output.range
     assert last == pytest.approx(np.mean(error**2), rel=1e-9)
     assert fit.errors()["training_mse"].iloc[0] == pytest.approx(last, rel=1e-9)
 
 
 def test_the_network_as_it_was_when_it_reached_the_papers_error_is_judged_too():
-    fit = train(trajectory(), "gamma2", SMALL.model_copy(update={"hidden": (6, 6), "iterations": 120}))
-    row = fit.errors().iloc[0]
-    mse = fit.results[4].errors
+    fit = train(trajectory(), "gamma2", SMALL.model_copy(update={"hidden": (6, 6), "iterations": 120}))[0]
+    row, mse = fit.errors().iloc[0], fit.mse
     assert mse[row["iterations_to_paper"]] <= TRAINING_MSE["gamma2"] < mse[row["iterations_to_paper"] - 1]
-    history = fit.history().query("seed == 4").set_index("iteration")["held_out_mse"]
+    history = fit.history().set_index("iteration")["held_out_mse"]
     assert history[row["iterations_to_paper"]] == pytest.approx(row["held_out_mse_at_paper"], rel=1e-12)
     assert history.iloc[-1] == pytest.approx(row["held_out_mse"], rel=1e-12)
     assert {10, 18, 32} < set(history.dropna().index)
-    short = train(trajectory(), "gamma2", SMALL.model_copy(update={"iterations": 5, "seeds": (4,)}))
+    short = train(trajectory(), "gamma2", SMALL.model_copy(update={"iterations": 5, "seeds": (4,)}))[0]
     assert short.errors()[["iterations_to_paper", "held_out_mse_at_paper"]].isna().all(axis=None)
 
 
 def test_training_is_the_same_to_the_last_bit_every_time():
-    one, other = (train(trajectory(), "gamma2", SMALL) for _ in range(2))
-    pd.testing.assert_frame_equal(one.weights(), other.weights(), check_exact=True)
-    pd.testing.assert_frame_equal(one.history(), other.history(), check_exact=True)
+    for one, other in zip(*(train(trajectory(), "gamma2", SMALL) for _ in range(2)), strict=True):
+        pd.testing.assert_frame_equal(one.weights(), other.weights(), check_exact=True)
+        pd.testing.assert_frame_equal(one.history(), other.history(), check_exact=True)
 
 
 def test_the_tables_hold_the_fit(tmp_path):
-    fit = train(trajectory(gap=(0,)), "gamma2", SMALL)
-    for table, frame in (
-        (schema.FIT, fit.weights()),
-        (schema.FIT_HISTORY, fit.history()),
-        (schema.FIT_ERRORS, fit.errors()),
+    fits = train(trajectory(gap=(0,)), "gamma2", SMALL)
+    for table, frames in (
+        (schema.FIT, [fit.weights() for fit in fits]),
+        (schema.FIT_HISTORY, [fit.history() for fit in fits]),
+        (schema.FIT_ERRORS, [fit.errors() for fit in fits]),
     ):
-        parquet.write(table, frame, tmp_path / table.name)
+        parquet.write(table, pd.concat(frames, ignore_index=True), tmp_path / table.name)
     back = Network.from_frame(parquet.read(schema.FIT, tmp_path / "fit"))
     angle = np.linspace(0.4, 6.0, 77)
-    np.testing.assert_array_equal(back.values(angle), fit.default.values(angle))
+    np.testing.assert_array_equal(back.values(angle), fits[0].network.values(angle))
     errors = parquet.read(schema.FIT_ERRORS, tmp_path / "fit_errors")
     assert errors["seed"].tolist() == [4, 4, 1, 1, 2, 2]
     assert errors["stop"].str.contains(":").all()

@@ -30,7 +30,7 @@ def fit():
 
 
 def test_its_errors_hold_between_its_points_where_those_of_the_papers_recipe_do_not(fit):
-    papers, regularised = (one.errors().iloc[0] for one in (train(ringing(720), "gamma2", OPTIONS), fit))
+    papers, regularised = (one.errors().iloc[0] for one in (*train(ringing(720), "gamma2", OPTIONS), fit))
     assert papers["held_out_mse"] > 10 * papers["training_mse"]
     assert regularised["held_out_mse"] < 2 * regularised["training_mse"]
     assert regularised["held_out_mse"] < 0.1 * papers["held_out_mse"]
@@ -63,12 +63,12 @@ def test_curves_end_at_the_errors_and_the_tables_hold_the_network(fit, tmp_path)
         whole = errors["training_mse" if kind == "mse" else kind].iloc[0]
         assert history[kind].iloc[-1] == pytest.approx(whole, rel=1e-9)
         assert history[kind].iloc[-1] < 0.5 * history[kind].iloc[0]
-    papers = train(ringing(720), "gamma2", OPTIONS.model_copy(update={"iterations": 5}))
+    papers = train(ringing(720), "gamma2", OPTIONS.model_copy(update={"iterations": 5}))[0]
     weights = pd.concat([papers.weights(), fit.weights()], ignore_index=True)
     for table, frame in ((schema.FIT, weights), (schema.FIT_HISTORY, history), (schema.FIT_ERRORS, errors)):
         parquet.write(table, frame, tmp_path / table.name)
     stored, angle = parquet.read(schema.FIT, tmp_path / "fit"), np.linspace(0.1, 6.0, 77)
-    for model, network in (("network", papers.default), ("regularised", fit.network)):
+    for model, network in (("network", papers.network), ("regularised", fit.network)):
         back = Network.from_frame(stored, 4, model)
         np.testing.assert_array_equal(back.values(angle), network.values(angle))
 

@@ -783,12 +783,15 @@ def optimise(
         raise InputError("optimise: all joints are ideal, so the transmission angle has no error; make one loose")
     motion = simulate(mechanism, scenario.simulate)
     trained = _trained(motion, scenario.surrogate) if "surrogate" in sections else {}
-    fits = {_NETWORKS: {name: one.default.values_and_slopes for name, one in trained.items()}} if trained else {}
+    fits = {_NETWORKS: {name: fits[0].network.values_and_slopes for name, fits in trained.items()}} if trained else {}
     # without networks no samples are kept from them: the points of their grid are the two ends
     points = scenario.surrogate.training_points if trained else 2
     found = optimised(applied, scenario.simulate, scenario.optimise, points, motion.samples, fits)
     frames = {table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN}
-    errors = [pd.DataFrame(columns=schema.FIT_ERRORS.names), *(one.errors() for one in trained.values())]
+    errors = [
+        pd.DataFrame(columns=schema.FIT_ERRORS.names),
+        *(one.errors() for fits in trained.values() for one in fits),
+    ]
     result = outcome(frames | {"fit_errors": pd.concat(errors) if trained else errors[0]}, scenario)
     return Optimum(
         mechanism=applied.with_lengths(*result.lengths),

@@ -75,7 +75,7 @@ def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
 def _trained(trajectory: pd.DataFrame, output: str) -> Fit:
     from jointgap.networks.train import train  # PyTorch takes seconds to start
 
-    return train(trajectory, output, _SURROGATE).default.values_and_slopes
+    return train(trajectory, output, _SURROGATE)[0].network.values_and_slopes
 
 
 def _search(mechanism: Mechanism) -> Optimise:

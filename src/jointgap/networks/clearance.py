@@ -12,10 +12,12 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from jointgap.config import Surrogate
-from jointgap.core.errors import did_you_mean
+from jointgap.core import joints
+from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINT_NUMBERS
-from jointgap.networks.errors import Grid, Points, Trained, error_frame, error_rows
-from jointgap.networks.train import ORDERS, Samples, column
+from jointgap.networks.errors import Grid, Points, error_frame, error_rows, refined
+from jointgap.networks.network import BIAS, Scaling
+from jointgap.paper.printed import reference_mse
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,74 @@ class CrankSpeed:
         """Speed and its first two derivatives by the angle, shape (n,) each, at crank angles (n,) [rad]."""
         spline = CubicHermiteSpline(self.angle, self.speed, self.slope)
         return spline(crank_angle), spline(crank_angle, 1), spline(crank_angle, 2)
+
+
+KINDS = ("r", "gamma", "gamma_dot", "gamma_ddot", "r_dot", "r_ddot")
+ORDERS = {"r": 0, "gamma": 0, "gamma_dot": 1, "gamma_ddot": 2, "r_dot": 1, "r_ddot": 2}
+PER_HELD_OUT = 2  # samples kept everywhere, per sample held out
+MISSED_OF_CLEARANCE = 0.3  # error of the interpolation, in errors allowed, that makes a sample be kept
+
+
+def column(kind: str, joint: int) -> str:
+    """Column of the trajectory: r_dot of joint 2 is r2_dot."""
+    quantity, _, dots = kind.partition("_")
+    return f"{quantity}{joint}{'_' * bool(dots)}{dots}"
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What a joint's network learns from, at n rising crank angles."""
+
+    crank_angle: np.ndarray  # shape (n,)
+    values: dict[str, np.ndarray]  # shape (n,); by kind: r, gamma and their derivatives by the crank angle
+    simulated: dict[str, np.ndarray]  # shape (n,); the same as the simulation has them, derivatives by time
+    scales: dict[str, float]  # Error allowed in each of them
+
+    @property
+    def shares(self) -> np.ndarray:
+        """Share of the revolution that each sample stands for, (n,): samples are dense where the motion is quick."""
+        widths = np.gradient(self.crank_angle)
+        return widths / widths.sum()
+
+    @classmethod
+    def of(cls, trajectory: pd.DataFrame, fine: pd.DataFrame, joint: int, training_points: int) -> "Samples":
+        """Samples of the first revolution of `fine` that are none of `trajectory`'s."""
+        angle = fine["crank_angle"].to_numpy()
+        angle = angle[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
+        held_out = trajectory["crank_angle"].to_numpy()
+        ratio = int(np.round((held_out[1] - held_out[0]) / (angle[1] - angle[0])))
+        if ratio < 2 * PER_HELD_OUT or not np.allclose(held_out[: len(angle[::ratio])], angle[::ratio], atol=1e-9):
+            raise InputError(
+                "the fine sampling must have a multiple of the trajectory's samples, "
+                f"{2 * PER_HELD_OUT} times as many at least"
+            )
+        part = {name: fine[name].to_numpy()[: len(angle)] for name in ("crank_speed", "crank_acceleration")}
+        speed, mean = part["crank_speed"], float(part["crank_speed"].mean())
+        simulated, scales = {}, {}
+        for kind in KINDS:
+            name = column(kind, joint)
+            simulated[kind] = fine[name].to_numpy()[: len(angle)]
+            spread = Scaling.of(Grid.of(trajectory, name, training_points).training.values).range
+            allowed = reference_mse(name if name in joints.outputs(JOINT_NUMBERS) else f"r{joint}")
+            scales[kind] = spread * allowed**0.5 / mean ** ORDERS[kind]
+        values = dict(simulated)
+        for quantity in ("r", "gamma"):
+            rate = simulated[f"{quantity}_dot"] / speed
+            values[f"{quantity}_dot"] = rate
+            values[f"{quantity}_ddot"] = (simulated[f"{quantity}_ddot"] - rate * part["crank_acceleration"]) / speed**2
+        kept = _chosen(angle, values, scales, ratio)
+        chosen = ({kind: row[kept] for kind, row in rows.items()} for rows in (values, simulated))
+        return cls(angle[kept], *chosen, scales)
+
+
+def _chosen(angle: np.ndarray, values: dict[str, np.ndarray], scales: dict[str, float], ratio: int) -> np.ndarray:
+    """Indices of the samples to keep, rising."""
+    table = np.column_stack([values[kind] / scale for kind, scale in scales.items()])
+    usable = np.isfinite(table).all(axis=1)
+    usable[::ratio] = False
+    step = ratio // PER_HELD_OUT
+    kept = np.arange(step // 2, len(angle), step)
+    return refined(angle, table, kept[usable[kept]], usable, MISSED_OF_CLEARANCE)
 
 
 REACH = 19.0  # widths from its centre at which tanh is 1 in double precision
@@ -124,7 +194,6 @@ class Layer:
         return differences
 
 
-BIAS = -1
 SETTLING = np.radians(6.0)  # about where the first impact comes; any width of this order does
 
 
@@ -173,7 +242,7 @@ class ClearanceNetwork:
         gamma += 2.0 * np.pi * np.round((expected - gamma) / (2.0 * np.pi))
         p1, p2, p3 = q1.real, q2.real, q3.real
         size = [factor * np.abs(w) for factor in (1.0, p1, p1**2 + p2, p1**3 + 3.0 * p1 * p2 + p3)]
-        s = self._start(crank_angle)
+        s = start_factor(crank_angle, self.start_angle, self.settling)
         r = [sum(comb(n, k) * s[k] * size[n - k] for k in range(n + 1)) for n in range(4)]
         return r, [gamma, q1.imag, q2.imag, q3.imag]
 
@@ -195,9 +264,6 @@ class ClearanceNetwork:
             second = gamma[3] * w**2 + 3.0 * gamma[2] * w * w1 + gamma[1] * (w1**2 + w * w2)
             value_and_slope = [gamma[2] * w**2 + gamma[1] * w * w1, second]
         return tuple(values.reshape(angle.shape) for values in value_and_slope)
-
-    def _start(self, crank_angle: np.ndarray) -> list[np.ndarray]:
-        return start_factor(crank_angle, self.start_angle, self.settling)
 
     def to_frame(self) -> pd.DataFrame:
         """Long form, one row per neuron and one for the bias: rows of the table clearance_fit."""
@@ -287,14 +353,21 @@ class ClearanceFit:
         rows = []
         for joint, fit in self.joints.items():
             network, samples = fit.network, fit.samples
-            trained = Trained("clearance", None, 2 * network.layer.functions, fit.rounds, fit.stop)
+            weights = 2 * network.layer.functions
+            trained = {
+                "model": "clearance",
+                "seed": None,
+                "weights": weights,
+                "iterations": fit.rounds,
+                "stop": fit.stop,
+            }
             for kind in ("r", "gamma", "gamma_dot", "gamma_ddot"):
                 name = column(kind, joint)
                 rows += error_rows(
                     Grid.of(self.trajectory, name, self.training_points),
                     lambda angle, name=name, network=network: network.output(name, angle)[0],
-                    trained,
                     Points(samples.crank_angle, samples.simulated[kind], 0),
+                    trained,
                 )
         return error_frame(rows)
 

@@ -39,6 +39,10 @@ class Points:
         """Mean over the revolution of a quantity (n,) at the points."""
         return float(np.average(quantity, weights=self.shares))
 
+    @property
+    def variance(self) -> float:
+        return self.mean((self.values - self.mean(self.values)) ** 2)
+
     @classmethod
     def of(cls, crank_angle: np.ndarray, values: np.ndarray) -> "Points":
         """Points of the samples that are defined."""
@@ -76,68 +80,47 @@ class Grid:
         )
 
 
-@dataclass(frozen=True)
-class Trained:
-    """What the table of errors says of a model besides them.
-
-    `at_paper` predicts as the model did after `iterations_to_paper`, when its training error first was the paper's.
-    """
-
-    model: str
-    seed: int | None
-    weights: int
-    iterations: int
-    stop: str
-    iterations_to_paper: int | None = None
-    at_paper: Callable[[np.ndarray], np.ndarray] | None = None
-
-
 def error_rows(
-    grid: Grid, predict: Callable[[np.ndarray], np.ndarray], trained: Trained, training: Points | None = None
+    grid: Grid,
+    predict: Callable[[np.ndarray], np.ndarray],
+    training: Points,
+    trained: dict[str, object],
+    at_paper: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> list[dict[str, object]]:
-    """Rows of the table fit_errors: one per region."""
-    scale = Scaling.of(grid.training.values)
-    training = training or grid.training
+    """Rows of the table fit_errors, one per region; `trained` has the columns model, seed, weights, iterations, stop.
+
+    `at_paper` predicts as the model did when its training error first was the paper's.
+    """
+    scale = Scaling.of(grid.training.values).range
     spline = CubicSpline(training.crank_angle, training.values)
-    smoothing = None if trained.seed is None else smoothing_spline(training)
+    smoothing = None if trained["seed"] is None else smoothing_spline(training)
     rows = []
     for region, first in REGIONS.items():
         within, outside = _region(training, grid, first), _region(grid.held_out, grid, first)
-        learned = _Differences.of(predict(within.crank_angle), within)
-        unseen = _Differences.of(predict(outside.crank_angle), outside)
-        splined = _Differences.of(spline(outside.crank_angle), outside)
-        smoothed = _Differences.of(smoothing(outside.crank_angle), outside) if smoothing else None
-        before = _Differences.of(trained.at_paper(outside.crank_angle), outside) if trained.at_paper else None
-        rows.append(
-            {
-                "output": grid.output,
-                "unit": UNITS[grid.output],
-                "model": trained.model,
-                "seed": trained.seed,
-                "region": region,
-                "weights": trained.weights,
-                "training_points": len(within.values),
-                "held_out_points": len(outside.values),
-                "undefined_points": within.undefined + outside.undefined,
-                "range": scale.range,
-                "training_mse": learned.mean_square / scale.range**2,
-                "held_out_mse": unseen.mean_square / scale.range**2,
-                "paper_mse": TRAINING_MSE.get(grid.output),
-                "spline_held_out_mse": splined.mean_square / scale.range**2,
-                "smoothing_spline_held_out_mse": smoothed.mean_square / scale.range**2 if smoothed else None,
-                "held_out_peak": unseen.peak / scale.range,
-                "training_rms": learned.mean_square**0.5,
-                "held_out_rms": unseen.mean_square**0.5,
-                "spline_held_out_rms": splined.mean_square**0.5,
-                "training_mse_over_variance": learned.mean_square / learned.variance,
-                "held_out_mse_over_variance": unseen.mean_square / unseen.variance,
-                "spline_held_out_mse_over_variance": splined.mean_square / unseen.variance,
-                "iterations": trained.iterations,
-                "stop": trained.stop,
-                "iterations_to_paper": trained.iterations_to_paper,
-                "held_out_mse_at_paper": before.mean_square / scale.range**2 if before else None,
-            }
-        )
+        unseen = predict(outside.crank_angle) - outside.values
+        squares = {
+            "training": within.mean((predict(within.crank_angle) - within.values) ** 2),
+            "held_out": outside.mean(unseen**2),
+            "spline_held_out": outside.mean((spline(outside.crank_angle) - outside.values) ** 2),
+        }
+        row = {
+            "output": grid.output,
+            "unit": UNITS[grid.output],
+            "region": region,
+            "training_points": len(within.values),
+            "held_out_points": len(outside.values),
+            "undefined_points": within.undefined + outside.undefined,
+            "range": scale,
+            "paper_mse": TRAINING_MSE.get(grid.output),
+            "held_out_peak": float(np.max(np.abs(unseen))) / scale,
+        }
+        for name, square in squares.items():
+            row[f"{name}_mse"] = square / scale**2
+            row[f"{name}_rms"] = square**0.5
+            row[f"{name}_mse_over_variance"] = square / (within if name == "training" else outside).variance
+        for name, other in (("smoothing_spline_held_out_mse", smoothing), ("held_out_mse_at_paper", at_paper)):
+            row[name] = other and outside.mean((other(outside.crank_angle) - outside.values) ** 2) / scale**2
+        rows.append({"iterations_to_paper": None} | trained | row)
     return rows
 
 
@@ -174,14 +157,13 @@ def _region(points: Points, grid: Grid, first: float) -> Points:
     return Points(points.crank_angle[inside], points.values[inside], points.undefined if first == 0.0 else 0, shares)
 
 
-@dataclass(frozen=True)
-class _Differences:
-    mean_square: float
-    peak: float
-    variance: float
-
-    @classmethod
-    def of(cls, predicted: np.ndarray, points: Points) -> "_Differences":
-        difference = predicted - points.values
-        variance = points.mean((points.values - points.mean(points.values)) ** 2)
-        return cls(points.mean(difference**2), float(np.max(np.abs(difference))), variance)
+def refined(angle: np.ndarray, table: np.ndarray, kept: np.ndarray, usable: np.ndarray, missed: float) -> np.ndarray:
+    """Indices `kept`, and those of further samples, that interpolation between kept neighbours would miss; rising."""
+    while True:
+        between = (kept[:-1] + kept[1:]) // 2
+        between = np.where(usable[between], between, between + 1)
+        between = between[(between > kept[:-1]) & (between < kept[1:]) & usable[between]]
+        errors = np.abs(CubicSpline(angle[kept], table[kept])(angle[between]) - table[between]).max(axis=1)
+        if not (errors > missed).any():
+            return kept
+        kept = np.union1d(kept, between[errors > missed])

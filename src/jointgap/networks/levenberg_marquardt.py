@@ -192,10 +192,6 @@ def _symmetric_product(factor: torch.Tensor, out: np.ndarray, keep: float = 0.0)
         raise AssertionError("the product was written elsewhere; `out` must be in Fortran order")
 
 
-with needs("training networks", "learn"):
-    import torch
-
-
 class Status(Enum):
     """Why a member stopped; the text says what to do."""
 

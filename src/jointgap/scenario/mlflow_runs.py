@@ -16,8 +16,7 @@ from jointgap.config import Scenario
 from jointgap.core import joints, parquet, schema
 from jointgap.core.publish import Dataset, Record, configuration, costs, numbers
 from jointgap.core.schema import OPTIMISE_OPTIMA, OPTIMISE_WORTH
-from jointgap.networks.network import Network
-from jointgap.networks.network_files import clearance_to_files, to_files
+from jointgap.networks.network import Network, clearance_to_files, to_files
 
 NETWORK, CLEARANCE = "network", "clearance"
 """Models of the table of errors: the paper's networks, and the second surrogate, one network a joint."""

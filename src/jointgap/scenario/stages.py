@@ -142,7 +142,7 @@ def surrogate(
         raise InputError(f"--output-name {output}: no such output; {did_you_mean(output, outputs)}")
     trajectory, options = results.read(TRAJECTORY), results.scenario.surrogate
     fine = _first_revolution(results.scenario, min(SAMPLING, options.clearance_sampling))
-    fits = train(trajectory, output, options), train_regularised(trajectory, fine, output, options)
+    fits = [*train(trajectory, output, options), train_regularised(trajectory, fine, output, options)]
     for table, frames in (
         (FIT_HISTORY, [fit.history() for fit in fits]),
         (FIT_ERRORS, [fit.errors() for fit in fits]),
@@ -192,8 +192,8 @@ _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
 )
 def kinematics(results: "ScenarioResults") -> None:
     """Feed the paper's equations by networks and by the simulation, and hold them against the simulation."""
-    from jointgap.networks.trained import trained_surrogates
     from jointgap.scenario.kinematics import kinematics as compared
+    from jointgap.scenario.trained import trained_surrogates
 
     scenario = results.scenario
     result = compared(
@@ -227,7 +227,7 @@ def kinematics(results: "ScenarioResults") -> None:
 def optimise(results: "ScenarioResults") -> None:
     """Search the link lengths for the transmission angle, and simulate again what was found."""
     from jointgap.lengths.optimise import optimise as optimised
-    from jointgap.networks.trained import trained_surrogates
+    from jointgap.scenario.trained import trained_surrogates
 
     scenario = results.scenario
     result = optimised(
@@ -258,9 +258,9 @@ def figures(
     ] = None,
 ) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
-    from jointgap.networks.trained import trained_surrogates
     from jointgap.scenario.figures import FIGURES, draw_all
     from jointgap.scenario.figures_base import predictions
+    from jointgap.scenario.trained import trained_surrogates
 
     wanted = names or [*(drawn(True) if results.scenario.networks else ()), *drawn(False)]
     needed = FIGURES.needed_tables(wanted)
