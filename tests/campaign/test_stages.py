@@ -233,11 +233,12 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
         [{"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0, "p_adjusted": np.float64(1e-9)}]
     )
     gap = {role: gap_of(found.gaps, role) for role in ("identify", "confirm")}
-    made = verdict_json.document(
+    concluded = verdict_json.Conclusion(
         *("rig", chain.outcome, windows, found.gaps, gap),
         [{"run": "fast", "part": "whole", "gap": {"before": 3.0, "after": None}, "not_simulated": "it flies off"}],
         *({"undetectable": ["crank_unbalance"], "merged": [["a", "b"]]}, 0.01),
     )
+    made = verdict_json.document(concluded)
     read = json.loads(verdict_json.text(made | {"seconds": {"fit": 1.0}}))
     validate(read, json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()))
     (effect,) = read["effects"]

@@ -74,7 +74,7 @@ def document(outcome, **changes):
         "preflight": {"undetectable": ("gravity",), "merged": [["a", "b"]]},
         "false_alarm_rate": 0.02,
     }
-    return verdict_json.document(**given | changes)
+    return verdict_json.document(verdict_json.Conclusion(**given | changes))
 
 
 def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_is_met():

@@ -440,22 +440,23 @@ def conclude(state: CampaignState, advise: bool = True) -> dict[str, Any]:
             separated = _separated_by(state, outcome.equivalent)
     detectable, confusability, gaps = (folder.read(name) for name in ("detectable", "confusability", "gaps"))
     added = outcome.named is not None
-    content = verdict_json.document(
-        state.campaign.name,
-        outcome,
-        folder.read("map_windows"),
-        gaps,
-        {role: gap_of(gaps, role, added=added) for role in ("identify", "confirm")},
-        held_out(gaps, {run.id: run.role for run in state.campaign.runs}, added),
-        {"undetectable": undetectable(detectable), "merged": confusable_groups(confusability)},
-        state.false_alarm_rate,
-        separated,
-        state.clockwise,
-        folder.read("map_standout"),
-        state.doubted_channels,
-        folder.read("law_families"),
-        not any(series.statistic for series in state.model.series),
+    concluded = verdict_json.Conclusion(
+        campaign=state.campaign.name,
+        outcome=outcome,
+        windows=folder.read("map_windows"),
+        gaps=gaps,
+        gap={role: gap_of(gaps, role, added=added) for role in ("identify", "confirm")},
+        held_out=held_out(gaps, {run.id: run.role for run in state.campaign.runs}, added),
+        preflight={"undetectable": undetectable(detectable), "merged": confusable_groups(confusability)},
+        false_alarm_rate=state.false_alarm_rate,
+        separated_by=separated,
+        clockwise=state.clockwise,
+        standout=folder.read("map_standout"),
+        doubted_channels=state.doubted_channels,
+        families=folder.read("law_families"),
+        repeats=not any(series.statistic for series in state.model.series),
     )
+    content = verdict_json.document(concluded)
     content["left_out"] = [{"run": run, "because": why} for run, why in state.model.left_out.items()]
     content["failed"] = failures(folder)
     write_text(folder.path / VERDICT, verdict_json.text(content))

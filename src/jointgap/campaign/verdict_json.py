@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,43 +21,49 @@ SCHEMA_VERSION = 1  # one more when a key of verdict.json changes its meaning or
 _TERM_PREFIX = "discovered_"
 
 
-def document(
-    campaign: str,
-    outcome: Outcome,
-    windows: pd.DataFrame,
-    gaps: pd.DataFrame,
-    gap: Mapping[str, Mapping[str, float | None]],
-    held_out: Sequence[Mapping[str, Any]],
-    preflight: Mapping[str, Sequence],
-    false_alarm_rate: float,
-    separated_by: str = "",
-    clockwise: Collection[str] = (),
-    standout: pd.DataFrame | None = None,
-    doubted_channels: Collection[str] = (),
-    families: pd.DataFrame | None = None,
-    repeats: bool = True,
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Conclusion:
+    """What a campaign came to, from which ``verdict.json`` follows."""
+
+    campaign: str
+    outcome: Outcome
+    windows: pd.DataFrame  # Table `MAP_WINDOWS`
+    gaps: pd.DataFrame  # Table `GAPS`
+    gap: Mapping[str, Mapping[str, float | None]]  # By role: before and after
+    held_out: Sequence[Mapping[str, Any]]
+    preflight: Mapping[str, Sequence]  # Labels that are undetectable, groups that are merged
+    false_alarm_rate: float
+    separated_by: str = ""
+    clockwise: Collection[str] = ()  # Runs
+    standout: pd.DataFrame | None = None  # Table `MAP_STANDOUT`
+    doubted_channels: Collection[str] = ()
+    families: pd.DataFrame | None = None  # Table `LAW_FAMILIES`
+    repeats: bool = True  # Whether samples are compared, and not statistics over cycles
+
+
+def document(conclusion: Conclusion) -> dict[str, Any]:
     """The content of ``verdict.json``."""
+    outcome, gaps, standout = conclusion.outcome, conclusion.gaps, conclusion.standout
     gains = _gains(outcome)
     certain = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
     test = held_out_test(gaps) if outcome.proposed else None
     by_features = any(fit.status == MATCHED for fit in outcome.explanations)
     return {
         "schema_version": SCHEMA_VERSION,
-        "campaign": campaign,
+        "campaign": conclusion.campaign,
         "verdict": outcome.verdict,
         "because": outcome.because,
-        "basis": "samples" if repeats and not by_features else "statistics",
-        "effects": _with_families(effects(outcome.chosen, gains), families),
+        "basis": "samples" if conclusion.repeats and not by_features else "statistics",
+        "effects": _with_families(effects(outcome.chosen, gains), conclusion.families),
         "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
         "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
-        "separated_by": separated_by,
+        "separated_by": conclusion.separated_by,
         "best_known": _best_known(outcome, gaps, gains),
         "interval_factor": (outcome.proposed or outcome.chosen).scale,
         "held_out_test": test and test.outcome,
         "held_out_features": test and test.features and dict(zip(("before", "after"), test.features, strict=True)),
-        "doubted_channels": list(doubted_channels),
-        "nuisances": _nuisances(outcome.chosen, clockwise),
+        "doubted_channels": list(conclusion.doubted_channels),
+        "nuisances": _nuisances(outcome.chosen, conclusion.clockwise),
         "where": [
             {
                 "run": row["run"],
@@ -64,13 +71,13 @@ def document(
                 "crank_angle_deg": [row["start_deg"], row["end_deg"]],
                 "p_adjusted": row["p_adjusted"],
             }
-            for row in windows.to_dict("records")
+            for row in conclusion.windows.to_dict("records")
         ],
         "orders": [] if standout is None else standout.to_dict("records"),
-        "gap": {role: dict(gaps) for role, gaps in gap.items()},
-        "held_out": [dict(run) for run in held_out],
-        "preflight": {key: list(value) for key, value in preflight.items()},
-        "false_alarm_rate": false_alarm_rate,
+        "gap": {role: dict(own) for role, own in conclusion.gap.items()},
+        "held_out": [dict(run) for run in conclusion.held_out],
+        "preflight": {key: list(value) for key, value in conclusion.preflight.items()},
+        "false_alarm_rate": conclusion.false_alarm_rate,
     }
 
 
