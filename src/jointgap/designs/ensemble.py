@@ -33,10 +33,8 @@ _VECTORS = ("r2_x", "r2_y", "r3_x", "r3_y")
 _PIVOT = ("r1_x", "r1_y")
 _CATEGORIES = {"joint": JOINTS, "event": tuple(EVENT_NAMES), **{f"{joint}_mode": MODES for joint in JOINTS}}
 
-_TYPES = {"bool": (bool, np.bool_), "int": (int, np.integer), "float": (float, np.floating), "text": (str,)}
-"""Types of varied values by the kind of their column; a bool is an int too, so it comes first."""
-
-_STORED = {"bool": bool, "int": int, "float": float, "text": str}
+_KINDS = {"boolean": "bool", "integer": "int"} | dict.fromkeys(("floating", "mixed-integer-float", "empty"), "float")
+"""Kind of the column of a varied value by what pandas infers of its values; words, or numbers among words, are text."""
 
 
 def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterator[Run]:
@@ -46,30 +44,25 @@ def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterat
         (with_values(base, dict(zip(runs.vary, values, strict=True)), "ensemble.vary"), values)
         for values in itertools.product(*runs.vary.values())
     ]
+    # Starting clearance vectors [m]: zero first, then normally distributed in the loose joints
+    starts = np.random.default_rng(runs.seed).normal(0.0, runs.perturbation, (runs.members, 6))
+    starts[0] = 0.0
     for scenario, values in combinations:
         varied = {
             key: stored_value(scenario, key, value, "ensemble.vary")
             for key, value in zip(runs.vary, values, strict=True)
         }
-        starts = perturbed_starts(scenario.mechanism, runs.members, runs.perturbation, runs.seed)
-        for start in starts:
+        for start in perturbed_start(starts, scenario.mechanism.loose):
             yield Run(scenario.mechanism, scenario.simulate, start, values=varied)
-
-
-def perturbed_starts(mechanism: Mechanism, members: int, size: float, seed: int) -> np.ndarray:
-    """Starting clearance vectors, (members, 6) [m]: zero first, then normally distributed in the loose joints."""
-    starts = np.random.default_rng(seed).normal(0.0, size, (members, 6))
-    starts[0] = 0.0
-    return perturbed_start(starts, mechanism.loose)
 
 
 @dataclass(frozen=True)
 class Written:
     """What was written of an ensemble."""
 
-    runs: int  # Their numbers
-    steps: int  # Their numbers
-    events: int  # Their numbers
+    runs: int
+    steps: int
+    events: int
     reasons: Mapping[int, str]  # Why runs failed, by number
 
     @property
@@ -214,27 +207,22 @@ class _Rows:
 
 
 def _write_runs(rows: list[dict], path: Path) -> None:
-    values = {name: [row["values"].get(name) for row in rows] for name in (rows[0]["values"] if rows else {})}
+    names = rows[0]["values"] if rows else ()
+    values = {name: pd.Series([row["values"].get(name) for row in rows], dtype=object) for name in names}
     varied = [_varied(name, own) for name, own in values.items()]
     table = schema.ENSEMBLE_RUNS.filled(varied=varied)
-    frame = pd.DataFrame(rows, columns=[column.name for column in table.columns])
+    frame = pd.DataFrame(rows, columns=list(table.names))
     for column in varied:
-        absent, stored = np.nan if column.kind == "float" else None, _STORED[column.kind]
-        own = [absent if value is None else stored(value) for value in values[column.name]]
-        frame[column.name] = pd.Series(own, dtype=float if column.kind == "float" else object)
+        own = values[column.name]
+        if column.kind == "float":
+            own = own.astype(float)
+        frame[column.name] = own.map(str, na_action="ignore") if column.kind == "text" else own
     parquet.write(table, frame, path)
 
 
-def _varied(name: str, values: list) -> schema.Column:
-    """The column of a varied value, of a kind that holds the values of all runs; numbers among words become words."""
-    kinds = {_kind(value) for value in values if value is not None}
-    if kinds <= {"int", "float"}:
-        # Only floats tell of no value in a frame.
-        kind = "int" if kinds == {"int"} and None not in values else "float"
-    else:
-        kind = kinds.pop() if len(kinds) == 1 else "text"
-    return schema.Column(name, VARIED_BY_WORD.get(name, ""), f"{name}, varied", kind, nullable=None in values)
-
-
-def _kind(value: object) -> str:
-    return next((kind for kind, types in _TYPES.items() if isinstance(value, types)), "text")
+def _varied(name: str, values: pd.Series) -> schema.Column:
+    """The column of a varied value, of a kind that holds the values of all runs."""
+    kind, nullable = _KINDS.get(pd.api.types.infer_dtype(values, skipna=True), "text"), bool(values.isna().any())
+    if kind == "int" and nullable:
+        kind = "float"  # only floats tell of no value in a frame
+    return schema.Column(name, VARIED_BY_WORD.get(name, ""), f"{name}, varied", kind, nullable=nullable)

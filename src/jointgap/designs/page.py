@@ -103,17 +103,13 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measu
         sheet = Sheet(0.8 + 2.2 * rows, rows, columns)
         for place, axis in enumerate(axes):
             of_row = place % columns == 0
-            panel = _panel(sheet, divmod(place, columns), axis, Quantity("", unit or "1"))
+            panel = sheet.panel(divmod(place, columns), "", parameter_quantity(axis)[0], Quantity("", unit or "1"))
             panel.axes.set_ylabel(f"[{panel.y.unit if panel.y.unit != '1' else '–'}]" if of_row else "")
             _draw(panel, axis, shown[axis.key], values)
         sheet.figure.suptitle(measure.description.partition(";")[0], fontsize=9.5, x=0.01, ha="left")
         first = sheet.panels[0].axes
         sheet.figure.legend(*first.get_legend_handles_labels(), loc="outside lower right", ncols=2, markerscale=2.0)
     return sheet.drawing()
-
-
-def _panel(sheet: Sheet, place: tuple[int, int], axis: Axis, y: Quantity) -> Panel:
-    return sheet.panel(place, "", parameter_quantity(axis)[0], y)
 
 
 def _draw(panel: Panel, axis: Axis, own: pd.Series, values: np.ndarray) -> None:
@@ -234,14 +230,13 @@ def page(designs: Designs, dataset: Path) -> Page:
         "All designs: the Parquet files in `designs`, one table for `pandas.read_parquet`, polars or duckdb; "
         "`jointgap describe` explains the columns of any of them."
     )
+    rows = tuple(row for column in designs.measured if (row := _measure(column, dataset)))
     blocks = (
         Paragraph(introduction),
         TableBlock(("parameter", "unit", "smallest", "median", "largest"), _parameters(designs.axes, dataset), "llrrr"),
         *([FigureBlock(MAP, "Map of the grid")] if has_map(designs.kind, designs.axes) else ()),
         Paragraph(measured),
-        TableBlock(
-            ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest"), _measures(designs, dataset), "llrrrrr"
-        ),
+        TableBlock(("measure", "unit", "smallest", "5 %", "median", "95 %", "largest"), rows, "llrrrrr"),
         Paragraph(files),
     )
     return Page("Sweep", blocks)
@@ -256,14 +251,9 @@ def _parameters(axes: tuple[Axis, ...], dataset: Path) -> tuple:
             rows.append((parameter_in_words(axis.key), "", ", ".join(words), "", ""))
             continue
         unit, factor = reading_unit(axis.unit or "1")
-        rows.append(
-            (parameter_in_words(axis.key), unit_in_words(unit), *_numbers(factor * values.to_numpy(), (0.0, 0.5, 1.0)))
-        )
+        numbers = _numbers(factor * values.to_numpy(), (0.0, 0.5, 1.0))
+        rows.append((parameter_in_words(axis.key), unit_in_words(unit), *numbers))
     return tuple(rows)
-
-
-def _measures(designs: Designs, dataset: Path) -> tuple:
-    return tuple(row for column in designs.measured if (row := _measure(column, dataset)))
 
 
 def _measure(column: Column, dataset: Path) -> tuple | None:

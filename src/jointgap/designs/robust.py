@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.colors import LogNorm
-from scipy.interpolate import RBFInterpolator
+from matplotlib.tri import Triangulation, UniformTriRefiner
 from scipy.stats import binomtest, qmc
 
 from jointgap.config import Constraints, DrivenMechanism, Mechanism, Optimise, Scenario, Simulate
@@ -403,7 +403,10 @@ def search(asked: RobustProblem, respond: Responding, options: OptimiseRobust, w
 
     told(0)
     region = asked.region
-    grid = region.nearest(np.vstack([grid_of(region, options.grid), region.clip(np.array(asked.original))]))
+    cranks, rods = np.meshgrid(*np.linspace(region.lower, region.upper, options.grid).T, indexing="ij")
+    grid = np.stack([cranks.ravel(), rods.ravel()], axis=1)
+    grid = grid[region.contains(grid, slack=1e-12)]
+    grid = region.nearest(np.vstack([grid, region.clip(np.array(asked.original))]))
     found = [assess(asked, respond(grid)).assign(step=GRID, generation=0)]
     for number, (step, objectives) in enumerate(steps.items()):
         before = 1 + number * options.generations
@@ -416,13 +419,6 @@ def search(asked: RobustProblem, respond: Responding, options: OptimiseRobust, w
         minimize(problem, algorithm, ("n_gen", options.generations), seed=options.seed)
         found += [each.assign(step=step, generation=k) for k, each in enumerate(problem.generations)]
     return pd.concat(found, ignore_index=True)
-
-
-def grid_of(region: Region, points: int) -> np.ndarray:
-    """Those of `points` x `points` pairs of lengths over the box that a `region` contains, shape (n, 2) [m]."""
-    cranks, rods = np.meshgrid(*np.linspace(region.lower, region.upper, points).T, indexing="ij")
-    lengths = np.stack([cranks.ravel(), rods.ravel()], axis=1)
-    return lengths[region.contains(lengths, slack=1e-12)]
 
 
 def ranked(candidates: pd.DataFrame) -> np.ndarray:
@@ -532,14 +528,10 @@ def statistics(values: np.ndarray, measure: RobustMeasure) -> np.ndarray:
     return np.stack([np.mean(values, axis=-1), deviation(values), measure.of(values), *quantiles])
 
 
-def share_with_interval(times: int, trials: int) -> tuple[float, float, float]:
-    """How often something happened, and the exact interval of its probability: (share, low, high)."""
-    interval = binomtest(int(times), int(trials)).proportion_ci(CONFIDENCE, method="exact")
-    return times / trials, float(interval.low), float(interval.high)
-
-
 def _share(times: int, trials: int) -> dict[str, float]:
-    return dict(zip((f"probability{end}" for end in _SUFFIXES), share_with_interval(times, trials), strict=True))
+    """How often something happened, and the exact interval of its probability."""
+    interval = binomtest(int(times), int(trials)).proportion_ci(CONFIDENCE, method="exact")
+    return {"probability": times / trials, "probability_low": interval.low, "probability_high": interval.high}
 
 
 def _with_interval(statistic: Callable, resamples: int, seed: int, *samples: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -584,16 +576,11 @@ class RobustOptimum:
     @property
     def fresh_table(self) -> Table:
         """The table of the fresh draws."""
-        return OPTIMISE_ROBUST_FRESH.filled(
-            uncertain=[
-                Column(axis.key, axis.column.unit, _described(axis.key), axis.column.kind)
-                for axis in self.uncertain.axes
-            ]
-        )
-
-
-def _described(key: str) -> str:
-    return f"{key}: what is added to the nominal length" if key in LENGTHS else f"{key}, uncertain"
+        columns = []
+        for axis in self.uncertain.axes:
+            what = "what is added to the nominal length" if axis.key in LENGTHS else "uncertain"
+            columns.append(Column(axis.key, axis.column.unit, f"{axis.key}: {what}", axis.column.kind))
+        return OPTIMISE_ROBUST_FRESH.filled(uncertain=columns)
 
 
 def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOptimum:
@@ -703,7 +690,6 @@ LOOKS = {
 }
 """Words, colour and mark of each pair of lengths."""
 
-_MAP_POINTS = 121  # along each length: what is between candidates is interpolated
 _VIEW = 0.06  # of the front's width that is shown beyond its ends
 _STATISTICS_SHOWN = {"mean": "mean", "deviation": "standard deviation", "measure": "", "quantile_95": "95 % quantile"}
 _FRONT_ROWS = 9
@@ -723,12 +709,9 @@ def draw_robust(found: RobustOptimum) -> dict[str, Drawing]:
 
 
 def has_map(found: RobustOptimum) -> bool:
-    """Whether the candidates lie all over the region, so that a surface goes through them: a fixed stroke leaves a line
-    of lengths, two fixed values a point.
-    """
-    scaled, _ = _scaled_and_squares(found)
-    x, y = scaled.T
-    return np.linalg.matrix_rank(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y]), tol=1e-6) == 6
+    """Whether the candidates fill an area; a fixed stroke leaves a line of lengths, two fixed values a point."""
+    lengths = _tried(found)[:2]
+    return np.linalg.matrix_rank(lengths - lengths.mean(axis=1, keepdims=True), tol=1e-2) == 2
 
 
 def _front(found: RobustOptimum) -> Drawing:
@@ -792,21 +775,23 @@ def _errors(found: RobustOptimum) -> Drawing:
 
 
 def _map(found: RobustOptimum) -> Drawing:
-    """What is minimised over both lengths, between the candidates by a surface through them."""
-    x, y, value = _surface(found)
+    """What is minimised over both lengths, between the candidates by cubic interpolation."""
+    x, y, value = _tried(found)
     sheet = Sheet(5.2, 1, 1)
     lengths = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
     panel = sheet.panel((0, 0), f"error, {found.asked.measure.words}", *lengths)
-    quantity = Quantity("error", "mdeg")
-    levels = np.geomspace(np.nanmin(value), np.nanmax(value), 15)
-    drawn = panel.contours("measure", x, y, value, quantity, levels=levels, cmap="Blues_r", norm=LogNorm())
+    quantity, levels = Quantity("error", "mdeg"), np.geomspace(value.min(), value.max(), 15)
+    # The square of the measure is interpolated: about the valley's floor it is nearly a parabola.
+    fine, squares = UniformTriRefiner(Triangulation(x, y)).refine_field(value**2, subdiv=3)
+    shown = np.sqrt(np.clip(squares, value.min() ** 2, value.max() ** 2))
+    drawn = panel.axes.tricontourf(fine, shown, levels=levels, cmap="Blues_r", norm=LogNorm())
     bar = sheet.figure.colorbar(drawn, ax=panel.axes, label=quantity.label, aspect=30)
     ticks = [tick for base in (1, 10, 100, 1000) for tick in (base, 2 * base, 5 * base)]
     ticks = [tick for tick in ticks if levels[0] <= tick <= levels[-1]]
     bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
     bar.minorticks_off()
-    tried = 1e3 * _of_the_search(found)[list(LENGTHS)].to_numpy()
-    panel.marks("candidates", *tried.T, "limit", marker=".", markersize=2.0)
+    panel.axes.plot(x, y, ".", color=plot.COLOURS["limit"], markersize=2.0, label="candidates")
+    panel.record("candidates", x, y, value=value, value_quantity=quantity.name, value_unit=quantity.unit)
     for row in found.comparison.lengths.itertuples():
         _mark(panel, row.lengths, [1e3 * row.crank_length], [1e3 * row.rod_length])
     sheet.legend()
@@ -817,28 +802,10 @@ def _of_the_search(found: RobustOptimum) -> pd.DataFrame:
     return found.candidates[found.candidates["search"] == "robust"].dropna(subset="error")
 
 
-def _scaled_and_squares(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray]:
-    """Candidates (n, 2) as shares of the box, each once, and the square of the measure there (n,) [mdeg^2]."""
-    robust, region = _of_the_search(found), found.asked.region
-    scaled = (robust[list(LENGTHS)].to_numpy() - region.lower) / region.size
-    scaled, places = np.unique(np.round(scaled, 6), axis=0, return_index=True)
-    return scaled, (MDEG * robust["error"].to_numpy()[places]) ** 2
-
-
-def _surface(found: RobustOptimum) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Crank and rod lengths [mm] and the measure [mdeg] over them; NaN beyond the ratio limit.
-
-    The square of the measure is interpolated: about the valley's floor it is nearly a parabola.
-    """
-    region = found.asked.region
-    scaled, squares = _scaled_and_squares(found)
-    surface = RBFInterpolator(scaled, squares, kernel="cubic", degree=2, smoothing=1e-6)
-    line = np.linspace(0.0, 1.0, _MAP_POINTS)
-    at = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    value = np.sqrt(np.maximum(surface(at), squares.min()))
-    value[~region.contains(region.unscaled(at), slack=1e-12)] = np.nan
-    x, y = (1e3 * (low + line * width) for low, width in zip(region.lower, region.size, strict=True))
-    return x, y, value.reshape(_MAP_POINTS, _MAP_POINTS)
+def _tried(found: RobustOptimum) -> np.ndarray:
+    """Crank and rod lengths [mm] of the candidates, each once, and the measure there [mdeg], shape (3, n)."""
+    robust = _of_the_search(found).drop_duplicates(list(LENGTHS))
+    return (robust[[*LENGTHS, "error"]] * [1e3, 1e3, MDEG]).to_numpy().T
 
 
 def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:

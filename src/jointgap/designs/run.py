@@ -3,6 +3,7 @@
 import math
 import re
 from collections import Counter
+from collections.abc import Container
 from itertools import chain
 from pathlib import Path
 
@@ -18,12 +19,13 @@ from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS
 from jointgap.core.progress import followed, parts
 from jointgap.core.schema import SWEEP_DESIGNS, Table
-from jointgap.designs.sampling import SOURCE, Designs, ErrorCounting, printed_optima
+from jointgap.designs.sampling import SOURCE, Designs, ErrorCounting
 from jointgap.dynamics.parallel import Outcome, Run, numbers_of, rod_and_slider, side_by_side, simulate_run
 from jointgap.dynamics.parameters import Parameters
 from jointgap.dynamics.sampling import ROUNDING, angle_errors, contact_sums, largest_change, slider_and_forces
 from jointgap.dynamics.simulate import IntegrationResult, crank_angles
 from jointgap.lengths.objective import Objective, objective_of_motion
+from jointgap.paper.printed import OPTIMA
 
 _NO_ERROR = 1e-12
 """RMS [rad] below which an error is rounding, of which no share is told."""
@@ -40,6 +42,15 @@ def best_lengths(outcome: Outcome, counted: Objective | None) -> dict[str, float
     per_turn = outcome.run.options.samples_per_revolution
     last = _objective(outcome, slice(-per_turn - 1, -1))  # the revolution's end is its beginning again
     return _best("", last) | _best("_in_window", counted)
+
+
+def printed_optima(counted: Objective | None, measure: str) -> dict[str, float]:
+    """The numbers `PRINTED_OPTIMA` of a run that did not fail; NaN without samples."""
+    names = [f"reduction_at_{printed.key}" for printed in OPTIMA]
+    if counted is None:
+        return dict.fromkeys(names, math.nan)
+    lengths = np.array([(printed.crank_length, printed.rod_length) for printed in OPTIMA])
+    return dict(zip(names, getattr(counted.reductions(lengths), measure), strict=True))
 
 
 def counted_objective(outcome: Outcome, counting: ErrorCounting) -> Objective | None:
@@ -110,9 +121,14 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     per_turn = outcome.run.options.samples_per_revolution
     last = slice(-per_turn - 1, None)
     position, acceleration, peaks, sizes = slider_and_forces(p, *(getattr(result, name)[last] for name in _SAMPLED))
+
+    def errors_of(samples: slice, counted: tuple[float, float]) -> tuple[float, ...]:
+        states = result.states[samples], result.auxiliary_states[samples]
+        return angle_errors(p, outcome.crank_angle[samples], *states, *counted)
+
     # The last revolution's end is its beginning again.
-    *errors, least = _angle_errors(outcome, slice(-per_turn - 1, -1), (-math.inf, math.inf))
-    *errors_in_window, _ = _angle_errors(outcome, slice(0, per_turn), window)
+    *errors, least = errors_of(slice(-per_turn - 1, -1), (-math.inf, math.inf))
+    *errors_in_window, _ = errors_of(slice(0, per_turn), window)
     found = dict(zip(_ERRORS, (*errors, *errors_in_window), strict=True))
     found |= {"least_transmission_angle": least}
     found |= _travel(position[:-1], outcome.crank_angle[last][:-1])
@@ -143,12 +159,6 @@ def high_order_rms(values: np.ndarray) -> float:
     if len(values) % 2 == 0:
         squares -= abs(spectrum[-1]) ** 2  # but the highest is its own
     return math.sqrt(squares) / len(values)
-
-
-def _angle_errors(outcome: Outcome, samples: slice, counted: tuple[float, float]) -> tuple[float, ...]:
-    result = outcome.result
-    states, auxiliary_states = result.states[samples], result.auxiliary_states[samples]
-    return angle_errors(outcome.parameters, outcome.crank_angle[samples], states, auxiliary_states, *counted)
 
 
 def _travel(position: np.ndarray, angle: np.ndarray) -> dict[str, float]:
@@ -297,18 +307,8 @@ def check_folder(designs: Designs, folder: Path, per_job: int) -> None:
 
     A part may be missing, damaged, or shorter than it is to become.
     """
-    wanted, spans = parts(designs.number, per_job), {}
-    for path in sorted(folder.glob("[!.]*.parquet")):
-        try:
-            footer = parquet.read_footer(path)
-        except InputError as error:
-            if path.stem in wanted:
-                continue  # damaged: it is made again
-            raise InputError(f"{error}; or remove it, it is no part of this sweep") from error
-        _check_belongs(designs, path, footer)
-        spans[path] = _span(footer)
-    _check_number(designs, spans)
-    for path, (begin, end) in spans.items():
+    wanted = parts(designs.number, per_job)
+    for path, (begin, end, _) in _held(designs, folder, remade=wanted).items():
         first, count = wanted.get(path.stem, (-1, 0))
         if begin != first or end > first + count:
             raise InputError(
@@ -319,23 +319,18 @@ def check_folder(designs: Designs, folder: Path, per_job: int) -> None:
 
 def check_dataset(designs: Designs, folder: Path) -> None:
     """Whether the files in a `folder` are those of the sweep `designs` and hold each design once."""
-    spans, codes = {}, {}
-    for path in sorted(folder.glob("[!.]*.parquet")):
-        footer = parquet.read_footer(path)
-        _check_belongs(designs, path, footer)
-        spans[path] = _span(footer)
-        codes[(footer.metadata or {}).get(CODE.encode())] = path
+    held = _held(designs, folder)
+    if not held:
+        raise InputError(f"{folder}: holds no designs; simulate them first")
+    codes = {code: path for path, (*_, code) in held.items()}
     if len(codes) > 1:
         first, second, *_ = sorted(codes.values())
         raise InputError(
             f"{first} and {second}: were measured by different versions of jointgap; start the sweep again, which "
             "measures the older ones anew"
         )
-    if not spans:
-        raise InputError(f"{folder}: holds no designs; simulate them first")
-    _check_number(designs, spans)
     reached = 0
-    for path, (begin, end) in sorted(spans.items(), key=lambda item: item[1]):
+    for path, (begin, end, _) in sorted(held.items(), key=lambda item: item[1][:2]):
         if begin < reached:
             raise InputError(f"{path}: design {begin} is there twice; remove this file and start again")
         if begin > reached:
@@ -345,15 +340,35 @@ def check_dataset(designs: Designs, folder: Path) -> None:
         raise InputError(f"{folder}: design {reached} is missing; start again, which makes its part")
 
 
-def _check_number(designs: Designs, spans: dict[Path, tuple[int, int]]) -> None:
-    """No file holds designs beyond those that are asked for."""
-    most = max((end for _, end in spans.values()), default=0)
-    if most > designs.number:
-        path, (begin, end) = next(item for item in spans.items() if item[1][1] > designs.number)
-        raise InputError(
-            f"{path}: holds designs {begin} to {end - 1}, but sweep.number asks for {designs.number}; ask for {most} "
-            "or more, for a sweep only grows, or give another folder"
-        )
+def _held(designs: Designs, folder: Path, remade: Container[str] = ()) -> dict[Path, tuple[int, int, bytes | None]]:
+    """Of each file in a `folder` its first design, the one after its last, and the digest of its code.
+
+    Damaged files whose names are in `remade` are left out, for they are made again.
+    """
+    held = {}
+    for path in sorted(folder.glob("[!.]*.parquet")):
+        try:
+            footer = parquet.read_footer(path)
+        except InputError as error:
+            if path.stem in remade:
+                continue
+            raise InputError(f"{error}; or remove it, it is no part of this sweep") from error
+        told = footer.metadata or {}
+        if (of := told.get(DIGEST.encode(), b"").decode()) != designs.digest:
+            fixed = "" if designs.kind == "sobol" else f"; a {designs.kind} of another size is another sweep too"
+            raise InputError(
+                f"{path}: belongs to another sweep (its digest is {of or 'none'}, this one's is {designs.digest}"
+                f"{fixed}); move the folder away, or give another one"
+            )
+        held[path] = (*_span(footer), told.get(CODE.encode()))
+    most = max((end for _, end, _ in held.values()), default=0)
+    for path, (begin, end, _) in held.items():
+        if end > designs.number:
+            raise InputError(
+                f"{path}: holds designs {begin} to {end - 1}, but sweep.number asks for {designs.number}; ask for "
+                f"{most} or more, for a sweep only grows, or give another folder"
+            )
+    return held
 
 
 def _span(footer: FileMetaData) -> tuple[int, int]:
@@ -363,26 +378,11 @@ def _span(footer: FileMetaData) -> tuple[int, int]:
     return min(group.min for group in groups), max(group.max for group in groups) + 1
 
 
-def _check_belongs(designs: Designs, path: Path, footer: FileMetaData) -> None:
-    of = (footer.metadata or {}).get(DIGEST.encode(), b"").decode()
-    if of != designs.digest:
-        fixed = "" if designs.kind == "sobol" else f"; a {designs.kind} of another size is another sweep too"
-        raise InputError(
-            f"{path}: belongs to another sweep (its digest is {of or 'none'}, this one's is {designs.digest}{fixed}); "
-            "move the folder away, or give another one"
-        )
-
-
 _NUMBER = re.compile(r"[-+]?[0-9][-+.0-9e]*")
 
 
 def failures(dataset: Path) -> Counter[str]:
     """How many designs of a `dataset` failed, by the reason without what differs from design to design."""
-    reasons = parquet.read_columns(dataset, ["reason"])["reason"]
-    return Counter(_kind_of(reason) for reason in reasons.drop_null().to_pylist())
-
-
-def _kind_of(reason: str) -> str:
-    """A reason without what differs from design to design: its values and numbers."""
-    told = reason.partition(": ")[2] if reason.startswith(SOURCE) else reason
-    return _NUMBER.sub("...", told).partition("; ")[0]
+    reasons = parquet.read_columns(dataset, ["reason"])["reason"].drop_null().to_pylist()
+    told = (reason.partition(": ")[2] if reason.startswith(SOURCE) else reason for reason in reasons)
+    return Counter(_NUMBER.sub("...", reason).partition("; ")[0] for reason in told)

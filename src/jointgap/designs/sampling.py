@@ -21,8 +21,8 @@ from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import Column
 from jointgap.core.units import to_si
-from jointgap.lengths.objective import MEASURES, Objective
-from jointgap.paper.printed import OPTIMA, departures
+from jointgap.lengths.objective import MEASURES
+from jointgap.paper.printed import departures
 
 COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
 """Parameters that say how the error is counted, with their units; '' for words and whole numbers, which are listed."""
@@ -77,15 +77,6 @@ def check_counting(sweep: Sweep, simulate: Simulate, source: str) -> None:
             raise InputError(f"{source}.{key}: has no range; list its values, such as {key}: [...]")
         for value in values:
             ErrorCounting.of({key: value}, sweep.window, simulate, source)
-
-
-def printed_optima(counted: Objective | None, measure: str) -> dict[str, float]:
-    """The numbers `PRINTED_OPTIMA` of a run that did not fail; NaN without samples."""
-    names = [f"reduction_at_{printed.key}" for printed in OPTIMA]
-    if counted is None:
-        return dict.fromkeys(names, math.nan)
-    lengths = np.array([(printed.crank_length, printed.rod_length) for printed in OPTIMA])
-    return dict(zip(names, getattr(counted.reductions(lengths), measure), strict=True))
 
 
 SOURCE = "sweep.parameters"
@@ -246,8 +237,8 @@ def _axis(base: DrivenMechanism, key: str, spec: Any, grid: bool, section: str) 
         mean, deviation = si("mean"), si("deviation")
         if deviation <= 0:
             raise InputError(f"{source}.deviation = {spec.deviation!r}: must be above zero, or nothing varies")
-        ends = [-math.inf if low is None else (low - mean) / deviation, math.inf if high is None else
-                (high - mean) / deviation]  # fmt: skip
+        given = -math.inf if low is None else low, math.inf if high is None else high
+        ends = [(end - mean) / deviation for end in given]
         if ends[0] > _FARTHEST_TAIL or ends[1] < -_FARTHEST_TAIL:
             raise InputError(
                 f"{source}: from and to leave values more than {_FARTHEST_TAIL:g} deviations from the mean, which "

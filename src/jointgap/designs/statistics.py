@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from jointgap.config import Mechanism, Simulate
 from jointgap.core import schema
 from jointgap.core.errors import InputError
-from jointgap.core.joints import JOINT, JOINT_NUMBERS
+from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.parallel import Run, simulate_runs
-from jointgap.dynamics.simulate import IntegrationResult, perturbed_start
+from jointgap.dynamics.simulate import perturbed_start
 
 CHANGE = 1e-11
 """Size of the change of the start [m]: what two good codes differ by."""
@@ -86,7 +86,7 @@ class Growth:
         """The growth as the table `GROWTH`."""
         low, high = self.factors.min(axis=0), self.factors.max(axis=0)
         columns = (self.crank_angle, self.median, low, high)
-        return pd.DataFrame(dict(zip((column.name for column in schema.GROWTH.columns), columns, strict=True)))
+        return pd.DataFrame(dict(zip(schema.GROWTH.names, columns, strict=True)))
 
 
 def measure_growth(
@@ -115,7 +115,8 @@ def measure_growth(
         if outcome.error is not None:
             raise outcome.error
     clearance = min(applied.clearance(joint) for joint in applied.loose)
-    vectors = np.array([sampled_clearances(outcome.result) for outcome in outcomes])
+    results = [outcome.result for outcome in outcomes]
+    vectors = np.array([np.hstack([result.states[:, :4], result.auxiliary_states[:, :2]]) for result in results])
     distance = np.linalg.norm(vectors[1:] - vectors[0], axis=2)
     return Growth(
         outcomes[0].crank_angle,
@@ -125,11 +126,6 @@ def measure_growth(
         _SATURATED * clearance,
         finer.tolerance,
     )
-
-
-def sampled_clearances(result: IntegrationResult) -> np.ndarray:
-    """Clearance vectors of all joints at the samples of an integration, (n, 6) [m]."""
-    return np.hstack([result.states[:, :4], result.auxiliary_states[:, :2]])
 
 
 QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
@@ -266,7 +262,7 @@ def _joint_revolutions(
                     "peak_force": np.nanmax([sampled_peak, ended["peak_force"].max()]),
                 }
             )
-    return pd.DataFrame(rows, columns=[column.name for column in schema.JOINT_REVOLUTIONS.columns])
+    return pd.DataFrame(rows, columns=schema.JOINT_REVOLUTIONS.names)
 
 
 def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: float, revolutions: int) -> pd.DataFrame:
@@ -282,7 +278,7 @@ def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: flo
                 row |= {"mean": values.mean(), "largest": values.max()}
                 row |= {key: np.quantile(values, share) for key, share in QUANTILES.items()}
             rows.append(row)
-    return pd.DataFrame(rows, columns=[column.name for column in schema.IMPACT_DISTRIBUTION.columns])
+    return pd.DataFrame(rows, columns=schema.IMPACT_DISTRIBUTION.names)
 
 
 def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) -> np.ndarray:
@@ -299,15 +295,6 @@ def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) ->
     speed, turning = samples[f"r{number}_dot"].to_numpy(), samples[f"gamma{number}_dot"].to_numpy()
     at_rest = (r == 0.0) & (speed == 0.0)
     return np.where(at_rest[:, None], 0.0, speed[:, None] * along + (r * turning)[:, None] * across)
-
-
-def journal_centre(samples: pd.DataFrame, mechanism: Mechanism, joint: str) -> np.ndarray:
-    """Centre of the journal seen from the centre of its bearing, along the fixed x and y, (n, 2) [m].
-
-    The clearance vector, turned round where the body at its end carries the bearing.
-    """
-    carrier = mechanism.joint(joint).journal
-    return (1.0 if carrier == JOINT[joint].body else -1.0) * clearance_vectors(samples, joint)
 
 
 def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, first: int) -> pd.DataFrame:
@@ -341,7 +328,7 @@ def poincare_section(
         columns = dict(zip(("x", "y", "x_dot", "y_dot"), np.hstack([place, rate]).T, strict=True))
         numbers = {"revolution": first + np.arange(len(chosen)), "crank_angle": chosen["crank_angle"].to_numpy()}
         frames.append(pd.DataFrame({"joint": joint} | numbers | columns))
-    return pd.concat(frames, ignore_index=True)[[column.name for column in schema.POINCARE_SECTION.columns]]
+    return pd.concat(frames, ignore_index=True)[list(schema.POINCARE_SECTION.names)]
 
 
 def periodicity(vectors: ArrayLike, per_revolution: int, clearance: float) -> Periodicity:

@@ -21,13 +21,12 @@ from jointgap.designs.robust import (
     headline,
     optimise_robust,
     page,
-    share_with_interval,
     uncertain_of,
     verdict,
 )
 from jointgap.dynamics.simulate import simulate
+from tests.designs.standin import Formula, asked, standard_draws
 from tests.dynamics.cases import mechanism, options
-from tests.robust_lengths.standin import Formula, asked, standard_draws
 
 MADE = mechanism(friction=0.1)
 COARSE = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)
@@ -153,11 +152,8 @@ def test_a_draw_that_failed_keeps_no_constraint():
     made = asked(RobustMeasure(), constraints=Constraints(largest_pin_force=2.0))
     found = compare(made, ("original", "robust"), replace(answer, error=error, force=force), 50, 0)
     assert found.constraints.set_index("lengths")["probability"].to_dict() == {"original": 1.0, "robust": 0.6}
+    assert found.constraints["probability_low"][0] == pytest.approx(0.025 ** (1 / 100))  # exact
     assert found.lengths["draws"].eq(60).all()
-
-
-def test_a_probability_has_its_exact_interval():
-    assert share_with_interval(0, 10) == (0.0, 0.0, pytest.approx(1.0 - 0.025 ** (1 / 10)))
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from jointgap.designs.robust import (
     search,
 )
 from jointgap.lengths.region import Region, geometric
-from tests.robust_lengths.standin import BOX, NOMINAL, ROD, STEADY, Formula, asked, standard_draws
+from tests.designs.standin import BOX, NOMINAL, ROD, STEADY, Formula, asked, standard_draws
 
 OPTIONS = OptimiseRobust(generations=16, population=12)
 WITHIN = 1e-4  # [m] half a percent of the box
