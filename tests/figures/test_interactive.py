@@ -15,7 +15,12 @@ def test_the_page_is_complete_in_itself_and_names_axes_units_and_joints(tables, 
     head, _, drawn = page.rpartition("plotly.js v")
     assert "<title>my press: impacts in the joints</title>" in page and head
     assert "src=" not in page.partition("</style>")[2].partition("<script")[0] and 'src="http' not in page
-    for words in ("beyond clearance [\\u00b5m]", "normal force [N]", "crank angle, running on [deg]", "piston pin"):
+    for words in (
+        "penetration (+), gap (\\u2212) [\\u00b5m]",
+        "normal force [N]",
+        "crank angle, running on [deg]",
+        "piston pin",
+    ):
         assert words in drawn, words
     assert page == impacts_page(tables["trajectory"], tables["events"], scenario, "my_press")
 

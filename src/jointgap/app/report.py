@@ -2,10 +2,9 @@
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from jointgap.campaign import page as verdict_page
 from jointgap.campaign import verdict_json
@@ -39,7 +38,7 @@ from jointgap.core.page import (
 )
 from jointgap.core.plot import FigureSpec
 from jointgap.core.words import fall_in_percent
-from jointgap.scenario import overview as scenario_overview
+from jointgap.scenario import overview
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
 
@@ -53,68 +52,82 @@ _KEY_FIGURES_OF_CAMPAIGNS = ("measured_against_model", "disagreement", "ranking"
 """Figures that stand in a report of so many scenarios that all would be too large for a page; the others are linked."""
 
 
+@dataclass(frozen=True)
+class _Part:
+    """A scenario or a campaign as the report shows it."""
+
+    name: str
+    heading: str
+    result: str  # In a line; empty where nothing was optimised
+    texts: tuple[str, ...]
+    links: tuple[Link, ...]
+    place: str  # Folder of its figures, relative to the page
+    specs: Mapping[str, FigureSpec]  # Of the figures that were drawn
+    key_figures: Collection[str]
+
+    def figure(self, key: str, spec: FigureSpec, several: bool) -> FigureBlock:
+        """A figure; its title has the part's name where there are several parts."""
+        title = f"{spec.title}: {self.name}" if several else spec.title
+        return FigureBlock(f"{self.place}{key}", title, spec.caption, spec.moving)
+
+    def blocks(self, whole: bool, several: bool, shown: str) -> Iterator[Block]:
+        """All of it but the figure `shown` before: figures by category or, unless the report is `whole`, key figures
+        and links to the others.
+        """
+        yield Heading(self.heading)
+        yield from (Paragraph(text, strong=text == f"{self.result}.") for text in self.texts)
+        if self.links:
+            yield Bullets(self.links)
+        specs = {key: spec for key, spec in self.specs.items() if f"{self.place}{key}" != shown}
+        if not whole:
+            yield from (self.figure(key, specs[key], several) for key in self.key_figures if key in specs)
+            others = (key for key in self.specs if key not in self.key_figures)
+            yield Bullets(tuple(Link(self.specs[key].title, f"{self.place}{key}.png") for key in others))
+            return
+        for category in dict.fromkeys(spec.category for spec in specs.values()):
+            yield Heading(f"{category} ({self.name})" if several else category, 3)
+            yield from (self.figure(key, spec, several) for key, spec in specs.items() if spec.category == category)
+
+
 def write_report(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], folder: Path, file: Path) -> None:
-    """Put what came out of a run on one page in one file, with its figures."""
+    """Put the results of a run on one page in one file, with its figures."""
     write_text(file, to_html(page(scenarios, campaigns, folder), folder))
 
 
-def page(
-    scenarios: Mapping[str, ScenarioResults],
-    campaigns: Sequence[str],
-    folder: Path,
-) -> Page:
-    """What came out of a run."""
-    verdicts = {name: verdict_json.read(_of_campaign(folder, name) / VERDICT) for name in campaigns}
-    learned = {name: results for name, results in scenarios.items() if results.scenario.mechanism.applied().loose}
-    table = None
-    if compared := {name: own for name, own in learned.items() if own.scenario.paper}:
-        read = {name: (own.read_all(scenario_overview.NEEDED), own.scenario) for name, own in compared.items()}
-        table = scenario_overview.overview(read)
+def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], folder: Path) -> Page:
+    """The results of a run."""
+    learned = {name: own for name, own in scenarios.items() if own.scenario.mechanism.applied().loose}
     summaries = {name: _summary(own) for name, own in learned.items()}
-    gains = {name: known["headline"] for name, known in summaries.items()}
-    whole = _size(folder, scenarios, campaigns) <= MOST_BYTES
-    several = len(scenarios) + len(campaigns) > 1
-    first = _first_picture(scenarios, campaigns, folder, several)
-    parts = (
-        *_side_by_side(table),
-        *(
-            block
-            for name, own in scenarios.items()
-            for block in _scenario(own, gains.get(name, ""), whole, folder, several)
-        ),
-        *(block for name, content in verdicts.items() for block in _campaign(content, whole, folder, several)),
-        *([] if whole else _other_figures(scenarios, campaigns)),
-    )
-    return Page(
-        _headline(summaries, verdicts),
-        (
-            *first,
-            *([Bullets(tuple(_glance(scenarios, gains, verdicts)))] if several else []),
-            *_without(first, parts),
-        ),
-        subject="What came out of this run",
-        footer=f"{written_today()} The runs side by side, with their files: `jointgap dashboard`. What each stage "
-        "reads and writes: docs/workflow.md.",
-    )
-
-
-def _without(shown: Sequence[Block], blocks: Sequence[Block]) -> list[Block]:
-    """`blocks` without the figures among those `shown` before them, and without parts that are empty then."""
-    stems = {block.stem for block in shown if isinstance(block, FigureBlock)}
-    left = [block for block in blocks if not (isinstance(block, FigureBlock) and block.stem in stems)]
-    return [
-        block
-        for block, after in zip(left, [*left[1:], None], strict=True)
-        if not (isinstance(block, Heading) and block.level == 3 and (after is None or isinstance(after, Heading)))
-    ]
-
-
-def _of_campaign(folder: Path, name: str) -> Path:
-    return folder / "campaigns" / name
+    parts = [_scenario(own, summaries.get(name), folder) for name, own in scenarios.items()]
+    parts += [_campaign(folder, name) for name in campaigns]
+    several = len(parts) > 1
+    pictures = (path for part in parts for path in (folder / part.place).glob("*.png"))
+    whole = _PACKED * sum(path.stat().st_size for path in pictures) <= MOST_BYTES
+    blocks: list[Block] = []
+    if parts:
+        key, specs = ("animation", FIGURES) if scenarios else ("measured_against_model", CAMPAIGN_FIGURES)
+        blocks.append(parts[0].figure(key, specs[key], several))
+    first = blocks[0].stem if blocks else ""
+    if several:
+        results = ((part, part.result or "all joints are ideal: simulated") for part in parts)
+        blocks.append(
+            Bullets(tuple(Link(part.name, f"#{place_of(part.heading)}", f": {said}") for part, said in results))
+        )
+    compared = {name: own for name, own in learned.items() if own.scenario.paper}
+    if len(compared) > 1:
+        read = {name: (own.read_all(overview.NEEDED), own.scenario) for name, own in compared.items()}
+        blocks += [Heading(overview.TITLE), *overview.side_by_side(overview.overview(read))]
+    blocks += [block for part in parts for block in part.blocks(whole, several, first)]
+    if not whole:
+        linked = {key: spec for part in parts for key, spec in part.specs.items() if key not in part.key_figures}
+        rows = tuple((spec.title, spec.caption) for spec in linked.values())
+        blocks += [Heading("Contents of the linked figures"), TableBlock(("figure", "content"), rows)]
+    footer = f"{written_today()} Runs and their files: `jointgap dashboard`. Stages: docs/workflow.md."
+    return Page(_headline(summaries, parts), tuple(blocks), subject="Results of this run", footer=footer)
 
 
 def _summary(own: ScenarioResults) -> Mapping[str, Any]:
-    """What the stage summarise found, content of ``summary.json``."""
+    """Content of ``summary.json``."""
     path = own.path / "summary.json"
     try:
         return json.loads(path.read_text(encoding="utf-8"))
@@ -122,138 +135,49 @@ def _summary(own: ScenarioResults) -> Mapping[str, Any]:
         raise InputError(f"{path}: is no summary of a scenario ({error}); run `jointgap summarise` first") from error
 
 
-def _headline(summaries: Mapping[str, Any], verdicts: Mapping[str, Any]) -> str:
-    if len(summaries) == 1:
-        return next(iter(summaries.values()))["headline"]
-    if summaries:
+def _headline(summaries: Mapping[str, Any], parts: Sequence[_Part]) -> str:
+    if len(summaries) > 1:
         falls = fall_in_percent(known["reduction_percent"]["median"] for known in summaries.values())
-        return (
-            f"In {len(summaries)} scenarios the RMS error of the transmission angle {falls} at the lengths found, "
-            "simulated again"
-        )
-    if len(verdicts) == 1:
-        return verdict_page.title(next(iter(verdicts.values())))
-    if verdicts:
-        return "; ".join(f"{name}: {verdict_page.title(content)}" for name, content in verdicts.items())
-    return "The motion of the mechanism, simulated"
+        error = f"the RMS error of the transmission angle {falls} at the lengths found, simulated again"
+        return f"In {len(summaries)} scenarios {error}"
+    if summaries:
+        return next(iter(summaries.values()))["headline"]
+    results = {part.name: part.result for part in parts if part.result}
+    if len(results) == 1:
+        return next(iter(results.values()))
+    return (
+        "; ".join(f"{name}: {result}" for name, result in results.items()) or "The motion of the mechanism, simulated"
+    )
 
 
-def _first_picture(
-    scenarios: Mapping[str, ScenarioResults],
-    campaigns: Sequence[str],
-    folder: Path,
-    several: bool,
-) -> list[Block]:
-    if scenarios:
-        name = next(iter(scenarios))
-        title = _title(FIGURES["animation"].title, name, several)
-        return [FigureBlock(f"{name}/figures/animation", title, FIGURES["animation"].caption, moving=True)]
-    if campaigns:
-        spec = CAMPAIGN_FIGURES["measured_against_model"]
-        stem = _of_campaign(folder, campaigns[0]).relative_to(folder) / "figures/measured_against_model"
-        return [FigureBlock(str(stem), _title(spec.title, campaigns[0], several), spec.caption)]
-    return []
-
-
-def _title(words: str, name: str, several: bool) -> str:
-    """Of a figure; where the report is of `several` scenarios and campaigns, with the `name` of its own."""
-    return f"{words}: {name}" if several else words
-
-
-def _glance(
-    scenarios: Mapping[str, ScenarioResults],
-    gains: Mapping[str, str],
-    verdicts: Mapping[str, Any],
-) -> Iterator[Link]:
-    """One point for each part, with what came out of it."""
-    for name in scenarios:
-        yield Link(name, f"#{place_of(_of_scenario(name))}", f": {gains.get(name, 'all joints are ideal: simulated')}")
-    for name, content in verdicts.items():
-        yield Link(name, f"#{place_of(_of_verdict(name))}", f": {verdict_page.title(content)}")
-
-
-def _of_scenario(name: str) -> str:
-    return f"Scenario {name}"
-
-
-def _of_verdict(name: str) -> str:
-    return f"Campaign {name}"
-
-
-def _side_by_side(table: pd.DataFrame | None) -> list[Block]:
-    if table is None or len(table) < 2:
-        return []
-    return [Heading(scenario_overview.TITLE), *scenario_overview.side_by_side(table)]
-
-
-def _scenario(own: ScenarioResults, gain: str, whole: bool, folder: Path, several: bool) -> list[Block]:
-    name, description = own.path.name, own.scenario.description
+def _scenario(own: ScenarioResults, summary: Mapping[str, Any] | None, folder: Path) -> _Part:
+    name, result = own.path.name, summary["headline"] if summary else ""
     pages = {
-        "summary.html": "the lengths, what they gain and what they cost",
+        "summary.html": "lengths, gain and side effects",
         "figures/impacts.html": "zoom into the impacts",
-        "comparison.html": "the paper's numbers and claims beside these",
+        "comparison.html": "the paper's numbers and claims compared",
     }
-    links = [Link(words, f"{name}/{path}") for path, words in pages.items() if (folder / name / path).is_file()]
+    links = (Link(words, f"{name}/{path}") for path, words in pages.items() if (folder / name / path).is_file())
     specs = {key: FIGURES[key] for key in FIGURES.still if (folder / name / f"figures/{key}.png").is_file()}
-    return [
-        Heading(_of_scenario(name)),
-        *([Paragraph(description)] if description else []),
-        *([Paragraph(f"{gain}.", strong=True)] if gain else []),
-        *([Bullets(tuple(links))] if links else []),
-        *_figures(specs, f"{name}/figures/", name if several else "", () if whole else _KEY_FIGURES),
-    ]
+    texts = (own.scenario.description, f"{result}." if result else "")
+    texts = tuple(filter(None, texts))
+    return _Part(name, f"Scenario {name}", result, texts, tuple(links), f"{name}/figures/", specs, _KEY_FIGURES)
 
 
-def _campaign(content: Mapping[str, Any], whole: bool, folder: Path, several: bool) -> list[Block]:
-    name = content["campaign"]
-    place = f"{_of_campaign(folder, name).relative_to(folder)}/"
-    specs = {key: spec for key, spec in CAMPAIGN_FIGURES.items() if _shows(folder / f"{place}figures/{key}.png")}
-    return [
-        Heading(_of_verdict(name)),
-        Paragraph(f"{verdict_page.title(content)}.", strong=True),
-        Paragraph(answer(content)),
-        Bullets((Link("the whole page, with numbers, parameters and what to do next", f"{place}{SUMMARIES[1]}"),)),
-        *_figures(specs, f"{place}figures/", name if several else "", () if whole else _KEY_FIGURES_OF_CAMPAIGNS),
-    ]
+def _campaign(folder: Path, name: str) -> _Part:
+    place = f"campaigns/{name}/"
+    content = verdict_json.read(folder / place / VERDICT)
+    result = verdict_page.title(content)
+    specs = {key: spec for key, spec in CAMPAIGN_FIGURES.items() if _shows(folder / place / f"figures/{key}.png")}
+    links = (Link("numbers, parameters and next steps", f"{place}{SUMMARIES[1]}"),)
+    texts = (f"{result}.", answer(content))
+    return _Part(name, f"Campaign {name}", result, texts, links, f"{place}figures/", specs, _KEY_FIGURES_OF_CAMPAIGNS)
 
 
 def _shows(picture: Path) -> bool:
     """Whether a figure was drawn, and not a sheet that says why there is nothing to draw: that has no plotted data."""
     plotted = picture.with_suffix(".parquet")
     return picture.is_file() and (not plotted.is_file() or parquet.read_footer(plotted).num_rows > 0)
-
-
-def _figures(specs: Mapping[str, FigureSpec], place: str, name: str, wanted: Collection[str]) -> Iterator[Block]:
-    """All figures by category, or those `wanted` and links to the others; a `name` stands in their titles."""
-    categories = dict.fromkeys(spec.category for spec in specs.values())
-    for category in categories if not wanted else ():
-        yield Heading(f"{category} ({name})" if name else category, 3)
-        for key in (key for key, spec in specs.items() if spec.category == category):
-            yield _figure(specs[key], place, key, name)
-    for key in wanted:
-        if key in specs:
-            yield _figure(specs[key], place, key, name)
-    if wanted:
-        others = [key for key in specs if key not in wanted]
-        yield Bullets(tuple(Link(specs[key].title, f"{place}{key}.png") for key in others))
-
-
-def _figure(spec: FigureSpec, place: str, key: str, name: str) -> FigureBlock:
-    return FigureBlock(f"{place}{key}", _title(spec.title, name, bool(name)), spec.caption)
-
-
-def _other_figures(scenarios: Collection[str], campaigns: Collection[str]) -> list[Block]:
-    """What the figures show that are linked only."""
-    linked = [FIGURES[key] for key in FIGURES.still if scenarios and key not in _KEY_FIGURES]
-    linked += [spec for key, spec in CAMPAIGN_FIGURES.items() if campaigns and key not in _KEY_FIGURES_OF_CAMPAIGNS]
-    rows = tuple((spec.title, spec.caption) for spec in linked)
-    return [Heading("What the figures show that are linked"), TableBlock(("figure", "what it shows"), rows)]
-
-
-def _size(folder: Path, scenarios: Mapping[str, Any], campaigns: Sequence[str]) -> float:
-    """Bytes of all figures as a page would take them in."""
-    places = [*(folder / name for name in scenarios), *(_of_campaign(folder, name) for name in campaigns)]
-    return _PACKED * sum(path.stat().st_size for place in places for path in place.glob("figures/*.png"))
 
 
 SUMMARY, SUMMARY_PAGE = "summary.json", "summary.html"

@@ -320,92 +320,6 @@ def _means(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (edges[1:] + edges[:-1]) / 2.0, np.divide(total, count, out=np.full(_MEANS, np.nan), where=count > 0)
 
 
-GAP = Quantity("gap: root mean square residual", SPREADS)
-ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify": "used for fitting"}
-
-
-@figure(
-    "gaps",
-    "Gap before and after",
-    _BETTER,
-    ("gaps",),
-    "Root mean square residual over the standard deviation of the noise, by run and channel, with 90 % bootstrap "
-    "intervals; 1 is noise. Held-out runs took no part in fitting or choosing; run-specific values (speed, start "
-    "angle) were fitted for each run, before and after.",
-    nothing="no gap was taken",
-)
-def gaps(tables: Tables, verdict: Verdict) -> Drawing:
-    """Root mean squared whitened residual by run and channel, with 90 % intervals; 1 is the noise. Nothing after where
-    nothing was added."""
-    table = tables["gaps"]
-    roles = [role for role in ROLES if (table["role"] == role).any()]
-    counts = [int((table["role"] == role).sum()) for role in roles]
-    sheet = Sheet(
-        1.2 + sum(0.55 + 0.2 * count for count in counts), len(roles), 1, height_ratios=[2 + n for n in counts]
-    )
-    added = not np.array_equal(table["before"], table["after"])
-    moments = (("before", -0.14, "before"), ("after", 0.14, "after")) if added else (("before", 0.0, "before"),)
-    above, widest = None, max(_width_of(_gap_label(each)) for each in table.itertuples())
-    for row, role in enumerate(roles):
-        own = _in_order(table[table["role"] == role])
-        panel = sheet.panel((row, 0), ROLES[role], GAP, Quantity("run", ""), below=above)
-        place = np.arange(len(own))
-        labels = [_gap_label(each) for each in own.itertuples()]
-        for series, shift, colour in moments:
-            low, high = (own[f"{series}_{end}"] for end in ("low", "high"))
-            marker = "D" if series == "after" else "o"
-            panel.marks(series, own[series], place + shift, colour, low, high, labels, along="x", marker=marker)
-        list_rows(panel, labels)
-        _from_the_left(panel, widest)
-        panel.vertical_line("noise alone", 1.0)
-        panel.axes.set_ylabel("")
-        above = panel
-    _gap_scale(sheet, table)
-    sheet.legend()
-    return sheet.drawing()
-
-
-def _in_order(own: pd.DataFrame) -> pd.DataFrame:
-    """All runs first, then each run: all channels, then one by one."""
-    runs = {run: place for place, run in enumerate(("all", *(run for run in own["run"].unique() if run != "all")))}
-    place = own["run"].map(runs) + (own["channel"] != "all") * 0.5
-    return own.assign(place=place).sort_values("place", kind="stable").drop(columns="place").reset_index(drop=True)
-
-
-def _gap_label(row) -> str:
-    """The channels of a run are indented below it."""
-    if row.channel != "all":
-        return f"      {in_words(row.channel)}"
-    return "all runs" if row.run == "all" else f"run {row.run}"
-
-
-def _width_of(label: str) -> float:
-    """Width [pt] of a tick's label; a blank has none by itself."""
-    from matplotlib.textpath import TextPath
-
-    size = LOOK["ytick.labelsize"]
-    ends = (TextPath((0, 0), f"{text}|", size=size).get_extents().x1 for text in (label, ""))
-    return next(ends) - next(ends)
-
-
-def _from_the_left(panel: Panel, width: float) -> None:
-    """Labels of rows begin at one place, `width` [pt] left of the axis, so that indents show."""
-    panel.axes.tick_params(axis="y", pad=width + 4.0)
-    for label in panel.axes.get_yticklabels():
-        label.set_horizontalalignment("left")
-
-
-def _gap_scale(sheet: Sheet, table: pd.DataFrame) -> None:
-    from matplotlib.ticker import LogLocator
-
-    shown = table[["before", "after", "before_low", "before_high", "after_low", "after_high"]].to_numpy(dtype=float)
-    low, high = np.nanmin(shown), np.nanmax(shown)
-    for panel in sheet.panels:
-        panel.axes.set_xscale("log")
-        panel.axes.set_xlim(0.85 * min(low, 0.9), 1.2 * max(high, 1.5))
-        label_ticks(panel.axes.xaxis, LogLocator(subs=(1.0, 2.0, 5.0)))
-
-
 RANKED = 8
 """The best explanations by one effect that are shown, and the best by more; all stand in the table of the ranking."""
 
@@ -553,6 +467,92 @@ def _plane(sheet: Sheet, row: int, samples: pd.DataFrame, name: str) -> None:
     panel.axes.scatter(x, y, c=value, cmap=colours.cmap, norm=colours.norm, s=9.0, linewidths=0.0, rasterized=True)
     panel.record(force.name, x, y, value=value, value_quantity=force.name, value_unit=force.unit)
     sheet.figure.colorbar(colours, ax=panel.axes, label=force.label)
+
+
+GAP = Quantity("gap: root mean square residual", SPREADS)
+ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify": "used for fitting"}
+
+
+@figure(
+    "gaps",
+    "Gap before and after",
+    _BETTER,
+    ("gaps",),
+    "Root mean square residual over the standard deviation of the noise, by run and channel, with 90 % bootstrap "
+    "intervals; 1 is noise. Held-out runs took no part in fitting or choosing; run-specific values (speed, start "
+    "angle) were fitted for each run, before and after.",
+    nothing="no gap was taken",
+)
+def gaps(tables: Tables, verdict: Verdict) -> Drawing:
+    """Root mean squared whitened residual by run and channel, with 90 % intervals; 1 is the noise. Nothing after where
+    nothing was added."""
+    table = tables["gaps"]
+    roles = [role for role in ROLES if (table["role"] == role).any()]
+    counts = [int((table["role"] == role).sum()) for role in roles]
+    sheet = Sheet(
+        1.2 + sum(0.55 + 0.2 * count for count in counts), len(roles), 1, height_ratios=[2 + n for n in counts]
+    )
+    added = not np.array_equal(table["before"], table["after"])
+    moments = (("before", -0.14, "before"), ("after", 0.14, "after")) if added else (("before", 0.0, "before"),)
+    above, widest = None, max(_width_of(_gap_label(each)) for each in table.itertuples())
+    for row, role in enumerate(roles):
+        own = _in_order(table[table["role"] == role])
+        panel = sheet.panel((row, 0), ROLES[role], GAP, Quantity("run", ""), below=above)
+        place = np.arange(len(own))
+        labels = [_gap_label(each) for each in own.itertuples()]
+        for series, shift, colour in moments:
+            low, high = (own[f"{series}_{end}"] for end in ("low", "high"))
+            marker = "D" if series == "after" else "o"
+            panel.marks(series, own[series], place + shift, colour, low, high, labels, along="x", marker=marker)
+        list_rows(panel, labels)
+        _from_the_left(panel, widest)
+        panel.vertical_line("noise alone", 1.0)
+        panel.axes.set_ylabel("")
+        above = panel
+    _gap_scale(sheet, table)
+    sheet.legend()
+    return sheet.drawing()
+
+
+def _in_order(own: pd.DataFrame) -> pd.DataFrame:
+    """All runs first, then each run: all channels, then one by one."""
+    runs = {run: place for place, run in enumerate(("all", *(run for run in own["run"].unique() if run != "all")))}
+    place = own["run"].map(runs) + (own["channel"] != "all") * 0.5
+    return own.assign(place=place).sort_values("place", kind="stable").drop(columns="place").reset_index(drop=True)
+
+
+def _gap_label(row) -> str:
+    """The channels of a run are indented below it."""
+    if row.channel != "all":
+        return f"      {in_words(row.channel)}"
+    return "all runs" if row.run == "all" else f"run {row.run}"
+
+
+def _width_of(label: str) -> float:
+    """Width [pt] of a tick's label; a blank has none by itself."""
+    from matplotlib.textpath import TextPath
+
+    size = LOOK["ytick.labelsize"]
+    ends = (TextPath((0, 0), f"{text}|", size=size).get_extents().x1 for text in (label, ""))
+    return next(ends) - next(ends)
+
+
+def _from_the_left(panel: Panel, width: float) -> None:
+    """Labels of rows begin at one place, `width` [pt] left of the axis, so that indents show."""
+    panel.axes.tick_params(axis="y", pad=width + 4.0)
+    for label in panel.axes.get_yticklabels():
+        label.set_horizontalalignment("left")
+
+
+def _gap_scale(sheet: Sheet, table: pd.DataFrame) -> None:
+    from matplotlib.ticker import LogLocator
+
+    shown = table[["before", "after", "before_low", "before_high", "after_low", "after_high"]].to_numpy(dtype=float)
+    low, high = np.nanmin(shown), np.nanmax(shown)
+    for panel in sheet.panels:
+        panel.axes.set_xscale("log")
+        panel.axes.set_xlim(0.85 * min(low, 0.9), 1.2 * max(high, 1.5))
+        label_ticks(panel.axes.xaxis, LogLocator(subs=(1.0, 2.0, 5.0)))
 
 
 MODELS = {"base": "before", "augmented": "after"}

@@ -304,7 +304,7 @@ def width_for(columns: int) -> float:
 
 BULK = 95.0  # [%] of the samples lie in the linear part of a scale that is logarithmic beyond
 IMPACTS_DWARF = 4.0  # times beyond the bulk, or the desired motion, from which a scale becomes logarithmic
-LINEAR_BAND = "scale linear here, logarithmic beyond"
+LINEAR_BAND = "grey band: linear scale; outside: logarithmic"
 DENSE_LINE, DENSE_MARKS = 5000, 300
 """Points beyond which a curve, or marks, are drawn as pixels in SVG too, which would grow to megabytes."""
 

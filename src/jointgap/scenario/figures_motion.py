@@ -140,7 +140,7 @@ def orbits(tables: Tables, scenario: Scenario) -> Drawing:
     for row, (name, number) in enumerate(drawn.items()):
         joint: Joint = mechanism.joint(name)
         words, radius = in_words(name), 1e3 * joint.clearance
-        depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("beyond clearance", "µm", "$r - r_c$"))
+        depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("penetration (+), gap (−)", "µm"))
         for column, (series, (colour, samples)) in enumerate(shown.items()):
             panel = sheet.panel(
                 (row, column), f"{words}, {colour}", Quantity("journal, x", "mm"), Quantity("journal, y", "mm")

@@ -156,7 +156,7 @@ def _lay_out(figure: "Figure", angle: np.ndarray, joints: list[str]) -> None:
     )
     figure.update_xaxes(range=[angle[0], min(angle[-1], angle[0] + _FIRST_LOOK)], showline=True, linecolor="#222222")
     figure.update_xaxes(title_text="crank angle, running on [deg]", row=3, col=1)
-    figure.update_yaxes(title_text="beyond clearance [µm]", row=_ROWS["gap"], col=1)
+    figure.update_yaxes(title_text="penetration (+), gap (−) [µm]", row=_ROWS["gap"], col=1)
     figure.update_yaxes(
         title_text="normal force [N]", type="log", exponentformat="power", dtick=1, row=_ROWS["force"], col=1
     )
