@@ -240,8 +240,7 @@ BAND = 2.0
 _DOTS = 1500  # dots in a panel
 _MEANS = 72  # crank angles at which a mean is drawn
 _FULLEST = 12.0  # residuals beyond are shown on a logarithmic scale
-_campaign_figures_NOISE = f"noise: {BAND:g} standard deviations"
-_campaign_figures_SAMPLE = Quantity("sample", "1")
+_BAND_LABEL = f"noise: {BAND:g} standard deviations"
 
 
 @figure(
@@ -272,7 +271,7 @@ def residuals(tables: Tables, verdict: Verdict) -> Drawing:
             angular = own["crank_angle"].notna().any()
             held_out = ", held out" if own["held_out"].all() else ""
             title = f"{run}{held_out}: {in_words(channel)}"
-            x = CRANK_ANGLE if angular else _campaign_figures_SAMPLE
+            x = CRANK_ANGLE if angular else _SAMPLE
             panel = sheet.panel((row, column), title, x, Quantity("residual", "noise sd"))
             _fill(panel, own[own["crank_angle"].notna()] if angular else own, moments, angular)
             _residual_scale(panel, largest)
@@ -295,8 +294,8 @@ def _fill(panel: Panel, samples: pd.DataFrame, moments: tuple[str, ...], angular
         panel.marks(f"{moment}, samples", x[few], values[few], moment, **style)
         panel.axes.lines[-1].set_label("")  # dots as small as these cannot be seen in a legend
         panel.line(f"{moment}, mean", *_means(x, values), moment, linewidth=1.3, zorder=3)
-    panel.axes.axhspan(-BAND, BAND, color="#E9E9E9", zorder=0, label=_campaign_figures_NOISE)
-    panel.record(_campaign_figures_NOISE, [np.nan], [0.0], low=[-BAND], high=[BAND])
+    panel.axes.axhspan(-BAND, BAND, color="#E9E9E9", zorder=0, label=_BAND_LABEL)
+    panel.record(_BAND_LABEL, [np.nan], [0.0], low=[-BAND], high=[BAND])
     if angular:
         panel.over_crank_angle(0.0, 360.0, step=90.0)
 
