@@ -8,15 +8,13 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from jointgap import counts
 from jointgap.config import read_yaml, validate
-from jointgap.config.names import Word
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS, PINS
+from jointgap.core.section import Section, Seed, Word, whole_number
 from jointgap.core.units import Fraction
 from jointgap.effects import EFFECTS
 from jointgap.rig.sensors import SENSOR_DELAY
-from jointgap.section import Section
 from validation.campaign import DAMAGES
 from validation.effects import DRAWN_APART, LISTED, OFF_LIST
 
@@ -51,13 +49,13 @@ _NOTHING_IN_EXUDYN = 4
 
 _DRAWN = tuple(name for name in LISTED if name not in DRAWN_APART)
 
-Trials = counts.count(10_000, "each trial takes minutes", least=0)
+Trials = whole_number(ge=0, le=10_000)
 
 
 class TrialSet(Section):
     """How many trials of each kind a set has."""
 
-    seed: counts.Seed = Field(description="seed of all that is random in the set")
+    seed: Seed = Field(description="seed of all that is random in the set")
     single: Trials = Field(description="one effect of the list injected")
     nothing: Trials = Field(description="nothing injected")
     pairs: Trials = Field(description="two effects of the list injected")

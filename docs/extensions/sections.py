@@ -6,8 +6,8 @@ import typing
 from pydantic_core import PydanticUndefined
 from sphinx.application import Sphinx
 
+from jointgap.core.section import Section
 from jointgap.effects.base import Effect
-from jointgap.section import Section
 
 
 def _is_section(item) -> bool:

@@ -8,8 +8,7 @@ import pytest
 
 from jointgap.campaign.page import _measured, page
 from jointgap.campaign.sentences import answer
-from jointgap.config.channels import CHANNELS
-from jointgap.config.nuisance_bounds import NUISANCES
+from jointgap.config.campaign import CHANNELS, NUISANCES
 from jointgap.core.page import Page, to_html, to_markdown
 from jointgap.effects import EFFECTS
 from jointgap.identification.fit import AT_BOUND, CHANGES_NOTHING

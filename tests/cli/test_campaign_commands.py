@@ -13,7 +13,7 @@ from jointgap.app.cli import cli
 from jointgap.campaign import figures
 from jointgap.campaign.stages import CAMPAIGN_STAGES, measure
 from jointgap.campaign.state import CampaignState
-from jointgap.config.campaign_file import RESERVED_IDS
+from jointgap.config.campaign import RESERVED_IDS
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TABLES

@@ -5,7 +5,7 @@ from datetime import date
 import pytest
 
 from jointgap.config import read_yaml
-from jointgap.config.campaign_file import RESERVED_IDS, Campaign
+from jointgap.config.campaign import RESERVED_IDS, Campaign
 from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from tests.config.mechanisms import PAPER
@@ -27,22 +27,18 @@ def test_the_campaign_without_a_mistake_is_accepted():
     assert validate(Campaign, GOOD, "rig.yaml").runs[0].id == "slow"
 
 
-KEYS = "with the keys id, file, speed and role"
-
-
 @pytest.mark.parametrize(
     ("over", "words"),
     [
-        ({"runs": "x"}, f"runs = 'x': must be a list of mappings, each {KEYS}"),
-        ({"runs": RUN}, f"runs: must be a list of mappings, each {KEYS}"),
-        ({"runs": [3]}, f"runs.0 = 3: must be a mapping {KEYS}"),
+        ({"runs": "x"}, "runs = 'x': must be a list"),
+        ({"runs": RUN}, "runs: must be a list"),
+        ({"runs": [3]}, "runs.0 = 3: must be a mapping of keys to values"),
         ({"runs": []}, "runs = []: must have at least 1 item"),
         (
             {"mechanism": 3},
-            "mechanism = 3: must be the path of a mechanism file, or a mapping with the keys crank, rod, slider and "
-            "joints",
+            "mechanism = 3: must be the path of a mechanism file, or a mapping of keys to values",
         ),
-        ({"folder": None}, "folder = None: must be a path, written as text; or leave the key out"),
+        ({"folder": None}, "folder = None: must be a path, written as text"),
         ({"csv": 3}, "csv = 3: must be a mapping of keys to values"),
         ({"motor": 3}, "motor = 3: must be a mapping with the keys stall_torque and no_load_speed"),
         ({"drive": 3}, "drive = 3: must be 'constant_speed', 'measured_angle' or 'motor'"),

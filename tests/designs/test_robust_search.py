@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import Constraints
-from jointgap.config.robust_config import OptimiseRobust
+from jointgap.config.designs import OptimiseRobust
 from jointgap.designs.robust import (
     OBJECTIVES,
     RobustMeasure,

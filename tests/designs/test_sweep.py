@@ -382,7 +382,7 @@ def test_a_sweep_that_cannot_be_is_refused_before_anything_is_simulated(paramete
     ("section", "message"),
     [
         ({"number": 0}, "sweep.number = 0: must be greater than or equal to 1"),
-        ({"number": 1_000_000_000}, "sweep.number = 1000000000: is more than 10000000"),
+        ({"number": 1_000_000_000}, "sweep.number = 1000000000: must be less than or equal to 10000000"),
         ({"parameters": {"friction": {"from": 0.1}}}, "key 'sweep.parameters.friction.to' is missing"),
         ({"parameters": {"friction": [0, "x"]}}, "sweep.parameters.friction = 'x': "),
         ({"parameters": {"friction": {"from": 0.2, "to": 0.1}}}, "sweep.parameters.friction: from = 0.2 and to = 0.1"),

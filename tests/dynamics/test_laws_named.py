@@ -3,7 +3,7 @@
 from typing import get_args
 
 from jointgap.config.friction_laws import FRICTION_LAWS, FRICTION_PARAMETERS, laws_reading
-from jointgap.config.joint_config import Contact, Law
+from jointgap.config.mechanism import Contact, Law
 from jointgap.dynamics.contact import LAWS
 
 

@@ -5,8 +5,8 @@ simulation.
 import numpy as np
 
 from jointgap.config import Simulate
-from jointgap.config.campaign_file import Campaign
-from jointgap.config.channels import CHANNELS as UNITS
+from jointgap.config.campaign import CHANNELS as UNITS
+from jointgap.config.campaign import Campaign
 from jointgap.dynamics.simulate import simulate
 from jointgap.rig.recording import Measurements, Recording
 

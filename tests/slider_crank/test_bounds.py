@@ -2,7 +2,7 @@
 
 import pytest
 
-from jointgap.config.campaign_file import Campaign
+from jointgap.config.campaign import Campaign
 from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
 from jointgap.rig.model import build_model, check_bounds

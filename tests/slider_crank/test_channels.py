@@ -7,7 +7,7 @@ silence.
 import numpy as np
 import pytest
 
-from jointgap.config.channels import CHANNELS
+from jointgap.config.campaign import CHANNELS
 from jointgap.rig.model import build_model
 from tests.slider_crank.rigs import campaign, mechanism
 

@@ -10,8 +10,8 @@ import yaml
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.plan import preflight_tables
 from jointgap.config import Simulate, load_mechanism
+from jointgap.config.campaign import MOTOR_LINE
 from jointgap.config.load import load_campaign
-from jointgap.config.nuisance_bounds import MOTOR_LINE
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.errors import InputError
 from jointgap.dynamics.simulate import simulate

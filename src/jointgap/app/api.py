@@ -37,10 +37,9 @@ from jointgap.config import (
     read_yaml,
     validate,
 )
-from jointgap.config.change import change
+from jointgap.config.designs import ALL_MEASURES, Sweep
 from jointgap.config.load import load_campaign
-from jointgap.config.measures import ALL_MEASURES
-from jointgap.config.sweep_config import Sweep
+from jointgap.config.variations import change
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT_NUMBERS

@@ -11,7 +11,7 @@ import yaml
 from jointgap.campaign.fits_on_disk import Outcome, clockwise, nuisances_as_read
 from jointgap.campaign.sentences import effect_in_words, estimate_row, is_fault, parameter_in_words, unit_of
 from jointgap.config import Mechanism, Simulate
-from jointgap.config.campaign_file import Campaign
+from jointgap.config.campaign import Campaign
 from jointgap.config.load import validate
 from jointgap.core import schema
 from jointgap.core.candidates import Parameter

@@ -16,7 +16,7 @@ from jointgap.core.errors import InputError, SimulationError
 if TYPE_CHECKING:  # slow to load
     import pandas as pd
 
-    from jointgap.config.campaign_file import Campaign
+    from jointgap.config.campaign import Campaign
     from jointgap.core.results_folder import ResultsFolder
 
 FIT_TABLES = (
@@ -49,7 +49,7 @@ class CampaignFiles:
 def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[str, CampaignFiles]:
     """The campaigns of a configuration, by name."""
     from jointgap.config.load import load_campaign
-    from jointgap.counts import MOST_PARTS
+    from jointgap.core.progress import MOST_PARTS
 
     if parts is not None and (not isinstance(parts, int) or isinstance(parts, bool) or not 1 <= parts <= MOST_PARTS):
         raise InputError(

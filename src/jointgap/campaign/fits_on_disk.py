@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign_file import Campaign
+from jointgap.config.campaign import Campaign
 from jointgap.core import schema
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError

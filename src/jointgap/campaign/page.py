@@ -38,8 +38,7 @@ from jointgap.campaign.sentences import (
     without_code_names,
 )
 from jointgap.campaign.state import CampaignState
-from jointgap.config.campaign_file import Campaign
-from jointgap.config.nuisance_bounds import NUISANCES
+from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.core.page import (
     Block,
     Bullets,

@@ -22,8 +22,7 @@ from jointgap.campaign.fits_on_disk import (
     undetectable,
 )
 from jointgap.campaign.sentences import label_in_words, shown_size, unit_of, without_code_names
-from jointgap.config.campaign_file import Campaign
-from jointgap.config.channels import CHANNELS, Channel
+from jointgap.config.campaign import CHANNELS, Campaign, Channel
 from jointgap.core.candidates import Model
 from jointgap.core.words import in_words as name_in_words
 from jointgap.core.words import joined, size_for_the_eye

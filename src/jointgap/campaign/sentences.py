@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from jointgap.config.channels import CHANNELS
-from jointgap.config.nuisance_bounds import NUISANCES
+from jointgap.config.campaign import CHANNELS, NUISANCES
 from jointgap.core.words import (
     in_words,
     joined,

@@ -15,7 +15,7 @@ from jointgap.campaign import verdict_json as verdict_file
 from jointgap.campaign.campaign_files import VERDICT, check_unchanged, config_snapshot
 from jointgap.campaign.sentences import label_in_words, parameter_in_words, unit_of
 from jointgap.campaign.state import FALSE_ALARM_RATE
-from jointgap.config.campaign_file import Campaign
+from jointgap.config.campaign import Campaign
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock, to_markdown

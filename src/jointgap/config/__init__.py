@@ -1,7 +1,5 @@
 """Typed, frozen, validated configuration; SI inside."""
 
-from jointgap.config.change import change
-from jointgap.config.joint_config import Contact, Joint, Joints, hertz_stiffness
 from jointgap.config.load import (
     check_whole,
     json_schema,
@@ -11,7 +9,7 @@ from jointgap.config.load import (
     stands_alone,
     validate,
 )
-from jointgap.config.mechanism_config import Link, Mechanism, Slider
+from jointgap.config.mechanism import Contact, Joint, Joints, Link, Mechanism, Slider, hertz_stiffness
 from jointgap.config.scenario import (
     Box,
     ConstantDrive,
@@ -30,6 +28,7 @@ from jointgap.config.scenario import (
     check_drive,
     check_tolerance,
 )
+from jointgap.config.variations import change
 from jointgap.config.yaml_files import read_yaml, shipped_mechanisms
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED, Effect

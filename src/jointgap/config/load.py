@@ -7,12 +7,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from jointgap.complaints import complaints
-from jointgap.config.campaign_file import Campaign
-from jointgap.config.channels import CHANNELS
-from jointgap.config.mechanism_config import Mechanism
-from jointgap.config.names import word
-from jointgap.config.nuisance_bounds import NUISANCES
+from jointgap.config.campaign import CHANNELS, NUISANCES, Campaign
+from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import Scenario
 from jointgap.config.yaml_files import (
     BASE,
@@ -26,7 +22,8 @@ from jointgap.config.yaml_files import (
     sources,
 )
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.counts import MOST_PARTS
+from jointgap.core.progress import MOST_PARTS
+from jointgap.core.section import complaints, word
 
 _MOST_LINES = 20
 """Of an error: who has mended these sees the others."""
@@ -37,7 +34,7 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        lines = complaints(error, model, data)
+        lines = complaints(error, data)
         more = [f"and {len(lines) - _MOST_LINES} more"] if len(lines) > _MOST_LINES else []
         raise InputError(*(f"{source}: {line}" for line in [*lines[:_MOST_LINES], *more])) from error
 

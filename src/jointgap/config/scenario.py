@@ -18,15 +18,11 @@ from pydantic import (
     model_validator,
 )
 
-from jointgap.config.infer_settings_config import InferSettings
-from jointgap.config.measures import measured
-from jointgap.config.mechanism_config import Mechanism
-from jointgap.config.names import Word
-from jointgap.config.robust_config import OptimiseRobust
-from jointgap.config.sensitivity_config import Sensitivity
-from jointgap.config.sweep_config import Sweep
+from jointgap.config.designs import InferSettings, OptimiseRobust, Sensitivity, Sweep, measured
+from jointgap.config.mechanism import Mechanism
 from jointgap.core.errors import InputError
 from jointgap.core.schema import PRINTED_OPTIMA
+from jointgap.core.section import Section, Seed, Word, whole_number
 from jointgap.core.units import (
     Angle,
     AngularSpeed,
@@ -39,8 +35,6 @@ from jointgap.core.units import (
     split_quantity,
     unit_factor,
 )
-from jointgap.counts import Iterations, Members, MembersToCompare, Seed, count
-from jointgap.section import Section
 
 Interval = tuple[PositiveLength, PositiveLength]
 
@@ -62,18 +56,9 @@ MOST_SEEDS = 100
 MOST_COMBINATIONS = 10_000
 """Combinations of varied values: each is a mechanism of its own in memory."""
 
-_MOST_SAMPLES = MOST_SAMPLES, "memory does not hold more samples"
-SampleCount, Refinement = count(*_MOST_SAMPLES), count(*_MOST_SAMPLES, least=4)
-Neurons = count(MOST_WEIGHTS, "training solves for all weights at once, in matrices that memory has to hold")
-RegularisedNeurons = count(500, "matrices of all weights and samples have to fit into memory", least=4)
-TrainingPoints = count(
-    10_001, "the matrices of the training grow with their number, and memory has to hold them", least=3
-)
-_INDIVIDUALS = 10_000, "each individual is evaluated in each generation, and all of them are kept"
-Individuals, Elites = count(*_INDIVIDUALS, least=4), count(*_INDIVIDUALS, least=0)
-Generations = count(10_000, "all individuals of each generation are kept")
-Frames = count(600, "each frame is held in memory as a picture of 1.5 MB")
-Revolutions = count(1000, "each revolution has up to 20000 samples, which memory holds all at once")
+SampleCount = whole_number(ge=1, le=MOST_SAMPLES)
+Iterations = whole_number(ge=1, le=10_000_000)
+Individuals = whole_number(ge=4, le=10_000)
 
 _OWN_BOX, _OWN_SHARE, _OWN_DIGITS = "own", 0.05, 6
 """Name, half width as a share of the lengths, and digits [m] of the box around a mechanism's own lengths."""
@@ -208,23 +193,25 @@ def check_drive(mechanism: Mechanism, options: Simulate) -> None:
 class Surrogate(Section):
     """The paper's networks, four for each loose joint; regularised ones beside them; the second surrogate."""
 
-    hidden: Annotated[tuple[Neurons, ...], Field(min_length=1)] = Field(
+    hidden: Annotated[tuple[whole_number(ge=1, le=MOST_WEIGHTS), ...], Field(min_length=1)] = Field(
         (10, 10, 10, 10), description="neurons of each hidden layer"
     )
-    training_points: TrainingPoints = Field(361, description="points over the first revolution, both ends included")
+    training_points: whole_number(ge=3, le=10_001) = Field(
+        361, description="points over the first revolution, both ends included"
+    )
     iterations: Iterations = Field(300, description="Levenberg-Marquardt iterations at most, default seed")
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1, max_length=MOST_SEEDS)] = Field(
         (0,), description="seeds of the starts; the first is the default, whatever its result"
     )
     seed_iterations: Iterations = Field(300, description="iterations at most of the other seeds")
 
-    regularised_neurons: RegularisedNeurons = Field(
+    regularised_neurons: whole_number(ge=4, le=500) = Field(
         100, description="neurons of a regularised network, whose errors hold between its training points"
     )
     regularised_iterations: Iterations = Field(
         100, description="Levenberg-Marquardt iterations at most, regularised networks"
     )
-    clearance_sampling: Refinement = Field(
+    clearance_sampling: whole_number(ge=4, le=MOST_SAMPLES) = Field(
         100, description="samples that the second surrogate chooses its points from, as a multiple of the simulation's"
     )
 
@@ -269,8 +256,8 @@ class Genetic(Section):
     """Genetic algorithm with the paper's settings."""
 
     population: Individuals = Field(20, description="individuals")
-    generations: Generations = Field(50, description="generations")
-    elites: Elites = Field(2, description="best individuals that live on unchanged")
+    generations: whole_number(ge=1, le=10_000) = Field(50, description="generations")
+    elites: whole_number(ge=0, le=10_000) = Field(2, description="best individuals that live on unchanged")
     crossover_fraction: OpenFraction = Field(
         0.8, description="share of the other children made by crossover; the rest mutate"
     )
@@ -286,7 +273,7 @@ class Genetic(Section):
 class Ensemble(Section):
     """Slightly perturbed starts by which an optimum is simulated again."""
 
-    members: MembersToCompare = Field(15, description="simulations for each pair of lengths")
+    members: whole_number(ge=2, le=10_000) = Field(15, description="simulations for each pair of lengths")
     perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
     settled_revolution: SampleCount = Field(4, description="revolution that counts as settled (1 = the first)")
     seed: Seed = Field(0, description="seed")
@@ -398,7 +385,9 @@ class Optimise(Section):
 class Figures(Section):
     """What the figures show."""
 
-    animation_frames: Frames = Field(120, description="frames of the animation of the first revolution")
+    animation_frames: whole_number(ge=1, le=600) = Field(
+        120, description="frames of the animation of the first revolution"
+    )
     magnification: PositiveNumber | None = Field(
         None, description="how much the animation magnifies the clearances; null: the largest to a quarter of the crank"
     )
@@ -473,7 +462,9 @@ class Runs(Section):
         description="lists of values (or from, to, number) by what they set: speed, clearance, friction, restitution, "
         "stiffness, or the path of a key such as mechanism.slider.mass",
     )
-    members: Members = Field(10, description="starts of each combination; the first is not perturbed")
+    members: whole_number(ge=1, le=10_000) = Field(
+        10, description="starts of each combination; the first is not perturbed"
+    )
     perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
     seed: Seed = Field(0, description="seed of the perturbations")
 

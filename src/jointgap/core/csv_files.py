@@ -13,7 +13,7 @@ import pandas as pd
 from pydantic import Field, model_validator
 
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.section import Section
+from jointgap.core.section import Section
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 _BINARY = (b"PK\x03\x04", b"\x1f\x8b", b"\xd0\xcf\x11\xe0")  # first bytes of archives and spreadsheets

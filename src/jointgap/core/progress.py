@@ -43,6 +43,10 @@ def heard_by(listener: Listener) -> Iterator[None]:
         _listeners.remove(listener)
 
 
+MOST_PARTS = 100
+"""Jobs that share the fits of a campaign: beyond that there are more jobs than fits."""
+
+
 def parts(number: int, per_job: int) -> dict[str, tuple[int, int]]:
     """The parts of `number` pieces of work, where a job does `per_job` of them and the last job what is left."""
     return {

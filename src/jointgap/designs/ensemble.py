@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from jointgap.config import DrivenMechanism, Mechanism, Simulate
 from jointgap.config.scenario import Runs
-from jointgap.config.varied_values import VARIED_BY_WORD, stored_value, with_values
+from jointgap.config.variations import VARIED_BY_WORD, stored_value, with_values
 from jointgap.core import parquet, schema
 from jointgap.core.joints import JOINTS
 from jointgap.core.progress import followed

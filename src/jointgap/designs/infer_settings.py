@@ -14,7 +14,7 @@ import yaml
 from scipy import stats
 
 from jointgap.config import Scenario
-from jointgap.config.infer_settings_config import InferSettings
+from jointgap.config.designs import InferSettings
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.page import Heading, Page, Paragraph, TableBlock, to_html, to_markdown

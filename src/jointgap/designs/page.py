@@ -10,7 +10,7 @@ import pandas as pd
 import pyarrow.compute as pc
 from matplotlib.colors import LogNorm, Normalize
 
-from jointgap.config.measures import ALL_MEASURES
+from jointgap.config.designs import ALL_MEASURES
 from jointgap.core import parquet, plot
 from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet

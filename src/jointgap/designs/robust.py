@@ -15,8 +15,8 @@ from matplotlib.tri import Triangulation, UniformTriRefiner
 from scipy.stats import binomtest, qmc
 
 from jointgap.config import Constraints, DrivenMechanism, Mechanism, Optimise, Scenario, Simulate
-from jointgap.config.robust_config import OptimiseRobust
-from jointgap.config.varied_values import with_values
+from jointgap.config.designs import OptimiseRobust
+from jointgap.config.variations import with_values
 from jointgap.core import plot
 from jointgap.core.errors import InputError, needs
 from jointgap.core.joints import PINS

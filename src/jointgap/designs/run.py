@@ -13,7 +13,7 @@ from pyarrow.parquet import FileMetaData
 from scipy.optimize import newton
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.config.sweep_config import MOST_DESIGNS
+from jointgap.config.designs import MOST_DESIGNS
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS

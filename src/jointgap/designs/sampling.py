@@ -14,9 +14,8 @@ from scipy import stats
 from scipy.stats import qmc
 
 from jointgap.config import DrivenMechanism, Scenario, Simulate
-from jointgap.config.measures import measured
-from jointgap.config.sweep_config import LogUniform, Normal, Sweep, Triangular, Uniform, Values
-from jointgap.config.varied_values import unit_of, with_values
+from jointgap.config.designs import LogUniform, Normal, Sweep, Triangular, Uniform, Values, measured
+from jointgap.config.variations import unit_of, with_values
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS
 from jointgap.core.schema import Column
@@ -93,7 +92,7 @@ _TRIED = 64
 class Axis:
     """One parameter of a sweep."""
 
-    key: str  # Word or path, as `jointgap.config.varied_values.with_values` takes it
+    key: str  # Word or path, as `jointgap.config.variations.with_values` takes it
     unit: str  # SI unit; '' for pure numbers and words
     values: tuple | None = None  # Of a list, as the configuration gives them, or of a grid [SI]
     law: Any = None  # Of a range [SI]

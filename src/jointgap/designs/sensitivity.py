@@ -19,8 +19,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from jointgap.config.measures import ALL_MEASURES
-from jointgap.config.sensitivity_config import Sensitivity
+from jointgap.config.designs import ALL_MEASURES, Sensitivity
 from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError, needs
 from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, to_html, to_markdown

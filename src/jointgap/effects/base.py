@@ -12,8 +12,8 @@ from pydantic_core import PydanticUndefined
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.formula import compile_formula
+from jointgap.core.section import Section
 from jointgap.core.units import quantity
-from jointgap.section import Section
 
 SLIDER_SIGN_SPEED = 0.01
 """Width [m/s] of the sign of the slider's velocity in its friction: sgn v = tanh(v / 0.01 m/s)."""

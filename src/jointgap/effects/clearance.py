@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import REFERENCE_APPROACH_SPEED
+from jointgap.core.section import Section
 from jointgap.core.units import FrictionCoefficient, quantity
 from jointgap.effects.base import (
     Candidates,
@@ -23,7 +24,6 @@ from jointgap.effects.base import (
     joint_data,
     register_effect,
 )
-from jointgap.section import Section
 
 LEAST_CLEARANCE = 1e-9
 """[m] Far less is lost in the rounding of the radii too."""

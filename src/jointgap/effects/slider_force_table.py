@@ -10,9 +10,9 @@ from pydantic import Field, field_validator, model_validator
 
 from jointgap.core.csv_files import Csv, read_columns
 from jointgap.core.errors import InputError
+from jointgap.core.section import Section
 from jointgap.core.units import Angle, PositiveLength, quantity, unit_factor
 from jointgap.effects.base import Effect, Records, register_effect
-from jointgap.section import Section
 
 MOST_ROWS = 4096
 """Of a table: 0.2 deg apart over 720 deg are 3600."""

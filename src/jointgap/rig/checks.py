@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jointgap.config.campaign_file import Campaign, CampaignRun
-from jointgap.config.channels import channel_factor
+from jointgap.config.campaign import Campaign, CampaignRun, channel_factor
 from jointgap.core.errors import InputError, UnusableRun
 
 # Limits that noise, steps of an encoder and impacts stay within, and mistaken units and columns do not

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import butter
 
-from jointgap.config.campaign_file import Campaign, CampaignRun
-from jointgap.config.channels import CHANNELS, FILTER_ORDER, UNITS, Channel
+from jointgap.config.campaign import CHANNELS, FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
 from jointgap.core.units import unit_factor
 from jointgap.dynamics.kinematics import FORCES, SPEED_POWERS, ideal_orders
 from jointgap.rig.checks import cycle_scatter

@@ -11,8 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.sparse import coo_array, csr_array, eye_array, sparray, vstack
 
 from jointgap.config import Mechanism
-from jointgap.config.campaign_file import Campaign, CampaignRun, Start
-from jointgap.config.nuisance_bounds import MOTOR_LINE
+from jointgap.config.campaign import MOTOR_LINE, Campaign, CampaignRun, Start
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import AngleErrors, crank_times, smooth_angle, stands_still

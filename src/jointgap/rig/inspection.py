@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign_file import Campaign, CampaignRun
-from jointgap.config.channels import CHANNELS
+from jointgap.config.campaign import CHANNELS, Campaign, CampaignRun
 from jointgap.core.words import in_words, unit_in_words
 from jointgap.rig.checks import cycle_scatter
 from jointgap.rig.recording import Measurements, Recording

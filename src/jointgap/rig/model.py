@@ -10,10 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.config import Mechanism
-from jointgap.config.campaign_file import Campaign, CampaignRun
-from jointgap.config.channels import CHANNELS
+from jointgap.config.campaign import CHANNELS, NUISANCES, RUN_NUISANCES, Campaign, CampaignRun
 from jointgap.config.load import validate
-from jointgap.config.nuisance_bounds import NUISANCES, RUN_NUISANCES
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import PINS

@@ -7,9 +7,7 @@ from math import tau
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign_file import Campaign
-from jointgap.config.channels import CHANNELS
-from jointgap.config.nuisance_bounds import MOTOR_LINE
+from jointgap.config.campaign import CHANNELS, MOTOR_LINE, Campaign
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share, unit_factor

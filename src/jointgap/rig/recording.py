@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign_file import Campaign
+from jointgap.config.campaign import Campaign
 
 OF_SAMPLES = ("clipped", "stuck", "no_data")
 """Kinds of contradictions that are told by a channel's samples alone; no gain or zero of a sensor undoes them."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
-from jointgap.config.channels import FILTER_ORDER
+from jointgap.config.campaign import FILTER_ORDER
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude
 from jointgap.rig.recording import Recording

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from jointgap.config import EFFECTS, Effect, Mechanism
-from jointgap.config.campaign_file import Campaign, CampaignRun
+from jointgap.config.campaign import Campaign, CampaignRun
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.load import validate
 from jointgap.core.candidates import FAST, Candidate, Effects

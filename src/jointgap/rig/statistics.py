@@ -10,7 +10,7 @@ from math import tau
 import numpy as np
 
 from jointgap.config import Mechanism
-from jointgap.config.campaign_file import Campaign
+from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects
 from jointgap.dynamics.parallel import cores
 from jointgap.dynamics.simulate import perturbed_start

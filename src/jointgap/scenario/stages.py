@@ -512,7 +512,7 @@ def sensitivity(
       jointgap sweep --options mine.yaml --folder results/mine/sweep
       jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder results/mine/sensitivity
     """
-    from jointgap.config.sensitivity_config import Sensitivity
+    from jointgap.config.designs import Sensitivity
     from jointgap.designs.run import check_dataset
     from jointgap.designs.sampling import designs_of
     from jointgap.designs.sensitivity import what_decides, write_results

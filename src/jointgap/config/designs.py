@@ -1,14 +1,27 @@
-"""What a sweep varies: parameters with their ranges, distributions or lists, and how many designs are drawn of them."""
+"""What varies over many designs: sweeps, what decides their measures, unreported settings, robust lengths."""
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, FiniteFloat, WithJsonSchema, field_validator, model_validator
 
-from jointgap.core.units import Angle
-from jointgap.counts import Seed, count
-from jointgap.section import Section
+from jointgap.core.errors import did_you_mean
+from jointgap.core.schema import BEST_LENGTHS, MEASURES, PRINTED_OPTIMA, Column
+from jointgap.core.section import Section, Seed, whole_number
+from jointgap.core.units import Angle, OpenFraction, quantity
+
+ALL_MEASURES = (*MEASURES.columns, *BEST_LENGTHS.columns, *PRINTED_OPTIMA.columns)
+
+
+def measured(best_lengths: bool, printed_numbers: bool) -> tuple[Column, ...]:
+    """What is measured of each design of a sweep."""
+    return (
+        *MEASURES.columns,
+        *(BEST_LENGTHS.columns if best_lengths or printed_numbers else ()),
+        *(PRINTED_OPTIMA.columns if printed_numbers else ()),
+    )
+
 
 MOST_DESIGNS = 10_000_000
 """Designs of a sweep: at some milliseconds each they take a processor a day."""
@@ -21,11 +34,6 @@ Amount = Annotated[
 ]
 """A number with or without a unit; which unit it takes is known once it is known what it sets."""
 
-DesignsOfSweep = count(
-    MOST_DESIGNS, "at some milliseconds each so many take a processor more than a day; sweep fewer parameters"
-)
-DesignsOfJob = count(100_000, "a job that is killed begins its designs anew, so let it be half an hour's work at most")
-
 
 class Uniform(Section):
     """Every value between two ends alike."""
@@ -33,7 +41,7 @@ class Uniform(Section):
     distribution: Literal["uniform"] = "uniform"
     from_: Amount = Field(alias="from", description="lower end")
     to: Amount = Field(description="upper end")
-    number: count(_GRID_VALUES, "each is combined with those of the other parameters", least=2) | None = Field(
+    number: whole_number(ge=2, le=_GRID_VALUES) | None = Field(
         None, description="values evenly apart, ends included; of a grid alone"
     )
 
@@ -44,7 +52,7 @@ class LogUniform(Section):
     distribution: Literal["log_uniform"]
     from_: Amount = Field(alias="from", description="lower end, above zero")
     to: Amount = Field(description="upper end")
-    number: count(_GRID_VALUES, "each is combined with those of the other parameters", least=2) | None = Field(
+    number: whole_number(ge=2, le=_GRID_VALUES) | None = Field(
         None, description="values with one ratio from each to the next, ends included; of a grid alone"
     )
 
@@ -111,7 +119,9 @@ class Sweep(Section):
         description="sobol: a sequence that fills the ranges evenly and can be grown; latin_hypercube; grid: every "
         "combination of lists and of ranges with a number",
     )
-    number: DesignsOfSweep = Field(1024, description="designs; of a grid all combinations, whatever stands here")
+    number: whole_number(ge=1, le=MOST_DESIGNS) = Field(
+        1024, description="designs; of a grid all combinations, whatever stands here"
+    )
     seed: Seed = Field(0, description="seed of the drawing")
     window: tuple[Angle, Angle] = Field(
         (0.0, 2 * math.pi),
@@ -131,7 +141,9 @@ class Sweep(Section):
         "may be window_start, window_end, error_measure and revolution too: how the error is counted, which it does "
         "not say",
     )
-    designs_per_job: DesignsOfJob = Field(5000, description="designs that one job simulates and writes to one file")
+    designs_per_job: whole_number(ge=1, le=100_000) = Field(
+        5000, description="designs that one job simulates and writes to one file"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -164,3 +176,82 @@ class Sweep(Section):
         if self.design != "grid":
             return self.number
         return math.prod(len(s.values) if isinstance(s, Values) else s.number for s in self.parameters.values())
+
+
+class Sensitivity(Section):
+    """Sobol indices of the measures of a sweep, from a surrogate of each."""
+
+    measures: tuple[str, ...] = Field(
+        (), description="columns of the sweep's designs such as piston_pin_peak_force; every measure when empty"
+    )
+    seed: Seed = Field(0, description="seed of which designs are held out, and of the intervals")
+
+    @field_validator("measures")
+    @classmethod
+    def _measures_are_columns(cls, measures: tuple[str, ...]) -> tuple[str, ...]:
+        known = [column.name for column in ALL_MEASURES]
+        for name in measures:
+            if name not in known:
+                raise ValueError(f"'{name}' is no measure of a sweep; {did_you_mean(name, known)}")
+        if len(set(measures)) < len(measures):
+            raise ValueError(f"{list(measures)} lists a measure twice; give each once")
+        return measures
+
+
+class InferSettings(Section):
+    """The settings that the paper does not print, inferred from the numbers that it prints."""
+
+    removed: ClassVar = dict.fromkeys(
+        ("deviation", "trained", "iterations", "seed"), "designs are accepted by `within` alone; leave it out"
+    )
+
+    within: OpenFraction = Field(
+        0.05,
+        description="share of a printed number within which it is reproduced; of the ratio of the lengths, share of "
+        "its change from the original one",
+    )
+
+
+class OptimiseRobust(Section):
+    """Lengths of crank and rod that keep the transmission angle best whatever is uncertain turns out to be."""
+
+    uncertain: dict[str, Distribution] = Field(
+        {},
+        description="what is uncertain and how, as in sweep.parameters; crank_length and rod_length here are "
+        "tolerances, which are added to the lengths that are searched",
+    )
+    revolution: Literal["first", "settled"] = Field(
+        "settled",
+        description="where the RMS of the error is taken: first, over optimise.window of it; settled, over "
+        "optimise.ensemble.settled_revolution",
+    )
+    measure: Literal["mean_plus_deviations", "quantile"] = Field(
+        "mean_plus_deviations", description="what of the errors of all draws is minimised"
+    )
+    deviations: quantity("", ge=0, le=100) = Field(
+        2.0, description="of mean_plus_deviations: how many standard deviations are added to the mean"
+    )
+    quantile: OpenFraction = Field(0.95, description="of quantile: the share of the draws that lie below it")
+    probability: OpenFraction = Field(
+        0.95, description="share of the draws in which each of optimise.constraints has to hold"
+    )
+    draws: whole_number(ge=2, le=10_000) = Field(
+        32, description="draws of what is uncertain, the same for every candidate"
+    )
+    grid: whole_number(ge=3, le=100) = Field(9, description="points along each length at which the search begins")
+    population: whole_number(ge=4, le=10_000) = Field(16, description="candidates of a generation")
+    generations: whole_number(ge=1, le=10_000) = Field(12, description="generations of each search after the first")
+    fresh_draws: whole_number(ge=16, le=1_000_000) = Field(
+        512, description="further draws, on which the lengths found are compared"
+    )
+    resamples: whole_number(ge=100, le=100_000) = Field(
+        2000, description="bootstrap samples of the fresh draws, for the intervals"
+    )
+    seed: Seed = Field(0, description="seed of the draws, the search and the intervals")
+
+    @field_validator("uncertain", mode="before")
+    @classmethod
+    def _distributions_are_named(cls, uncertain: Any) -> Any:
+        if isinstance(uncertain, dict):
+            return {key: with_distribution(spec) for key, spec in uncertain.items()}
+        return uncertain

@@ -1,31 +1,366 @@
-"""The campaign file: a mechanism, the runs measured on its rig, and how their columns map to channels."""
+"""The campaign file: a mechanism, the runs measured on its rig, their columns, and what is known within bounds."""
 
+import math
+from collections.abc import Mapping
 from datetime import date as Date
+from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import Field, ValidationInfo, field_serializer, field_validator, model_validator
+from pydantic import Field, ValidationInfo, WithJsonSchema, field_serializer, field_validator, model_validator
 
-from jointgap.config.channels import CHANNELS, UNITS, Channel, channel_factor
-from jointgap.config.mechanism_config import Mechanism
-from jointgap.config.names import Word
-from jointgap.config.nuisance_bounds import (
-    MOTOR_LINE,
-    NEEDED_CHANNELS,
-    NOMINALLY_0,
-    SHARED,
-    as_written,
-    check_keys,
-    check_possible,
-    nominal_values,
-    share_or_bounds,
-)
+from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
-from jointgap.core.units import Angle, PositiveAngle, PositiveAngularSpeed, PositiveTime, split_share
-from jointgap.section import Section
+from jointgap.core.section import Name, Section, Word, text_of
+from jointgap.core.units import (
+    Angle,
+    PositiveAngle,
+    PositiveAngularSpeed,
+    PositiveTime,
+    quantity,
+    scaled_unit_factor,
+    split_quantity,
+    split_share,
+    to_si,
+    unit_factor,
+)
+from jointgap.effects.clearance import LEAST_CLEARANCE
+
+CHANNELS = {
+    "time": "s",
+    "crank_angle": "rad",
+    "crank_speed": "rad/s",
+    "slider_position": "m",
+    "slider_velocity": "m/s",
+    "slider_acceleration": "m/s^2",
+    "rod_angle": "rad",
+    "rod_angular_velocity": "rad/s",
+    "rod_acceleration_x": "m/s^2",
+    "rod_acceleration_y": "m/s^2",
+    "crank_torque": "N*m",
+    "guide_force": "N",
+    "frame_force_x": "N",
+    "frame_force_y": "N",
+}
+"""SI unit of every channel that a rig can have."""
+
+UNITS = {
+    "s": ("s", "ms", "us"),
+    "m": ("m", "mm", "cm", "um", "inch"),
+    "m/s": ("m/s", "mm/s", "km/h"),
+    "m/s^2": ("m/s^2", "g_n", "mm/s^2"),
+    "rad": ("rad", "deg", "turn"),
+    "rad/s": ("rad/s", "deg/s", "rpm", "turn/s"),
+    "N*m": ("N*m", "N*cm", "N*mm", "kN*m", "lbf*ft"),
+    "N": ("N", "kN", "lbf", "mN"),
+}
+"""Units, by the SI unit, that are proposed where none is stated or the stated one does not fit."""
+
+
+FILTER_ORDER = 4
+"""Of the Butterworth low-pass by which a campaign file describes a sensor's bandwidth."""
+
+_UNIT_HINTS = {
+    "g": "g is the gram; the standard acceleration of gravity is g_n",
+    "nm": "nm is the nanometre; a torque is N*m",
+    "Hz": "Hz may or may not mean turns; write rpm, turn/s or rad/s",
+    **dict.fromkeys(
+        ("count", "counts"),
+        "give the factor of the counts: counts_per_turn of an angle, rate of time, scale of other channels",
+    ),
+}
+
+_COUNTED = {"counts_per_turn": ("turn", ""), "rate": ("s", "Hz")}
+"""Keys that make a column of whole numbers one of parts of a unit: that unit, and the unit of the key."""
+
+
+_AMOUNT = [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}, {"type": "null"}]
+_AMOUNTS = [*_AMOUNT, {"type": "object", "additionalProperties": {"anyOf": _AMOUNT[:2]}}]
+
+
+class Channel(Section):
+    """A column of the runs' files, and what is known of its sensor."""
+
+    column: Name = Field(description="heading of the column in every run's file")
+    unit: str = Field(
+        description="unit of the column, by its pint name, such as deg, g_n, N*m or rpm; not needed with "
+        "counts_per_turn or rate"
+    )
+    scale: Annotated[str | None, WithJsonSchema({"anyOf": _AMOUNT})] = Field(
+        None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A; null: none"
+    )
+    counts_per_turn: quantity("", gt=0) | None = Field(
+        None, description="of an angle whose column has an encoder's counts: how many are a turn"
+    )
+    rate: quantity("Hz", gt=0) | None = Field(
+        None, description="of time whose column has sample numbers: how many are a second, such as 2 kHz"
+    )
+    noise: Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": _AMOUNTS})] = Field(
+        None, description="standard deviation of the noise in the column's unit, one or by run; null: estimated"
+    )
+    resolution: Annotated[float | None, WithJsonSchema({"anyOf": _AMOUNT})] = Field(
+        None, description="step of an encoder in the column's unit; null: not known"
+    )
+    bandwidth: quantity("Hz", gt=0) | None = Field(
+        None, description="corner of the fourth-order low-pass that the samples went through; null: instantaneous"
+    )
+    filter: Literal["zero_phase", "causal"] = Field("zero_phase", description="whether that low-pass delays")
+    sign: Literal[1, -1] = Field(1, description="-1: the sensor reads the opposite of what the axes say")
+    jitter: quantity("s", gt=0) | None = Field(
+        None, description="of time: standard deviation of its stamps; null: estimated where samples tell"
+    )
+    repeated: Literal["first", "last"] | None = Field(
+        None,
+        description="of time: which of several rows of one time is kept, such as a solver writes at its events; null: "
+        "rows that are the same are kept once, others refused",
+    )
+    reads_gravity: bool = Field(False, description="whether an accelerometer's reading has gravity in it")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _counts_are_parts_of_a_unit(cls, given: Any) -> Any:
+        for key, (whole, own) in _COUNTED.items():
+            if not isinstance(given, dict) or given.get(key) is None:
+                continue
+            try:
+                parts = to_si(given[key], own)
+            except ValueError:
+                parts = 0.0
+            if not parts > 0:
+                return {"unit": whole} | given  # its own check says what is wrong
+            unit = f"{whole}/{parts:.17g}"
+            if given.get("unit", "count") not in ("count", "counts", unit):
+                raise ValueError(f"unit = {given['unit']!r} and {key} are both given; remove one of them")
+            given = ({"resolution": 1} if key == "counts_per_turn" else {}) | given | {"unit": unit}
+        return given
+
+    @field_validator("scale", mode="before")
+    @classmethod
+    def _is_text(cls, scale: Any) -> Any:
+        if scale is not None and not to_si(split_quantity(str(scale))[0], "") > 0:
+            raise ValueError("must be greater than 0; write 'sign: -1' for a sensor that reads the opposite")
+        return scale if scale is None else str(scale)
+
+    @field_validator("unit")
+    @classmethod
+    def _is_a_unit(cls, unit: str) -> str:
+        try:
+            whole, _ = split_share(unit)
+            unit_factor(whole, whole)
+        except Exception as error:  # what pint makes of text that is no unit is of a dozen kinds
+            raise ValueError(
+                _UNIT_HINTS.get(unit, "is not a unit; write one such as s, deg, mm, g_n, N*m or rpm")
+            ) from error
+        return unit
+
+    @field_validator("noise", "resolution", mode="before")
+    @classmethod
+    def _is_in_the_columns_unit(cls, value: Any, info: ValidationInfo) -> Any:
+        unit = info.data.get("unit")
+        if value is None or unit is None:  # the unit is refused itself
+            return None
+        if info.field_name == "noise" and isinstance(value, dict):
+            return {text_of(run): _amount(own, unit, f"{run}: ") for run, own in value.items()}
+        return _amount(value, unit)
+
+    def noise_of(self, run: str) -> float | None:
+        """Stated standard deviation of the noise in a run, in the column's unit; None where it is to be estimated."""
+        return self.noise.get(run) if isinstance(self.noise, dict) else self.noise
+
+
+def _amount(value: Any, unit: str, where: str = "") -> float:
+    """A number > 0 in the column's unit, of a number in it or a text with a unit of its own."""
+    whole, parts = split_share(unit)
+    try:
+        amount = to_si(value, whole)
+        if isinstance(value, str) and split_quantity(value)[1]:
+            amount *= parts
+    except ValueError as error:
+        raise ValueError(f"{where}{error}") from error
+    if not amount > 0:
+        raise ValueError(f"{where}{amount:g} must be greater than 0; leave the key out where it is not known")
+    return amount
+
+
+def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
+    """How much of the SI unit of the channel `name` one `unit` of its column is."""
+    base = CHANNELS[name]
+    factor = f"such as scale: 1 {base}/{unit}"
+    try:
+        return unit_factor(unit, base) if scale is None else scaled_unit_factor(scale, unit, base)
+    except ValueError as error:
+        if scale is not None:
+            raise ValueError(f"{name}.scale = '{scale}' of a column in {unit} {error}; give it {factor}") from error
+        hint = _UNIT_HINTS.get(unit, f"of a sensor's signal give the factor, {factor}")
+        raise ValueError(f"{name}.unit = '{unit}' {error}; {hint}") from error
+
+
+class _Range(NamedTuple):
+    """Unit of a nuisance, and what it can be in a simulation: the least, the most, and both in words."""
+
+    unit: str
+    least: float
+    most: float
+    words: str
+
+
+def _above_0(unit: str) -> _Range:
+    return _Range(unit, math.nextafter(0.0, 1.0), math.inf, f"more than 0 {unit}")
+
+
+_CLEARANCE = _Range("m", LEAST_CLEARANCE, math.inf, f"{LEAST_CLEARANCE:g} m or more")
+
+SHARED = {
+    "joint_friction": _Range("", 0.0, 0.6, "0 to 0.6"),
+    "restitution": _Range("", 1e-3, math.nextafter(1.0, 0.0), "0.001 to below 1"),
+}
+"""Quantities that both pins share unless they are listed for each."""
+
+MOTOR_LINE = ("stall_torque", "no_load_speed")
+"""The torque-speed line of a motor: supply and winding are not alike in all runs."""
+
+RUN_NUISANCES = ("speed", "encoder_zero", "slider_position_zero", *MOTOR_LINE)
+"""Quantities that every run has for itself."""
+
+NEEDED_CHANNELS = {
+    "encoder_zero": ("crank_angle",),
+    "slider_position_zero": ("slider_position",),
+    "encoder_lag": ("time", "crank_angle"),
+}
+"""Channels without which a nuisance of a sensor has nothing to act on."""
+
+_RANGES = {
+    "slider_mass": _above_0("kg"),
+    "rod_mass": _above_0("kg"),
+    "rod_inertia": _above_0("kg*m^2"),
+    "crank_length": _above_0("m"),
+    "rod_length": _above_0("m"),
+    "crank_pin_clearance": _CLEARANCE,
+    "piston_pin_clearance": _CLEARANCE,
+    **SHARED,
+    **{f"{key}_{pin}": own for key, own in SHARED.items() for pin in PINS},
+    "speed": _above_0("rad/s"),
+    "stall_torque": _above_0("N*m"),
+    "no_load_speed": _above_0("rad/s"),
+    "slider_offset": _Range("m", -math.inf, math.inf, "any length"),
+    "encoder_zero": _Range("rad", -math.tau, math.tau, "a turn either way"),
+    "encoder_lag": _Range("s", -math.inf, math.inf, "any time"),
+    "slider_position_zero": _Range("m", -math.inf, math.inf, "any length"),
+}
+
+NUISANCES = {key: limits.unit for key, limits in _RANGES.items()}
+"""SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
+
+
+NOMINALLY_0 = ("encoder_zero", "encoder_lag", "slider_position_zero")
+"""Of sensors: 0 where the bounds do not say otherwise."""
+
+_AMOUNT_EXAMPLES = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'"}
+"""By which a quantity of the unit may differ from nominal either way, for example."""
+
+
+def share_or_bounds(key: str, value: Any, nominals: tuple[float, ...] = ()) -> float | tuple[float, float]:
+    """The `value` of the nuisance `key` in a campaign file: a share of its nominal value, or its bounds [SI]."""
+    unit = NUISANCES[key]
+    if isinstance(value, str) and (amount := _amount_around(value, unit)) is not None:
+        if len(set(nominals)) != 1 or not amount > 0:
+            raise ValueError(
+                f"{key} = '{value}' must be more than 0 {unit} either way of one nominal value; write bounds such as "
+                "[low, high]"
+            )
+        low, high = nominals[0] - amount, nominals[0] + amount
+        check_possible(key, low, high, f"{key} = '{value}'")
+        return low, high
+    if isinstance(value, str):
+        share = _percent(key, value)
+        if not 0 < share < 1:
+            raise ValueError(f"{key} = '{value}' must be more than 0 % and less than 100 %")
+        return share
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise ValueError(f"{key} = {value!r} must be a percentage such as '5 %' or bounds such as [low, high]")
+    try:
+        low, high = (to_si(bound, unit) for bound in value)
+    except ValueError as error:
+        raise ValueError(f"{key} = {list(value)!r} {error}") from error
+    if low >= high:
+        raise ValueError(f"{key} = {list(value)!r} is upside down or empty; write the lower bound first")
+    check_possible(key, low, high, f"{key} = {list(value)!r}")
+    return low, high
+
+
+def check_possible(key: str, low: float, high: float, source: str) -> None:
+    """ValueError, beginning with the `source`, where `low` or `high` [SI] of the nuisance `key` cannot be simulated."""
+    _, least, most, words = _RANGES[key]
+    if low < least or high > most:
+        raise ValueError(f"{source} reaches from {low:g} to {high:g} and leaves what is possible, {words}; narrow it")
+
+
+def _amount_around(text: str, unit: str) -> float | None:
+    """A length, angle or time with a unit of its own as a number in `unit`; None of any other text."""
+    try:
+        return to_si(text, unit) if unit in _AMOUNT_EXAMPLES and split_quantity(text)[1] else None
+    except ValueError:
+        return None
+
+
+def _percent(key: str, text: str) -> float:
+    try:
+        number, own = split_quantity(text.strip().removeprefix("+-"))
+    except ValueError as error:
+        own, mistake = "", f" {error};"
+    else:
+        mistake = ""
+    if own in ("%", "percent"):
+        return float(Decimal(number) / 100)
+    unit = NUISANCES[key]
+    # of what is nominally 0 a percentage is no range
+    instead = [] if key in NOMINALLY_0 else ["a percentage such as '5 %'"]
+    instead += [f"an amount such as {_AMOUNT_EXAMPLES[unit]}"] if unit in _AMOUNT_EXAMPLES else []
+    raise ValueError(f"{key} = '{text}'{mistake} must be {' or '.join(instead)}, or bounds such as [low, high]")
+
+
+def as_written(value: float | tuple[float, float]) -> str | list[float]:
+    """What `share_or_bounds` reads as `value`, to the last digit."""
+    return list(value) if isinstance(value, tuple) else f"{Decimal(repr(value)) * 100} %"
+
+
+def check_keys(given: Mapping[str, Any]) -> None:
+    """ValueError on unknown keys, and on a quantity given for both pins and for one."""
+    for key in given:
+        if key not in _RANGES:
+            raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(key, _RANGES)}")
+    for shared in SHARED:
+        own = [f"{shared}_{pin}" for pin in PINS if f"{shared}_{pin}" in given]
+        if shared in given and own:
+            raise ValueError(f"{shared} of both pins and {own[0]} are listed; give one of them")
+
+
+def nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
+    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has nothing to act on.
+
+    Not of the speed, which the runs have, and not of a motor. Zeros and lags of sensors are nominally 0.
+    """
+    plain = dict.fromkeys(NEEDED_CHANNELS, 0.0) | {
+        "slider_offset": mechanism.slider.offset,
+        "slider_mass": mechanism.slider.mass,
+        "rod_mass": mechanism.rod.mass,
+        "rod_inertia": mechanism.rod.inertia,
+        "crank_length": mechanism.crank.length,
+        "rod_length": mechanism.rod.length,
+    }
+    if key in plain:
+        return (plain[key],)
+    pins = [pin for pin in PINS if pin in key] or PINS
+    if key.endswith("clearance"):
+        return tuple(mechanism.clearance(pin) for pin in pins if pin in mechanism.loose)
+    contacts = [mechanism.joint(pin).contact for pin in pins if pin in mechanism.loose]
+    if key.startswith("joint_friction"):
+        return tuple(contact.friction for contact in contacts)
+    return tuple(contact.restitution for contact in contacts if contact.restitution is not None)
+
 
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
