@@ -171,7 +171,7 @@ def it7(length: float) -> float:
     return 16e-6 * unit
 
 
-def effect(objective: Objective, lengths: tuple[float, float], tolerance: float | None) -> dict[str, float]:
+def tolerance_effect(objective: Objective, lengths: tuple[float, float], tolerance: float | None) -> dict[str, float]:
     """Columns of the table optimise_optima on the rod's tolerance."""
     crank, rod = map(float, lengths)
     width = it7(rod) if tolerance is None else tolerance

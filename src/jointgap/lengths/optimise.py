@@ -1,7 +1,8 @@
 """The stage optimise: sources in, tables out."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -9,20 +10,18 @@ import pandas as pd
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.kinematics import Fit, clearance_lift, ideal_cycle
-from jointgap.lengths import search as searching
-from jointgap.lengths.objective import Objective, frozen_objective
-from jointgap.lengths.region import PinForce, Region
-from jointgap.lengths.region import regions as geometric_regions
+from jointgap.lengths.objective import Objective, best_cranks, frozen_objective, grid
+from jointgap.lengths.region import PinForce, Region, regions
 from jointgap.lengths.resimulate import (
     Resimulation,
-    Spread,
     compare,
     peak_pin_force,
     pin_force,
     resimulate,
     sample_ranges,
+    spread,
 )
-from jointgap.lengths.search import Point, Search, printed_points
+from jointgap.lengths.search import Point, Search, labelled, optima, paths, printed_points, search_all, tolerances
 
 FORCE_ROUNDS = 4  # searches at most until the lengths found keep the largest force of a pin once simulated again
 FORCE_SLACK = 1e-3  # share of the force by which it may be exceeded
@@ -84,60 +83,54 @@ def optimise(
     by_source = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
     printed = printed_points(mechanism, simulate)
     fixed = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), *printed]
-    again = _Simulations(mechanism, simulate, options, training_points)
-    searches = _searched(by_source, again, options)
-    valley, floor = searching.valleys(searches)
-    resimulations = again.of([*fixed, *(point for search in searches for point in search.points)])
+
+    @cache
+    def at_lengths(lengths: tuple[float, ...]) -> Resimulation:
+        return resimulate(mechanism, simulate, options, training_points, lengths)
+
+    def again(point: Point) -> Resimulation:
+        return at_lengths(tuple(round(length, DIGITS) for length in point.lengths))
+
+    searches = _searched(mechanism, simulate, options, by_source, again)
+    points = [*fixed, *(point for search in searches for point in search.points)]
+    resimulations = {point.name: again(point) for point in points}
     return Optimisation(
-        optima=searching.optima(by_source, searches, printed, options.rod_tolerance),
-        population=searching.populations(searches),
-        paths=searching.paths(searches),
-        tolerance=searching.tolerances(searches),
-        valley=valley,
-        floor=floor,
+        optima=optima(by_source, searches, printed, options.rod_tolerance),
+        population=labelled(searches, lambda search: search.genetic.population),
+        paths=labelled(searches, paths),
+        tolerance=labelled(searches, tolerances),
+        valley=labelled(searches, lambda search: grid(search.objective, search.region)),
+        floor=labelled(searches, lambda search: best_cranks(search.objective, search.region)),
         resimulated=_resimulated(resimulations, by_source, options.ensemble.members),
         worth=_cycle_extremes(resimulations, mechanism.slider.offset),
         loads=_loads(resimulations),
     )
 
 
-class _Simulations:
-    """Ensembles at pairs of lengths, each simulated once. Arguments as of `resimulate`."""
-
-    def __init__(self, mechanism: Mechanism, simulate: Simulate, options: Optimise, training_points: int):
-        self.arguments = mechanism, simulate, options, training_points
-        self.by_lengths: dict[tuple[float, ...], Resimulation] = {}
-
-    def at(self, point: Point) -> Resimulation:
-        lengths = _rounded(point)
-        if lengths not in self.by_lengths:
-            self.by_lengths[lengths] = resimulate(*self.arguments, lengths)
-        return self.by_lengths[lengths]
-
-    def of(self, points: list[Point]) -> dict[str, Resimulation]:
-        """By the points' names, in their order."""
-        return {point.name: self.at(point) for point in points}
-
-
-def _searched(by_source: dict[str, Objective], again: _Simulations, options: Optimise) -> list[Search]:
+def _searched(
+    mechanism: Mechanism,
+    simulate: Simulate,
+    options: Optimise,
+    by_source: dict[str, Objective],
+    again: Callable[[Point], Resimulation],
+) -> list[Search]:
     """The search under all constraints.
 
     Where the lengths found carry more than the largest force asked for, once simulated again, the surface that stands
     for the force in the search is raised by as much, and the search is repeated.
     """
-    mechanism, simulate, *_ = again.arguments
-    regions = geometric_regions(mechanism, options)
+    boxes = regions(mechanism, options)
     most = options.constraints.largest_pin_force
     if most is None:
-        return searching.search_all(by_source, regions, options)
-    surfaces = {box: pin_force(mechanism, simulate, options, region) for box, region in regions.items()}
+        return search_all(by_source, boxes, options)
+    surfaces = {box: pin_force(mechanism, simulate, options, region) for box, region in boxes.items()}
     for _ in range(FORCE_ROUNDS):
-        under = {box: _under_force(region, surfaces[box], most) for box, region in regions.items()}
-        searches = searching.search_all(by_source, under, options)
+        under = {box: _under_force(region, surfaces[box], most) for box, region in boxes.items()}
+        searches = search_all(by_source, under, options)
         raised = False
         for box, surface in surfaces.items():
             points = [point for search in searches if search.box == box for point in search.points]
-            excess = max(peak_pin_force(again.at(point)) for point in points) / most
+            excess = max(peak_pin_force(again(point)) for point in points) / most
             if 1.0 + FORCE_SLACK < excess and not under[box].constraints[-1].is_relaxed:
                 surfaces[box], raised = surface.raised(excess), True
         if not raised:
@@ -151,10 +144,6 @@ def _under_force(region: Region, surface: PinForce, most: float) -> Region:
     least = float(constraint.value(region.lowest(constraint)))
     nearest = constraint if least <= most else surface.limited((1.0 + FORCE_SLACK) * least, is_relaxed=True)
     return replace(region, constraints=(*region.constraints, nearest))
-
-
-def _rounded(point: Point) -> tuple[float, ...]:
-    return tuple(round(length, DIGITS) for length in point.lengths)
 
 
 def _resimulated(resimulations: dict[str, Resimulation], by_source: dict[str, Objective], members: int) -> pd.DataFrame:
@@ -179,8 +168,7 @@ def _loads(resimulations: dict[str, Resimulation]) -> pd.DataFrame:
         for joint, load in ensemble.loads.items():
             row = {"point": name, "crank_length": crank, "rod_length": rod, "joint": joint}
             for key, values in vars(load).items():
-                spread = Spread(np.nan, np.nan, np.nan) if values is None else Spread.of(values)
-                row |= {key: spread.median, f"{key}_low": spread.low, f"{key}_high": spread.high}
+                row |= spread(key, np.nan if values is None else values)
             rows.append(row)
     return pd.DataFrame(rows)
 

@@ -24,18 +24,10 @@ FORCE_GRID = 21, 41  # points along crank and rod length at which the force in t
 LOW, HIGH = 0.05, 0.95  # quantiles that bound a spread
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Median and the 5 % and 95 % quantiles of an ensemble's numbers."""
-
-    median: float
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, numbers: ArrayLike) -> "Spread":
-        low, median, high = np.quantile(numbers, [LOW, 0.5, HIGH])
-        return cls(float(median), float(low), float(high))
+def spread(key: str, numbers: ArrayLike) -> dict[str, float]:
+    """Median and the 5 % and 95 % quantiles of an ensemble's numbers, as columns of a table."""
+    low, median, high = np.quantile(numbers, [LOW, 0.5, HIGH])
+    return {key: float(median), f"{key}_low": float(low), f"{key}_high": float(high)}
 
 
 @dataclass(frozen=True)
@@ -133,8 +125,7 @@ def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]
             }
             row: dict[str, object] = {"stretch": range_name, "measure": name}
             for key, values in numbers.items():
-                spread = Spread.of(values)
-                row |= {key: spread.median, f"{key}_low": spread.low, f"{key}_high": spread.high}
+                row |= spread(key, values)
             rows.append(row | {"share_better": float(np.mean(pairs > 0.0))})
     return rows
 

@@ -1,6 +1,6 @@
 """Search of the lengths: genetic algorithm, then a local optimiser."""
 
-from collections.abc import Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,7 @@ from scipy.optimize import minimize
 
 from jointgap.config import Genetic, Mechanism, Optimise, Simulate
 from jointgap.core.errors import needs
-from jointgap.lengths import objective as rod_tolerance
-from jointgap.lengths import objective as valley
-from jointgap.lengths.objective import MEASURES, Objective
+from jointgap.lengths.objective import MEASURES, Objective, invariant, tolerance_effect
 from jointgap.lengths.region import MET, Region
 from jointgap.paper.printed import OPTIMA, departures
 
@@ -24,7 +22,7 @@ with needs("optimising link lengths", "learn"):
     from pymoo.core.repair import Repair
     from pymoo.core.sampling import Sampling
     from pymoo.core.survival import Survival
-    from pymoo.termination.max_gen import MaximumGenerationTermination
+    from pymoo.optimize import minimize as run_algorithm
 
 
 def best_first(values: np.ndarray, violations: np.ndarray) -> np.ndarray:
@@ -68,15 +66,33 @@ def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Gen
 
 
 @dataclass(frozen=True)
-class GeneticResult:
-    """One run of the genetic algorithm."""
+class Found:
+    """What one search found."""
 
     lengths: np.ndarray  # shape (2,); the best (L2, L3) [m]
     value: float  # Its sum of squares [rad^2]
-    evaluations: int  # Calls of the objective; an elite is not evaluated again
-    values: np.ndarray  # shape (evaluations,); every value in the order of evaluation [rad^2]
+    values: np.ndarray  # shape (evaluations,); every value in the order of evaluation, an elite's once [rad^2]
+    status: str  # Why it stopped and what to make of it
+
+    @property
+    def evaluations(self) -> int:
+        """Calls of the objective; those of its exact gradient are not counted."""
+        return len(self.values)
+
+
+@dataclass(frozen=True)
+class GeneticResult(Found):
+    """One run of the genetic algorithm."""
+
     population: pd.DataFrame  # A row per individual and generation
-    status: str  # Why it stopped
+
+
+@dataclass(frozen=True)
+class LocalResult(Found):
+    """One local search."""
+
+    path: np.ndarray  # shape (k, 2); every iterate, the start first [m]
+    converged: bool  # Whether the stopping tolerance was met
 
 
 class _Lengths(Problem):
@@ -153,18 +169,20 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> GeneticRes
         survival=_ElitesAndChildren(options.elites),
         eliminate_duplicates=False,
     )
-    algorithm.setup(problem, seed=options.seed, termination=MaximumGenerationTermination(options.generations + 1))
     generations = []
-    while algorithm.has_next():
-        algorithm.next()
-        generations.append(_record(len(generations), algorithm.pop, len(problem.values)))
+    run_algorithm(
+        problem,
+        algorithm,
+        ("n_gen", options.generations + 1),
+        seed=options.seed,
+        callback=lambda state: generations.append(_record(len(generations), state.pop, len(problem.values))),
+    )
     population = pd.concat(generations, ignore_index=True)
     violations = np.maximum(region.missed(population[["crank_length", "rod_length"]].to_numpy()) - MET, 0.0)
     best = population.iloc[best_first(population["sum_of_squares"].to_numpy(), violations)[0]]
     return GeneticResult(
         lengths=best[["crank_length", "rod_length"]].to_numpy(dtype=float),
         value=float(best["sum_of_squares"]),
-        evaluations=len(problem.values),
         values=np.array(problem.values),
         population=population,
         status=f"stopped: {options.generations} generations of {options.population} done",
@@ -193,20 +211,6 @@ def evaluations_until(values: np.ndarray, best: float, tolerance: float) -> int 
 
 
 TOLERANCES = tuple(10.0**-exponent for exponent in range(1, 13))  # swept to show what stopping early does
-
-
-@dataclass(frozen=True)
-class LocalResult:
-    """One local search."""
-
-    start: np.ndarray  # shape (2,); where it started and ended, (L2, L3) [m]
-    lengths: np.ndarray  # shape (2,); where it started and ended, (L2, L3) [m]
-    value: float  # Sum of squares at the end [rad^2]
-    evaluations: int  # Calls of the objective; those of its exact gradient are not counted
-    values: np.ndarray  # shape (evaluations,); every value in the order of evaluation [rad^2]
-    path: np.ndarray  # shape (k, 2); every iterate, the start first [m]
-    converged: bool  # Whether the stopping tolerance was met
-    status: str  # Why it stopped and what to make of it
 
 
 def starting_points(region: Region) -> np.ndarray:
@@ -249,10 +253,8 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
     if not np.array_equal(path[-1], end):
         path.append(end)
     return LocalResult(
-        start=start,
         lengths=end,
         value=float(objective.value(end)),
-        evaluations=len(values),
         values=np.array(values),
         path=np.array(path),
         converged=bool(result.success),
@@ -313,14 +315,18 @@ class Search:
 
 def search_all(objectives: dict[str, Objective], regions: dict[str, Region], options: Optimise) -> list[Search]:
     """Run both optimisers for every objective (by source) in every configured box."""
-    searches = []
-    for source, objective in objectives.items():
-        for box, region in regions.items():
-            local_results = search_from_all(objective, region, options.local_tolerance)
-            searches.append(
-                Search(source, box, objective, region, evolve(objective, region, options.genetic), local_results)
-            )
-    return searches
+    return [
+        Search(
+            source,
+            box,
+            objective,
+            region,
+            evolve(objective, region, options.genetic),
+            search_from_all(objective, region, options.local_tolerance),
+        )
+        for source, objective in objectives.items()
+        for box, region in regions.items()
+    ]
 
 
 def optima(
@@ -362,8 +368,8 @@ def _optimum(source: str, objective: Objective, point: Point, tolerance: float |
         "active_bounds": None,
         **{name: float(getattr(measures, name)) for name in MEASURES},
         **{f"{name}_reduction": float(getattr(reductions, name)) for name in MEASURES},
-        **rod_tolerance.effect(objective, point.lengths, tolerance),
-        "invariant": float(valley.invariant(reductions.rms, rod, "rms")),
+        **tolerance_effect(objective, point.lengths, tolerance),
+        "invariant": float(invariant(reductions.rms, rod, "rms")),
         "evaluations": None,
         "evaluations_within_1_percent": None,
         "evaluations_within_0_1_percent": None,
@@ -371,74 +377,44 @@ def _optimum(source: str, objective: Objective, point: Point, tolerance: float |
     }
 
 
-def _labelled(searches: Iterable[Search], make) -> pd.DataFrame:
+def labelled(searches: list[Search], make: Callable[[Search], pd.DataFrame]) -> pd.DataFrame:
     """`make(search)` of every search below each other, with source and box in front."""
-    frames = []
-    for search in searches:
-        frame = make(search)
-        frame.insert(0, "source", search.source)
-        frame.insert(1, "box", search.box)
-        frames.append(frame)
+    frames = {(search.source, search.box): make(search) for search in searches}
+    return pd.concat(frames, names=["source", "box"]).reset_index(["source", "box"]).reset_index(drop=True)
+
+
+def paths(search: Search) -> pd.DataFrame:
+    """Rows of the table optimise_paths."""
+    frames = [
+        pd.DataFrame(
+            {
+                "start": number,
+                "iteration": np.arange(len(result.path)),
+                "crank_length": result.path[:, 0],
+                "rod_length": result.path[:, 1],
+                "sum_of_squares": search.objective.value(result.path),
+            }
+        )
+        for number, result in enumerate(search.local)
+    ]
     return pd.concat(frames, ignore_index=True)
 
 
-def populations(searches: list[Search]) -> pd.DataFrame:
-    """Frame of the table optimise_population."""
-    return _labelled(searches, lambda search: search.genetic.population.copy())
-
-
-def paths(searches: list[Search]) -> pd.DataFrame:
-    """Frame of the table optimise_paths."""
-
-    def of(search: Search) -> pd.DataFrame:
-        return pd.concat(
-            [
-                pd.DataFrame(
-                    {
-                        "start": number,
-                        "iteration": np.arange(len(result.path)),
-                        "crank_length": result.path[:, 0],
-                        "rod_length": result.path[:, 1],
-                        "sum_of_squares": search.objective.value(result.path),
-                    }
-                )
-                for number, result in enumerate(search.local)
-            ],
-            ignore_index=True,
-        )
-
-    return _labelled(searches, of)
-
-
-def tolerances(searches: list[Search]) -> pd.DataFrame:
-    """Frame of the table optimise_tolerance."""
-
-    def of(search: Search) -> pd.DataFrame:
-        rows = []
-        for tolerance in TOLERANCES:
-            ends = search_from_all(search.objective, search.region, tolerance)
-            for number, result in enumerate(ends):
-                rows.append(
-                    {
-                        "tolerance": tolerance,
-                        "start": number,
-                        "crank_length": result.lengths[0],
-                        "rod_length": result.lengths[1],
-                        "sum_of_squares": result.value,
-                        "rms_reduction": float(search.objective.reductions(result.lengths).rms),
-                        "evaluations": result.evaluations,
-                        "converged": result.converged,
-                        "active_bounds": search.region.active(result.lengths),
-                    }
-                )
-        return pd.DataFrame(rows)
-
-    return _labelled(searches, of)
-
-
-def valleys(searches: list[Search]) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Frames of the tables optimise_valley and optimise_floor."""
-    return (
-        _labelled(searches, lambda search: valley.grid(search.objective, search.region)),
-        _labelled(searches, lambda search: valley.best_cranks(search.objective, search.region)),
-    )
+def tolerances(search: Search) -> pd.DataFrame:
+    """Rows of the table optimise_tolerance."""
+    rows = [
+        {
+            "tolerance": tolerance,
+            "start": number,
+            "crank_length": result.lengths[0],
+            "rod_length": result.lengths[1],
+            "sum_of_squares": result.value,
+            "rms_reduction": float(search.objective.reductions(result.lengths).rms),
+            "evaluations": result.evaluations,
+            "converged": result.converged,
+            "active_bounds": search.region.active(result.lengths),
+        }
+        for tolerance in TOLERANCES
+        for number, result in enumerate(search_from_all(search.objective, search.region, tolerance))
+    ]
+    return pd.DataFrame(rows)
