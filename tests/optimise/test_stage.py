@@ -8,7 +8,7 @@ import pytest
 
 from jointgap.config import Ensemble, Genetic, Optimise, Simulate
 from jointgap.core import parquet
-from jointgap.core.schema import optimise_tables as specifications
+from jointgap.core.schema import TABLES
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.dynamics.simulate import simulate
 from jointgap.lengths.optimise import objectives, optimise
@@ -45,7 +45,7 @@ def found(mechanism, trajectory):
 
 def test_every_table_is_what_it_is_specified_to_be(found, tmp_path):
     for field in fields(found):
-        table = getattr(specifications, field.name.upper())
+        table = TABLES[f"optimise_{field.name}"]
         parquet.write(table, getattr(found, field.name), tmp_path / "table.parquet")
         read = parquet.read(table, tmp_path / "table.parquet")
         assert len(read) == len(getattr(found, field.name)) > 0
