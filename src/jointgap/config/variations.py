@@ -1,6 +1,6 @@
 """Sections with other values: what differs is given as in a file, and all of it is checked again."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from jointgap.config.load import validate
@@ -17,6 +17,75 @@ OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1", "stiff
 """Words that stand for a value of every loose joint, with its unit: the radial clearance, and three of the contact (the
 stiffness in N/m^exponent).
 """
+
+_LINKS = {"crank_length": "crank", "rod_length": "rod"}
+
+VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS | dict.fromkeys(_LINKS, "m")
+"""What can be varied by a word, with its unit: the crank's speed, the data of every loose joint, and lengths of links,
+whose mass centres keep their share of the length.
+"""
+
+
+def set_at(data: Any, path: Sequence[str], value: Any, named: str) -> None:
+    """Set the `value` at a `path` in `data`, whose sections become mappings on the way, copies all; `named` is what
+    errors call it.
+
+    Effects go by their name, or by name@site where one is listed twice. A mapping is laid key by key on what is there,
+    unless that is of another kind.
+    """
+    step, *rest = path
+    place: Any = step
+    if isinstance(data, list):
+        entry(data, step, named, "effects")
+        place = list(_entries(data)).index(step)
+        if not rest and not isinstance(value, Mapping):
+            raise InputError(f"{named}: names a whole effect; go on to a number, such as {step}.parameters.<name>")
+    elif not rest and not isinstance(value, Mapping):
+        data[place] = value
+        return
+    inner = data[place] if isinstance(data, list) else data.get(place)
+    if isinstance(inner, Section | Mapping):
+        inner = data[place] = dict(inner)
+    elif isinstance(inner, list | tuple) and all(isinstance(each, Section | Mapping) for each in inner):
+        inner = data[place] = [dict(each) for each in inner]
+    elif rest:
+        inner = data[place] = {}
+    if rest:
+        set_at(inner, rest, value, named)
+    elif isinstance(inner, list) or (isinstance(inner, dict) and value.get("kind") in (None, inner.get("kind"))):
+        for key, own in value.items():
+            set_at(inner, str(key).split("."), own, named)
+    else:
+        data[place] = value
+
+
+def value_at(data: Any, path: Sequence[str], named: str) -> Any:
+    """What stands at a `path` in `data`, sections or mappings; `named` is what errors call it."""
+    for depth, step in enumerate(path):
+        data = entry(data, step, named, ".".join(path[:depth]) or "the scenario")
+    return data
+
+
+def entry(data: Any, step: str, named: str, place: str) -> Any:
+    """What `data` at a `place` has at a `step`, or an InputError with what is there."""
+    entries = _entries(data)
+    if step in entries:
+        return entries[step]
+    hint = did_you_mean(step, entries) if entries else "nothing is listed there"
+    if place == "mechanism.effects":
+        hint += "; effects which only change data are folded in, so vary the key itself, such as mechanism.slider.mass"
+    raise InputError(f"{named}: {place} has no '{step}'; {hint}")
+
+
+def _entries(data: Any) -> dict[str, Any]:
+    if isinstance(data, list | tuple) and all(isinstance(each, Section | Mapping) for each in data):
+        effects = [dict(each) for each in data]
+        names = [effect.get("name") for effect in effects]
+        return {
+            name if names.count(name) == 1 else f"{name}@{effect.get('site')}": each
+            for name, effect, each in zip(names, effects, data, strict=True)
+        }
+    return dict(data) if isinstance(data, Section | Mapping) else {}
 
 
 def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
@@ -53,22 +122,23 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
     (1.2, 0.0002)
     """
     name = type(section).__name__
-    data = section.model_dump()
-    given = _nested(changes)
-    if isinstance(section, Mechanism):
-        _copy_contacts(section, given, name)
-        for word in OF_LOOSE_JOINTS:
-            if word in given:
-                value = given.pop(word)
-                for path in loose_paths(section.loose, word, f"{name}: {word}"):
-                    _put(given, path, value)
-    _lay(data, given, name, "")
+    data = dict(section)
+    words = OF_LOOSE_JOINTS if isinstance(section, Mechanism) else ()
+    # joints follow the contacts that they refer to, before they change themselves
+    for key, value in sorted(changes.items(), key=lambda change: not str(change[0]).startswith("contacts")):
+        if key in words:
+            for path in _of_loose_joints(section.loose, key, f"{name}: {key}"):
+                set_at(data, path, value, name)
+        else:
+            set_at(data, str(key).split("."), value, name)
+            if isinstance(section, Mechanism) and str(key).startswith("contacts"):
+                _copy_contacts(section, data, name)
     if isinstance(section, Mechanism):
         _clearances_to_radii(data["joints"], name)
     return validate(type(section), data, name)
 
 
-def loose_paths(joints: Sequence[str], word: str, named: str) -> list[tuple[str, ...]]:
+def _of_loose_joints(joints: Sequence[str], word: str, named: str) -> list[tuple[str, ...]]:
     """Where a value of every loose joint stands in a mechanism."""
     if not joints:
         raise InputError(f"{named}: the mechanism has no loose joint to change it in; make one loose")
@@ -76,66 +146,14 @@ def loose_paths(joints: Sequence[str], word: str, named: str) -> list[tuple[str,
     return [("joints", joint, *inside) for joint in joints]
 
 
-def radius_with(joint: Mapping[str, Any], clearance: Any, named: str) -> float:
-    """The bearing's radius [m] of a `joint` that gets another radial `clearance`; `named` is what errors call it."""
-    try:
-        return to_si(joint["journal_radius"], "m") + to_si(clearance, "m")
-    except ValueError as error:
-        raise InputError(f"{named} = {clearance!r}: {error}") from error
-
-
-def _nested(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """`changes` with the paths among their keys taken apart: ``slider.mass`` is the key mass within slider."""
-    nested: dict[str, Any] = {}
-    for key, value in changes.items():
-        _put(nested, tuple(str(key).split(".")), _nested(value) if isinstance(value, Mapping) else value)
-    return nested
-
-
-def _put(data: dict[str, Any], path: tuple[str, ...], value: Any) -> None:
-    for step in path[:-1]:
-        inner = data.get(step)
-        data[step] = inner if isinstance(inner, dict) else {}
-        data = data[step]
-    both = isinstance(value, dict) and isinstance(data.get(path[-1]), dict)
-    data[path[-1]] = data[path[-1]] | value if both else value
-
-
-def _lay(data: dict[str, Any], over: Mapping[str, Any], name: str, place: str) -> None:
-    """Lay `over` on `data`, key by key; a section of another kind is replaced whole."""
-    for key, value in over.items():
-        there = data.get(key)
-        if isinstance(there, list | tuple) and isinstance(value, Mapping):
-            for effect, changed in _by_name(there, value, name, f"{place}{key}"):
-                _lay(effect, changed, name, f"{place}{key}.")
-        elif isinstance(there, dict) and isinstance(value, Mapping) and value.get("kind") in (None, there.get("kind")):
-            _lay(there, value, name, f"{place}{key}.")
-        else:
-            data[key] = value
-
-
-def _by_name(effects: Any, changes: Mapping[str, Any], name: str, place: str) -> Iterator[tuple[dict, Mapping]]:
-    """Effects of a list with what changes of each, by its name."""
-    names = [effect["name"] for effect in effects]
-    listed = {
-        key if names.count(key) == 1 else f"{key}@{effect['site']}": effect
-        for key, effect in zip(names, effects, strict=True)
-    }
-    for key, changed in changes.items():
-        if key not in listed or not isinstance(changed, Mapping):
-            hint = did_you_mean(key, listed) if listed else "give the list of effects that it shall have"
-            raise InputError(f"{name}: {place} has no '{key}'; {hint}")
-        yield listed[key], changed
-
-
-def _copy_contacts(mechanism: Mechanism, given: dict[str, Any], name: str) -> None:
+def _copy_contacts(mechanism: Mechanism, data: dict[str, Any], name: str) -> None:
     """Let joints follow the entries of contacts that they refer to: their contacts are copies, once read."""
-    for key in given.get("contacts") or {}:
-        old = mechanism.contacts.get(key)
-        if old is None:
+    for key, old in mechanism.contacts.items():
+        new = data["contacts"].get(key)
+        if not isinstance(new, Mapping):
             continue
         own = {joint: mechanism.joint(joint) for joint in JOINTS}
-        following = [joint for joint, data in own.items() if data is not None and data.contact == old]
+        following = [joint for joint, loose in own.items() if loose is not None and loose.contact == old]
         alike = [other for other, contact in mechanism.contacts.items() if contact == old]
         if len(alike) > 1 and following:
             raise InputError(
@@ -143,36 +161,41 @@ def _copy_contacts(mechanism: Mechanism, given: dict[str, Any], name: str) -> No
                 f"it cannot be told which joints refer to it; change joints.{following[0]}.contact and so on instead"
             )
         for joint in following:
-            _put(given, ("joints", joint, "contact"), dict(given["contacts"][key]))
+            set_at(data, ("joints", joint, "contact"), new, name)
 
 
-def _clearances_to_radii(joints: dict[str, Any], name: str) -> None:
-    for key, joint in joints.items():
+def _clearances_to_radii(joints: Any, name: str) -> None:
+    """Opened joints with a radial clearance get the bearing's radius that makes it."""
+    for key, joint in joints.items() if isinstance(joints, Mapping) else ():
         if isinstance(joint, dict) and "clearance" in joint:
             clearance, named = joint.pop("clearance"), f"{name}: joints.{key}.clearance"
             if "journal_radius" not in joint:
                 raise InputError(f"{named}: give journal_radius too, for the joint has none")
-            joint["bearing_radius"] = radius_with(joint, clearance, named)
+            joint["bearing_radius"] = _metres(joint["journal_radius"], named) + _metres(clearance, named)
 
 
-_LINKS = {"crank_length": "crank", "rod_length": "rod"}
-
-VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS | dict.fromkeys(_LINKS, "m")
-"""What can be varied by a word, with its unit: the crank's speed, the data of every loose joint, and lengths of links,
-whose mass centres keep their share of the length.
-"""
+def _metres(value: Any, named: str) -> float:
+    try:
+        return to_si(value, "m")
+    except ValueError as error:
+        raise InputError(f"{named} = {value!r}: {error}") from error
 
 
 def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> DrivenMechanism:
     """A driven mechanism with other values. What holds none of them has been checked and is taken over as it is."""
     data = dict(base)
-    for key, value in sorted(changes.items(), key=lambda change: _turn(change[0])):
-        for path in _paths(data, key, source):
-            holder, last = _holder(data, path, key, source)
-            value_in_place = _value_in_place(holder, key, value, source)
+    for key, value in sorted(changes.items(), key=lambda change: change[0] in VARIED_BY_WORD):  # words build on paths
+        named = f"{source}.{key}"
+        for path in _paths(data, key, named):
             if key in _LINKS:
-                holder["mass_centre"] *= value_in_place / holder[last]
-            holder[last] = value_in_place
+                link = dict(value_at(data, path[:-1], named))
+                share = _metres(value, named) / link["length"]
+                set_at(data, (*path[:-1], "mass_centre"), link["mass_centre"] * share, named)
+            elif key != "clearance":
+                value_at(data, path, named)  # complains where there is no such key
+            set_at(data, path, _metres(value, named) if key in (*_LINKS, "clearance") else value, named)
+    if isinstance(data["mechanism"], dict):
+        _clearances_to_radii(data["mechanism"]["joints"], source)
     words = ", ".join(f"{key} = {value}" for key, value in changes.items())
     changed = validate(DrivenMechanism, data, f"{source}, {words}")
     unread = [key for key in changes if key in ("speed", "simulate.speed")]
@@ -181,119 +204,45 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
     return changed
 
 
-def _turn(key: str) -> int:
-    """When a key is set: a word after the paths that it builds on, and a clearance after the radius of the journal."""
-    return 2 if key == "clearance" else int(key in VARIED_BY_WORD)
+def _paths(data: Any, key: str, named: str) -> list[tuple[str, ...]]:
+    """Where the value of `key` belongs in `data`, a driven mechanism."""
+    if key == "speed":
+        return [("simulate", "speed")]
+    if key in _LINKS:
+        return [("mechanism", _LINKS[key], "length")]
+    if key in OF_LOOSE_JOINTS:
+        joints = dict(value_at(data, ("mechanism", "joints"), named))
+        loose = [name for name in FROM_FRAME if joints[name] != "ideal" and dict(joints[name])["loose"]]
+        return [("mechanism", *path) for path in _of_loose_joints(loose, key, named)]
+    path = tuple(key.split("."))
+    if path[:2] == ("mechanism", "contacts"):
+        raise InputError(
+            f"{named}: contacts are copied into the joints; vary mechanism.joints.<joint>.contact.{path[-1]}"
+        )
+    if len(path) < 2:
+        raise InputError(f"{named}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Else give a path of keys")
+    return [path]
 
 
 def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
     """SI unit of the number at a `key`, as `jointgap.core.units.to_si` takes it; '' for a pure number."""
     if key in VARIED_BY_WORD:
         return VARIED_BY_WORD[key].replace("1", "")
-    data = dict(base)
-    path = _paths(data, key, source)[0]
-    _holder(data, path, key, source)  # complains where there is no such key
-    holder: Any = base
-    for step in path[:-1]:
-        holder = _effect(holder, step) if isinstance(holder, tuple) else getattr(holder, step)
-    described = type(holder).model_json_schema()["properties"][path[-1]]
+    named = f"{source}.{key}"
+    path = _paths(base, key, named)[0]
+    value_at(base, path, named)
+    section = value_at(base, path[:-1], named)
+    described = type(section).model_json_schema()["properties"][path[-1]] if isinstance(section, Section) else {}
     units = {kind["unit"] for kind in (described, *described.get("anyOf", ())) if "unit" in kind}
     if not units:
-        raise InputError(f"{source}.{key}: is no number with a unit; list its values instead of giving a range")
+        raise InputError(f"{named}: is no number with a unit; list its values instead of giving a range")
     return units.pop().replace("1", "")
-
-
-def _effect(effects: tuple, name: str) -> Any:
-    return next(each for each in effects if name in (each.name, f"{each.name}@{each.place}"))
-
-
-def _inside(holder: dict | list, key: Any) -> Any:
-    """What `holder` has at `key`, opened: a section as a mapping, effects as a list, either a copy to be changed."""
-    inner = holder[key]
-    if isinstance(inner, Section | dict):
-        holder[key] = inner = dict(inner)
-    elif isinstance(inner, tuple):
-        holder[key] = inner = [dict(effect) for effect in inner]
-    return inner
-
-
-def _paths(data: dict, key: str, source: str) -> list[tuple[str, ...]]:
-    """Where the value of `key` belongs in `data`, a driven mechanism opened as far as `_inside` has been."""
-    if key == "speed":
-        return [("simulate", "speed")]
-    if key in _LINKS:
-        return [("mechanism", _LINKS[key], "length")]
-    if key in VARIED_BY_WORD:
-        joints = _inside(_inside(data, "mechanism"), "joints")
-        loose = [name for name in FROM_FRAME if _is_loose(joints[name])]
-        inside = loose_paths(loose, key, f"{source}.{key}")
-        return [("mechanism", *path[:-1], "bearing_radius" if key == "clearance" else key) for path in inside]
-    path = tuple(key.split("."))
-    if path[:2] == ("mechanism", "contacts"):
-        raise InputError(
-            f"{source}.{key}: contacts are copied into the joints; vary mechanism.joints.<joint>.contact.{path[-1]}"
-        )
-    if len(path) < 2:
-        raise InputError(f"{source}.{key}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Else give a path of keys")
-    return [path]
-
-
-def _is_loose(joint: Any) -> bool:
-    """Of a joint as `_inside` has it: the word ideal, a section or a mapping."""
-    return joint != "ideal" and (joint["loose"] if isinstance(joint, dict) else joint.loose)
-
-
-def _holder(data: Any, path: tuple[str, ...], key: str, source: str) -> tuple[dict, str]:
-    """The mapping that holds the end of `path`, and the key there.
-
-    Effects go by their name, or by name@site if listed twice.
-    """
-    for depth, step in enumerate(path):
-        entries = _places(data) if isinstance(data, list) else data if isinstance(data, dict) else {}
-        if step not in entries:
-            place = ".".join(path[:depth]) or "the scenario"
-            folded = (
-                "; effects which only change data are folded in, so vary the key itself, such as mechanism.slider.mass"
-                if path[:depth] == ("mechanism", "effects")
-                else ""
-            )
-            hint = did_you_mean(step, entries) if entries else "nothing is listed there"
-            raise InputError(f"{source}.{key}: {place} has no '{step}'; {hint}{folded}")
-        if depth == len(path) - 1:
-            if isinstance(data, list):
-                raise InputError(
-                    f"{source}.{key}: names a whole effect; go on to a number, such as {key}.parameters.<name>"
-                )
-            return data, step
-        data = _inside(data, entries[step] if isinstance(data, list) else step)
-    raise AssertionError("a path has at least one step")
-
-
-def _places(effects: list[dict]) -> dict[str, int]:
-    names = [effect["name"] for effect in effects]
-    return {
-        name if names.count(name) == 1 else f"{name}@{effect['site']}": place
-        for place, (name, effect) in enumerate(zip(names, effects, strict=True))
-    }
-
-
-def _value_in_place(holder: dict, key: str, value: Any, source: str) -> Any:
-    """The value as the scenario holds it: of a clearance the bearing's radius, of a length metres."""
-    if key == "clearance":
-        return radius_with(holder, value, f"{source}.clearance")
-    if key not in _LINKS:
-        return value
-    try:
-        return to_si(value, "m")
-    except ValueError as error:
-        raise InputError(f"{source}.{key} = {value!r}: {error}") from error
 
 
 def stored_value(changed: DrivenMechanism, key: str, value: Any, source: str) -> float | int | str | bool | None:
     """What the table of runs says of a varied value: in SI, as the scenario understood it."""
-    data = dict(changed)
-    holder, last = _holder(data, _paths(data, key, source)[0], key, source)
-    stored = holder[last]
+    path, named = _paths(changed, key, f"{source}.{key}")[0], f"{source}.{key}"
     if key == "clearance":
-        stored = float(f"{stored - holder['journal_radius']:.12g}")
+        return float(f"{value_at(changed, path[:-1], named).clearance:.12g}")
+    stored = value_at(changed, path, named)
     return stored if isinstance(stored, float | int | str | bool | None) else str(value)
