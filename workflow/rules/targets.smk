@@ -68,15 +68,6 @@ rule campaigned:
         "every campaign has its verdict"
 
 
-rule all:
-    default_target: True
-    input:
-        every_scenario,
-        every_campaign,
-    message:
-        "every scenario is complete"
-
-
 # What could not be made beside a verdict makes the run a failed one, though all is there.
 onsuccess:
     from jointgap.app.report import optimum_lines, verdict_lines
