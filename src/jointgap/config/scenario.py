@@ -482,9 +482,7 @@ class DrivenMechanism(Section):
 
     @model_validator(mode="after")
     def _can_be_simulated(self):
-        check_drive(self.mechanism, self.simulate)
-        check_tolerance(self.mechanism.applied(), self.simulate)
-        self.mechanism.applied().check_contacts(self.simulate.highest_speed)
+        _check_simulation(self)
         return self
 
 
@@ -514,53 +512,9 @@ class Scenario(Section):
     optimise_robust: OptimiseRobust = OptimiseRobust()
 
     @model_validator(mode="after")
-    def _the_mechanism_can_be_simulated_so(self):
-        if {"mechanism", "simulate"} <= self.model_fields_set:
-            check_drive(self.mechanism, self.simulate)
-            check_tolerance(self.mechanism.applied(), self.simulate)
-            self.mechanism.applied().check_contacts(self.simulate.highest_speed)
-        return self
-
-    @model_validator(mode="after")
-    def _the_paper_has_networks(self):
+    def _paper_has_networks(self):
         if self.paper and "networks" in self.model_fields_set and not self.networks:
             raise ValueError("paper = true needs networks: true, for most of what the paper prints is about them")
-        return self
-
-    @model_validator(mode="after")
-    def _training_points_are_samples(self):
-        samples, intervals = self.simulate.samples_per_revolution, self.surrogate.training_points - 1
-        if not {"simulate", "surrogate"} <= self.model_fields_set:
-            return self  # a stage that reads one of them alone is given that one alone
-        if samples % intervals or samples < 5 * intervals:
-            raise ValueError(
-                f"simulate.samples_per_revolution {samples} must be a multiple of surrogate.training_points - 1 = "
-                f"{intervals}, "
-                "five times it at least, so that the held-out grid is finer than the training points and shares none "
-                "of them"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _finer_samples_can_be_held(self):
-        if not {"simulate", "surrogate"} <= self.model_fields_set:
-            return self
-        samples, multiple = self.simulate.samples_per_revolution, self.surrogate.clearance_sampling
-        if samples * multiple > MOST_SAMPLES:
-            raise ValueError(
-                f"surrogate.clearance_sampling {multiple} times simulate.samples_per_revolution {samples} is more than "
-                f"{MOST_SAMPLES:g} samples, which memory does not hold; lower one of them"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _a_rod_is_made_to_less_than_a_tenth(self):
-        width, rod = self.optimise.rod_tolerance, self.mechanism.applied().rod.length
-        if width is not None and width > 0.1 * rod:
-            raise ValueError(
-                f"optimise.rod_tolerance {1e3 * width:g} mm is more than a tenth of the rod, {1e3 * rod:g} mm; give it "
-                "with its unit, such as 35 um"
-            )
         return self
 
     @model_validator(mode="after")
@@ -579,53 +533,89 @@ class Scenario(Section):
         return self
 
     @model_validator(mode="after")
-    def _the_mechanism_lies_in_a_box(self):
-        if not {"mechanism", "optimise"} <= self.model_fields_set:
-            return self
-        applied = self.mechanism.applied()
-        lengths = crank, rod = applied.crank.length, applied.rod.length
-        for box in self.optimise.boxes.values():
-            bounds = zip(lengths, (box.crank_length, box.rod_length), strict=True)
-            if all(low - _LENGTH_ROUNDING <= length <= high + _LENGTH_ROUNDING for length, (low, high) in bounds):
-                return self
+    def _sections_go_together(self):
+        """A stage that reads some sections alone is given those alone: those that are there are checked."""
+        checks = (
+            ({"mechanism", "simulate"}, _check_simulation),
+            ({"simulate", "surrogate"}, _check_samples),
+            ({"mechanism"}, _check_rod_tolerance),
+            ({"mechanism", "optimise"}, _check_boxes),
+            ({"sweep", "sensitivity"}, _check_measures),
+            ({"simulate", "optimise"}, _check_settled_revolution),
+        )
+        for sections, check in checks:
+            if sections <= self.model_fields_set:
+                check(self)
+        return self
+
+
+def _check_simulation(scenario: DrivenMechanism | Scenario) -> None:
+    applied = scenario.mechanism.applied()
+    check_drive(scenario.mechanism, scenario.simulate)
+    check_tolerance(applied, scenario.simulate)
+    applied.check_contacts(scenario.simulate.highest_speed)
+
+
+def _check_samples(scenario: Scenario) -> None:
+    """Training points are samples, and what the second surrogate chooses from can be held."""
+    samples, intervals = scenario.simulate.samples_per_revolution, scenario.surrogate.training_points - 1
+    if samples % intervals or samples < 5 * intervals:
         raise ValueError(
-            f"optimise.boxes ({', '.join(self.optimise.boxes)}): none holds the mechanism's own lengths, crank "
-            f"{1e3 * crank:g} mm and "
-            f"rod {1e3 * rod:g} mm; give bounds around them, and set boxes that are of no use to null"
+            f"simulate.samples_per_revolution {samples} must be a multiple of surrogate.training_points - 1 = "
+            f"{intervals}, five times it at least, so that the held-out grid is finer than the training points and "
+            "shares none of them"
+        )
+    multiple = scenario.surrogate.clearance_sampling
+    if samples * multiple > MOST_SAMPLES:
+        raise ValueError(
+            f"surrogate.clearance_sampling {multiple} times simulate.samples_per_revolution {samples} is more than "
+            f"{MOST_SAMPLES:g} samples, which memory does not hold; lower one of them"
         )
 
-    @model_validator(mode="after")
-    def _the_crank_can_turn_in_every_box(self):
-        if not {"mechanism", "optimise"} <= self.model_fields_set:
-            return self
-        offset = abs(self.mechanism.applied().slider.offset)
-        for name, box in self.optimise.boxes.items():
-            crank, rod = box.crank_length[1], box.rod_length[0]
-            if crank + offset >= rod:
-                raise ValueError(
-                    f"optimise.boxes.{name}: a crank of {1e3 * crank:g} mm with the slide {1e3 * offset:g} mm off "
-                    f"cannot turn on a rod of {1e3 * rod:g} mm; keep rods longer than crank and offset together"
-                )
-        return self
 
-    @model_validator(mode="after")
-    def _what_decides_is_asked_of_what_is_measured(self):
-        if self.sensitivity is None or not {"sweep", "sensitivity"} <= self.model_fields_set:
-            return self
-        known = {column.name for column in measured(self.sweep.best_lengths, self.sweep.printed_numbers)}
-        for name in self.sensitivity.measures:
-            if name not in known:
-                key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"
-                raise ValueError(f"sensitivity.measures: {name} is not measured; set sweep.{key} to true")
-        return self
+def _check_rod_tolerance(scenario: Scenario) -> None:
+    width, rod = scenario.optimise.rod_tolerance, scenario.mechanism.applied().rod.length
+    if width is not None and width > 0.1 * rod:
+        raise ValueError(
+            f"optimise.rod_tolerance {1e3 * width:g} mm is more than a tenth of the rod, {1e3 * rod:g} mm; give it "
+            "with its unit, such as 35 um"
+        )
 
-    @model_validator(mode="after")
-    def _settled_revolution_is_simulated(self):
-        if not {"simulate", "optimise"} <= self.model_fields_set:
-            return self
-        if self.optimise.ensemble.settled_revolution > self.simulate.revolutions:
+
+def _check_boxes(scenario: Scenario) -> None:
+    """One of the boxes holds the mechanism's own lengths, and the crank can turn in all of them."""
+    applied, boxes = scenario.mechanism.applied(), scenario.optimise.boxes
+    own, offset = (applied.crank.length, applied.rod.length), abs(applied.slider.offset)
+    if not any(_holds(box.crank_length, own[0]) and _holds(box.rod_length, own[1]) for box in boxes.values()):
+        raise ValueError(
+            f"optimise.boxes ({', '.join(boxes)}): none holds the mechanism's own lengths, crank {1e3 * own[0]:g} mm "
+            f"and rod {1e3 * own[1]:g} mm; give bounds around them, and set boxes that are of no use to null"
+        )
+    for name, box in boxes.items():
+        crank, rod = box.crank_length[1], box.rod_length[0]
+        if crank + offset >= rod:
             raise ValueError(
-                f"optimise.ensemble.settled_revolution {self.optimise.ensemble.settled_revolution} is more than the "
-                f"{self.simulate.revolutions} revolutions of simulate.revolutions"
+                f"optimise.boxes.{name}: a crank of {1e3 * crank:g} mm with the slide {1e3 * offset:g} mm off cannot "
+                f"turn on a rod of {1e3 * rod:g} mm; keep rods longer than crank and offset together"
             )
-        return self
+
+
+def _holds(bounds: tuple[float, float], length: float) -> bool:
+    return bounds[0] - _LENGTH_ROUNDING <= length <= bounds[1] + _LENGTH_ROUNDING
+
+
+def _check_measures(scenario: Scenario) -> None:
+    known = {column.name for column in measured(scenario.sweep.best_lengths, scenario.sweep.printed_numbers)}
+    for name in scenario.sensitivity.measures if scenario.sensitivity else ():
+        if name not in known:
+            key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"
+            raise ValueError(f"sensitivity.measures: {name} is not measured; set sweep.{key} to true")
+
+
+def _check_settled_revolution(scenario: Scenario) -> None:
+    settled, revolutions = scenario.optimise.ensemble.settled_revolution, scenario.simulate.revolutions
+    if settled > revolutions:
+        raise ValueError(
+            f"optimise.ensemble.settled_revolution {settled} is more than the {revolutions} revolutions of "
+            "simulate.revolutions"
+        )

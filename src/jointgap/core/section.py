@@ -31,7 +31,7 @@ _PLAIN = {
 }
 """What pydantic's errors of a wrong type expect, by the first word of their kind."""
 _WRONG_TYPE = {"type", "parsing", "from_float"}
-_SUBJECT = re.compile(r"^(Value error, |(Input|String|Tuple|List) should )")
+_SUBJECT = re.compile(r"^(Value error, )?((Input|String|Tuple|List) should )?")
 _COUNTED = re.compile(r" after validation, not \d+$")
 _UNSAID = ("[key]", "uniform", "log_uniform", "normal", "triangular", "values")  # pydantic's steps that no file has
 
