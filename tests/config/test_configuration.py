@@ -24,7 +24,10 @@ from jointgap.config import (
 from jointgap.config.load import sources_of
 from jointgap.config.yaml_files import Layer, merge, merged, sources
 from jointgap.core.errors import InputError
+from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.scenario.stages import SCENARIO_STAGES
+
+STAGES = SCENARIO_STAGES | DESIGN_STAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = yaml.safe_load((ROOT / "config/config.yaml").read_text(encoding="utf-8"))
@@ -379,11 +382,11 @@ def test_a_configuration_without_a_usable_scenario_is_refused(config, words):
         resolve(config, (ROOT,))
 
 
-@pytest.mark.parametrize("stage", sorted(SCENARIO_STAGES))
+@pytest.mark.parametrize("stage", sorted(STAGES))
 def test_what_a_stage_reads_survives_the_command_line(stage):
     scenario = resolved({"mechanism": {"effects": [{"name": "gravity"}]}})
-    read_back = parse_options(SCENARIO_STAGES[stage].options(scenario))
-    for section in SCENARIO_STAGES[stage].sections:
+    read_back = parse_options(STAGES[stage].options(scenario))
+    for section in STAGES[stage].sections:
         assert getattr(read_back, section) == getattr(scenario, section)
 
 

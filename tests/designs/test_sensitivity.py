@@ -14,7 +14,7 @@ from jointgap.core.schema import MEASURES
 from jointgap.designs.run import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
 from jointgap.designs.sensitivity import TABLES_OF_SENSITIVITY, SensitivityResult, decided, what_decides
-from jointgap.scenario.stages import sensitivity
+from jointgap.designs.stages import sensitivity
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)

@@ -6,9 +6,10 @@ import pytest
 
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.core.stage import closure, code_digest, code_of
+from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.scenario.stages import SCENARIO_STAGES
 
-ALL = {**SCENARIO_STAGES, **CAMPAIGN_STAGES}
+ALL = {**SCENARIO_STAGES, **DESIGN_STAGES, **CAMPAIGN_STAGES}
 
 
 def modules_of(stage):

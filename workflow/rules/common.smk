@@ -17,7 +17,10 @@ from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.progress import parts
+from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.scenario.stages import SCENARIO_STAGES, drawn, stages_of
+
+STAGES = SCENARIO_STAGES | DESIGN_STAGES
 from jointgap.core.joints import outputs
 from jointgap.core.parquet import write_text
 from jointgap.core.schema import OPTIMISE_RESIMULATED as RESIMULATED
@@ -60,7 +63,7 @@ def refuse(error):
 
 def options_file(scenario, stage):
     """What a stage reads of a scenario's configuration, as a file: its name changes with what it holds, and with nothing else."""
-    return kept_options(scenario, SCENARIO_STAGES[stage].options(SCENARIOS[scenario]))
+    return kept_options(scenario, STAGES[stage].options(SCENARIOS[scenario]))
 
 
 def kept_options(scenario, text):
@@ -85,7 +88,7 @@ def of_stage(stage):
 
 def digest_of(stage):
     """For params: the digest of a stage's code, found where a job asks for it; those of all stages take a second."""
-    return lambda wildcards: SCENARIO_STAGES[stage].digest
+    return lambda wildcards: STAGES[stage].digest
 
 
 def digests_of(stages):
@@ -258,7 +261,7 @@ def asked(name):
             from jointgap.designs.robust import check_robust
 
             # of what its job reads: sections that are left to their defaults have to go with the others too
-            read = json.loads(SCENARIO_STAGES["optimise-robust"].options(scenario))
+            read = json.loads(DESIGN_STAGES["optimise-robust"].options(scenario))
             check_robust(validate(Scenario, read, "its configuration"))
             stages.append("optimise-robust")
     except InputError as error:
@@ -269,13 +272,13 @@ def asked(name):
 def made_of_designs(name):
     """Every file that a scenario asks of many designs."""
     stages = asked(name)
-    files = of_scenario(name, made_by(SCENARIO_STAGES[stage] for stage in stages))
+    files = of_scenario(name, made_by(DESIGN_STAGES[stage] for stage in stages))
     return [*(datasets(name) if "sweep" in stages else []), *files]
 
 
 def part_options(wildcards):
     """What a job depends on, as a file: how many designs there are is no part of it where a sequence can be grown."""
-    options = json.loads(SCENARIO_STAGES["sweep-designs"].options(SCENARIOS[wildcards.scenario]))
+    options = json.loads(DESIGN_STAGES["sweep-designs"].options(SCENARIOS[wildcards.scenario]))
     options["sweep"].pop("designs_per_job")
     if options["sweep"]["design"] == "sobol":
         options["sweep"].pop("number")
@@ -284,7 +287,7 @@ def part_options(wildcards):
 
 def published_options(wildcards):
     """What is published of a scenario's configuration, as a file: sections that nothing was made of need not go with the others."""
-    sections = {one for stage in asked(wildcards.scenario) for one in SCENARIO_STAGES[stage].sections}
+    sections = {one for stage in asked(wildcards.scenario) for one in DESIGN_STAGES[stage].sections}
     wanted = {"description", *sections}
     return kept_options(
         wildcards.scenario, SCENARIOS[wildcards.scenario].model_dump_json(include=wanted, by_alias=True)

@@ -35,7 +35,7 @@ for name in ("sweep", "sensitivity", "infer-settings", "optimise-robust"):
         input:
             [] if robust else lambda wildcards: datasets(wildcards.scenario),
         output:
-            in_scenario(made_by([SCENARIO_STAGES[name]])),
+            in_scenario(made_by([DESIGN_STAGES[name]])),
         log:
             f"results/{{scenario}}/logs/{place}.log",
         conda:

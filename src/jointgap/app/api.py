@@ -49,6 +49,7 @@ from jointgap.core.words import in_words, joined, number, reading_unit, rounded_
 from jointgap.designs.ensemble import EVENTS, RUNS, SAMPLES, ensemble_runs, write_ensemble
 from jointgap.designs.run import failures, table_of
 from jointgap.designs.sampling import designs_of
+from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.designs.statistics import contacts, time_shares
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulate import simulate as simulated
@@ -624,7 +625,7 @@ def sweep(
         simulate=simulate_options(options, keys),
         sweep=validate(Sweep, {key: value for key, value in given.items() if value is not None}, "sweep"),
     )
-    SCENARIO_STAGES["sweep"].function(scenario, Path(folder), workers)
+    DESIGN_STAGES["sweep"].function(scenario, Path(folder), workers)
     return SweptDesigns(Path(folder), designs_of(scenario))
 
 

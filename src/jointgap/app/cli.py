@@ -28,6 +28,7 @@ from jointgap.core.schema import (
     Table,
 )
 from jointgap.core.stage import Stage
+from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.scenario.stages import SCENARIO_STAGES
 
 if TYPE_CHECKING:
@@ -589,7 +590,7 @@ _REPORT_OPTIONS = [
     click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable."),
 ]
 
-for _stage in SCENARIO_STAGES.values():
+for _stage in (*SCENARIO_STAGES.values(), *DESIGN_STAGES.values()):
     if _stage.name == "overview":
         _folder = need(
             "--results", "Folder of the scenarios' folders; overview.md, .html and .parquet go there.", FOLDER
