@@ -112,7 +112,8 @@ def test_what_fails_beside_the_verdict_does_not_cost_it_and_is_told(tmp_path, mo
     monkeypatch.setattr(model, "EFFECTS", {name: EFFECTS[name] for name in few})
     for stage in ("preflight", "locate", "augment"):
         stand_in(monkeypatch, stage, fails)
-    monkeypatch.setattr(figures, "gaps", fails)
+    broken = replace(figures.FIGURES["gaps"], function=fails)
+    monkeypatch.setitem(figures.FIGURES, "gaps", broken)
     ran = CliRunner().invoke(cli, ["analyse", str(DEMONSTRATION), "--folder", str(tmp_path)], catch_exceptions=False)
     assert ran.exit_code == 3 and "Coulomb friction of the slider" in ran.output
     told = json.loads((tmp_path / "verdict.json").read_text())

@@ -59,8 +59,14 @@ class _StrictLoader(yaml.SafeLoader):
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
 
 
-for _kind in ("timestamp", "value"):
-    _StrictLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", yaml.SafeLoader.construct_yaml_str)
+def _day(loader: _StrictLoader, node: yaml.ScalarNode) -> str:
+    """The text of a day that there is: Snakemake's reader ends in a traceback on one that there is not."""
+    loader.construct_yaml_timestamp(node)
+    return loader.construct_yaml_str(node)
+
+
+_StrictLoader.add_constructor("tag:yaml.org,2002:timestamp", _day)
+_StrictLoader.add_constructor("tag:yaml.org,2002:value", yaml.SafeLoader.construct_yaml_str)
 
 
 def read_yaml(path: Path | str) -> dict[str, Any]:
