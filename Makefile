@@ -70,7 +70,8 @@ test: ## the fast tests
 
 test-integration: ## chains of several stages
 	@scripts/set-up test peers
-	@scripts/in-venv python -m pytest -m integration $(ARGS)
+	@scripts/get-browser
+	@scripts/in-venv python -m pytest -m "integration and not slow and not cluster" -n 2 --dist loadgroup $(ARGS)
 
 test-slow: ## the slow tests
 	@scripts/set-up test peers
