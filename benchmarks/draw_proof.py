@@ -11,7 +11,7 @@ import numpy as np
 from jointgap.core.plot import COLOURS, LOOK
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.contact import LAWS, delivered_restitution
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options
 from tests.dynamics.ledger import bending, bodies, crank_losses, joint_powers, slider_effects
 from tests.dynamics.quadrature import Motion, motion

@@ -40,7 +40,7 @@ def revolutions(number: int) -> dict[str, float]:
     from benchmarks.simulate import SPEED, case
     from jointgap.config import Simulate
     from jointgap.dynamics.compile_mechanism import parameters
-    from jointgap.dynamics.simulate import integrate_to_angles, start_state
+    from jointgap.dynamics.simulation import integrate_to_angles, start_state
 
     p = parameters(case(), Simulate(speed=SPEED))
     taken = []

@@ -22,7 +22,7 @@ from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.parallel import rod_and_slider
 from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from validation.exudyn import NativeContacts
 
 Code = Callable[[float, float], tuple[np.ndarray, float]]

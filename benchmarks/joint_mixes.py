@@ -15,7 +15,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.runge_kutta import COUNT
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 
 STEP_TOLERANCE, ERROR, REPEATS = 1e-9, 1e-9, 21
 IDEAL, WITH_SLIDER_FORCES = 90.0, 110.0  # nanoseconds of a stage where a joint is ideal

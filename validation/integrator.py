@@ -21,7 +21,7 @@ from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import Parameters
 from jointgap.dynamics.runge_kutta import instant
 from jointgap.dynamics.sampling import SAMPLE, fill_samples
-from jointgap.dynamics.simulate import VELOCITY_TIME, start_state
+from jointgap.dynamics.simulation import VELOCITY_TIME, start_state
 
 _SIZE = STATES + AUXILIARY_STATES
 _NODES = np.append(RK45.C, 1.0)
@@ -151,7 +151,7 @@ def _integrate(p, z, times, tolerance, states, auxiliary_states, modes_at, appro
 
 
 def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=None) -> dict[str, np.ndarray]:
-    """All signals of a motion at `times`, from the start of `jointgap.dynamics.simulate` on."""
+    """All signals of a motion at `times`, from the start of `jointgap.dynamics.simulation` on."""
     y, x = start_state(p, perturbation)
     n = times.size
     states, auxiliary_states = np.empty((n, STATES)), np.empty((n, AUXILIARY_STATES))

@@ -18,7 +18,7 @@ from jointgap.core import schema
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example, parameters_of
 from jointgap.rig.sensors import FAULTS
-from jointgap.scenario.figures import FIGURES
+from jointgap.scenario.figures_base import FIGURES
 
 SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
 MARK = re.compile(r"<!-- filled by the build: (\w+) -->")

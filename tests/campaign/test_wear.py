@@ -14,7 +14,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.config.load import load_campaign
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TREND, TREND_GROWTH
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.effects import EFFECTS
 from jointgap.rig import model
 

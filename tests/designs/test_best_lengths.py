@@ -12,7 +12,7 @@ from jointgap.designs.run import best_crank_length, simulate_designs, table_of
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.sensitivity import decided
 from jointgap.dynamics.kinematics import clearance_lift
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import frozen_objective, objective_of_motion
 from tests.dynamics.cases import mechanism, options
 

@@ -17,7 +17,7 @@ from jointgap.designs.statistics import (
     poincare_section,
     time_shares,
 )
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, SPEED, mechanism, options
 
 

@@ -13,7 +13,7 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.designs.ensemble import ensemble_runs, write_ensemble
 from jointgap.designs.statistics import clearance_vectors
 from jointgap.dynamics.parallel import Run, simulate_ensemble, simulate_runs
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, MOTOR, effect, mechanism, options
 
 COARSE = options(samples_per_revolution=90, tolerance=1e-9)

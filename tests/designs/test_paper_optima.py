@@ -8,7 +8,7 @@ from jointgap.core.schema import PRINTED_OPTIMA
 from jointgap.designs.run import best_crank_length, simulate_designs, table_of
 from jointgap.designs.sampling import designs_of
 from jointgap.dynamics.kinematics import clearance_lift
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import frozen_objective
 from jointgap.paper.printed import OPTIMA
 from tests.dynamics.cases import mechanism, options

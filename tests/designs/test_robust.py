@@ -24,7 +24,7 @@ from jointgap.designs.robust import (
     uncertain_of,
     verdict,
 )
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.designs.standin import Formula, asked, standard_draws
 from tests.dynamics.cases import mechanism, options
 

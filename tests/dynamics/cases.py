@@ -9,7 +9,7 @@ from jointgap.core.joints import PINS
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.equations import AUXILIARY_STATES
 from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.simulate import IntegrationResult, integrate_to_angles, start_state
+from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles, start_state
 
 SPEED = 20 * math.pi
 CRANK, ROD, CENTRE = 0.15, 0.564, 0.282

@@ -10,7 +10,7 @@ from jointgap.core.joints import JOINTS
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.integrate import EVENT
 from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.simulate import IntegrationResult, integrate_to_angles, start_state
+from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles, start_state
 from tests.dynamics.cases import options
 from tests.dynamics.laws import faded_damping
 

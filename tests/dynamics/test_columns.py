@@ -14,7 +14,7 @@ from jointgap.core.joints import JOINT
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.integrate import EVENT
 from jointgap.dynamics.sampling import SAMPLE
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, CENTRE, CRANK, MOTOR, ROD, effect, mechanism, options
 
 OFFSET, FAR = 0.03, 2e-5  # m, of the slide; rad, between the points of a difference

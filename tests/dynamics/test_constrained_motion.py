@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import CENTRE, CRANK, MOTOR, PINS, ROD, SPEED, effect, mechanism, options
 
 MIXES = (

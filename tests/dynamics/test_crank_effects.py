@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, MOTOR, PINS, SPEED, effect, mechanism, options
 from tests.dynamics.closed import Closed
 

@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.core.joints import JOINTS
 from jointgap.dynamics.integrate import EVENT
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, LUGRE, PINS, free_impact, mechanism, options
 from tests.dynamics.quadrature import motion
 

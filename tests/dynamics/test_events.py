@@ -6,7 +6,7 @@ import pytest
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.equations import AUXILIARY_STATES
 from jointgap.dynamics.events import NOWHERE, first_crossing
-from jointgap.dynamics.simulate import integrate_to_angles
+from jointgap.dynamics.simulation import integrate_to_angles
 from tests.dynamics.cases import mechanism, options, with_numbers
 
 GRAVITY, SPEED = 9.81, 0.14

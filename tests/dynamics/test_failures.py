@@ -12,7 +12,7 @@ import pytest
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.dynamics import numba_cache
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import ALL, CRANK, MOTOR, PINS, ROD, effect, mechanism, options, with_numbers
 
 TURN = np.linspace(0.0, 2 * np.pi, 10)

@@ -10,7 +10,7 @@ import yaml
 
 from jointgap.config import load_mechanism
 from jointgap.core.errors import InputError
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
 from tests.config.mechanisms import mechanism as listed

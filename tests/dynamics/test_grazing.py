@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.parameters import MEASURED, knots_record
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, SPEED, mechanism, options, with_numbers
 
 SETTLING = {

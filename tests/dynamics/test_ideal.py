@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, SPEED, effect, mechanism, options
 from tests.dynamics.closed import Closed
 

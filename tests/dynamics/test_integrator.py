@@ -23,7 +23,7 @@ from jointgap.dynamics.runge_kutta import (
     room_for_stages,
     step,
 )
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from tests.dynamics.cases import SPEED, integrated, mechanism
 
 

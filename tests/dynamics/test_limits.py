@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, CRANK, MOTOR, PINS, ROD, mechanism, options
 
 CASES = {

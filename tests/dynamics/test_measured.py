@@ -10,7 +10,7 @@ from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import running_on, smooth_angle
-from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed

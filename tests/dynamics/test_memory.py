@@ -8,7 +8,7 @@ from jointgap.dynamics.contact import LAWS, damping_factor_at, elastic_duration,
 from jointgap.dynamics.integrate import EVENT, time_to_knot
 from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.runge_kutta import LINEAR, instant, room_for_stages, step
-from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import ALL, SPEED, free_impact, integrated, mechanism, options
 from tests.dynamics.laws import faded_damping, impact_duration, joint
 

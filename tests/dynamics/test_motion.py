@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.dynamics.parallel import simulate_ensemble
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import CENTRE, CRANK, PINS, ROD, SPEED, integrated, mechanism, options
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from tests.dynamics.cases import PINS, ROD, SPEED, effect, integrated, mechanism, options
 from tests.dynamics.closed import Closed
 

@@ -7,7 +7,7 @@ import pytest
 
 from jointgap.core.errors import SimulationError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.simulate import integrate_to_angles, simulate, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.dynamics.cases import CRANK, PINS, ROD, SPEED, effect, mechanism, options
 from tests.dynamics.closed import Closed
 

@@ -5,7 +5,7 @@ import pytest
 
 from jointgap.dynamics.integrate import integrate
 from jointgap.dynamics.sampling import fill_samples
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism, options

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, integrated, mechanism, options, with_numbers
 
 RUB = {"friction": 0.1, "offset": 0.03, "gravity": True}

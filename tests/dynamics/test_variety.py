@@ -7,7 +7,7 @@ from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.core.joints import JOINTS
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.contact import LAWS
-from jointgap.dynamics.simulate import crank_angles, integrate_to_angles, start_state
+from jointgap.dynamics.simulation import crank_angles, integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 
 SPEED = 5000 * 2 * math.pi / 60
 CRANK, ROD = 0.05, 0.12

@@ -96,7 +96,7 @@ def test_the_faster_the_crank_the_larger_the_peaks():
 def test_exudyn_gives_the_same_motion():
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
     from jointgap.config import Simulate
-    from jointgap.dynamics.simulate import simulate
+    from jointgap.dynamics.simulation import simulate
     from tests.independent.cases import POSITIONS
     from validation.exudyn import NativeContacts
 

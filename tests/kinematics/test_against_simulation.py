@@ -10,7 +10,7 @@ from jointgap.config import Mechanism, Simulate, read_yaml
 from jointgap.core.joints import PINS
 from jointgap.core.parquet import to_arrow
 from jointgap.core.schema import KINEMATICS, KINEMATICS_ERRORS
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.scenario.kinematics import kinematics
 
 ALL = ("crank_pivot", *PINS)

@@ -3,7 +3,7 @@ import pytest
 
 from jointgap.config import Ensemble, Optimise, Simulate, load_mechanism
 from jointgap.core.joints import PINS
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import MEASURES, Measures, measure
 from jointgap.lengths.resimulate import Resimulation, compare, perturbations, reduction_pairs, resimulate, sample_ranges
 

@@ -10,7 +10,7 @@ from jointgap.config import Ensemble, Genetic, Optimise, Simulate
 from jointgap.core import parquet
 from jointgap.core.schema import TABLES
 from jointgap.dynamics.kinematics import ideal_cycle
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.optimise import objectives, optimise
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)

@@ -7,7 +7,7 @@ import numpy as np
 from jointgap.config import Simulate
 from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.config.campaign import Campaign
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.rig.recording import Measurements, Recording
 
 CHANNELS = {

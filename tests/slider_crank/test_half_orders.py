@@ -7,7 +7,7 @@ import yaml
 
 from jointgap.campaign.analyse import analyse
 from jointgap.config import Simulate
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, recorded

@@ -13,7 +13,7 @@ from jointgap.campaign.analyse import analyse
 from jointgap.campaign.sentences import answer
 from jointgap.config import Simulate, load_mechanism
 from jointgap.config.load import load_campaign
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.preflight import preflight

@@ -11,7 +11,7 @@ from jointgap.config import Simulate, load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.core.candidates import runs_of
 from jointgap.core.formula import compile_formula
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.force_law import ForceLawResult, effect_of, find_force_law, term_of
 from jointgap.identification.noise import estimate_noise

@@ -14,7 +14,7 @@ from jointgap.config.campaign import MOTOR_LINE
 from jointgap.config.load import load_campaign
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.errors import InputError
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.rig.model import build_model

@@ -11,7 +11,7 @@ from jointgap.config import Simulate, load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.candidates import Series
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.identification.noise import estimate_noise, noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.rig.model import build_model

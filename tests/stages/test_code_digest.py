@@ -23,7 +23,7 @@ def test_stages_that_evaluate_surrogates_depend_on_their_code(stage):
 
 def test_the_fine_simulation_for_the_second_surrogate_is_part_of_its_stage():
     own, modules = code_of(SCENARIO_STAGES["clearance"].function)
-    assert "clearance_sampling" in own and "dynamics.simulate" in modules
+    assert "clearance_sampling" in own and "dynamics.simulation" in modules
 
 
 def test_a_stage_depends_on_its_own_function_and_on_none_of_its_neighbours():
@@ -52,7 +52,7 @@ def test_figures_that_are_imported_by_name_count():
 
 
 def test_the_dynamics_do_not_depend_on_what_stands_above_them():
-    rooms = {name.partition(".")[0] for name in closure("dynamics.simulate")}
+    rooms = {name.partition(".")[0] for name in closure("dynamics.simulation")}
     assert not rooms & {"campaign", "scenario", "paper", "networks", "lengths", "rig", "designs", "app"}
 
 

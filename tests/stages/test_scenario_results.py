@@ -6,7 +6,7 @@ import pytest
 from jointgap.config import Scenario, Surrogate, read_yaml
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.networks.clearance import train_clearance
 from jointgap.networks.train import train
 from jointgap.scenario.results import ScenarioResults, outputs_of, read_trajectory

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jointgap.config import Simulate
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from tests.independent.cases import mechanism
 from validation.rig import CrankRun, Numerics, simulate_signals
 

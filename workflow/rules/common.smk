@@ -22,7 +22,7 @@ from jointgap.scenario.stages import SCENARIO_STAGES, drawn, stages_of
 
 STAGES = SCENARIO_STAGES | DESIGN_STAGES
 from jointgap.core.joints import outputs
-from jointgap.core.parquet import write_text
+from jointgap.core.files import write_text
 from jointgap.core.schema import OPTIMISE_RESIMULATED as RESIMULATED
 
 # Where files of mechanisms are looked for: here, beside the configuration, in the workflow's folder.

@@ -14,7 +14,7 @@ from jointgap.campaign.page import conclude
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.campaign.state import CampaignState
 from jointgap.core import parquet
-from jointgap.core.parquet import write_text
+from jointgap.core.files import write_text
 from jointgap.core.progress import followed
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM, DECISION, LOOK_ALIKES

@@ -20,7 +20,7 @@ from jointgap.core.units import split_quantity
 from jointgap.core.words import nuisance_in_words
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.equations import crank_losses, slider_force
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.identification.fit import determined_values, effect_estimates, is_taken_over
 from jointgap.rig.channels import tolerance_for
 from jointgap.rig.simulate_run import augmented_mechanism

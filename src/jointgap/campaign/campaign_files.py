@@ -116,7 +116,7 @@ _FOLDER = "failed"
 @contextmanager
 def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
     """Around what only adds to a verdict: an error is noted in the results `folder` as `what`, and the rest goes on."""
-    from jointgap.core.parquet import write_text
+    from jointgap.core.files import write_text
 
     place = folder.path / _FOLDER / f"{what}.txt"
     place.unlink(missing_ok=True)

@@ -39,6 +39,7 @@ from jointgap.campaign.sentences import (
 )
 from jointgap.campaign.state import CampaignState
 from jointgap.config.campaign import NUISANCES, Campaign
+from jointgap.core.files import write_text
 from jointgap.core.page import (
     Block,
     Bullets,
@@ -51,7 +52,6 @@ from jointgap.core.page import (
     to_markdown,
     written_today,
 )
-from jointgap.core.parquet import write_text
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.words import (
     day_in_words,

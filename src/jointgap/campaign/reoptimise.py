@@ -9,7 +9,7 @@ from jointgap.core import schema
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.kinematics import Fit
-from jointgap.dynamics.simulate import simulate
+from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.optimise import optimise
 from jointgap.rig.channels import tolerance_for
 

@@ -18,8 +18,8 @@ from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
+from jointgap.core.files import write_text
 from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock, to_markdown
-from jointgap.core.parquet import write_text
 from jointgap.core.plot import Drawing, Quantity, Sheet, matplotlib_style, save
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from jointgap.core.errors import InputError
-from jointgap.core.parquet import batches, check_writable, describe, write_atomically
+from jointgap.core.files import check_writable, write_atomically
+from jointgap.core.parquet import batches, describe
 from jointgap.core.units import unit_factor
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
-from jointgap.core.parquet import check_writable
+from jointgap.core.files import check_writable
 from jointgap.core.schema import Table
 
 Frames = dict[str, pd.DataFrame]

@@ -20,7 +20,7 @@ from jointgap.core.joints import JOINTS
 from jointgap.core.progress import followed
 from jointgap.dynamics.integrate import EVENT, EVENT_NAMES, MODES, mode_numbers
 from jointgap.dynamics.parallel import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
-from jointgap.dynamics.simulate import perturbed_start
+from jointgap.dynamics.simulation import perturbed_start
 
 ROWS = 50_000
 """Rows that are gathered before they are written as one row group."""

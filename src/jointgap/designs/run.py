@@ -23,7 +23,7 @@ from jointgap.designs.sampling import SOURCE, Designs, ErrorCounting
 from jointgap.dynamics.parallel import Outcome, Run, numbers_of, rod_and_slider, side_by_side, simulate_run
 from jointgap.dynamics.parameters import Parameters
 from jointgap.dynamics.sampling import ROUNDING, angle_errors, contact_sums, largest_change, slider_and_forces
-from jointgap.dynamics.simulate import IntegrationResult, crank_angles
+from jointgap.dynamics.simulation import IntegrationResult, crank_angles
 from jointgap.lengths.objective import Objective, objective_of_motion
 from jointgap.paper.printed import OPTIMA
 

@@ -13,7 +13,7 @@ from jointgap.core import schema
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.parallel import Run, simulate_runs
-from jointgap.dynamics.simulate import perturbed_start
+from jointgap.dynamics.simulation import perturbed_start
 
 CHANGE = 1e-11
 """Size of the change of the start [m]: what two good codes differ by."""

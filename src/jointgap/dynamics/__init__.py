@@ -5,6 +5,6 @@
 
 from jointgap.dynamics.contact import LAWS, delivered_restitution
 from jointgap.dynamics.parallel import simulate_ensemble
-from jointgap.dynamics.simulate import Trajectory, simulate
+from jointgap.dynamics.simulation import Trajectory, simulate
 
 __all__ = ["LAWS", "Trajectory", "delivered_restitution", "simulate", "simulate_ensemble"]

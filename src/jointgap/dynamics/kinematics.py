@@ -12,6 +12,19 @@ from jointgap.config import Mechanism
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
 
+__all__ = [
+    "ClearanceMotion",
+    "Fit",
+    "IdealCycle",
+    "LinkageMotion",
+    "Motion",
+    "clearance_lift",
+    "ideal_cycle",
+    "linkage_motion",
+    "rotating_vector",
+    "transmission_angle",
+]
+
 
 @dataclass(frozen=True)
 class Motion:

@@ -19,7 +19,7 @@ from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import crank_motion
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import MOTOR, Parameters
-from jointgap.dynamics.simulate import IntegrationResult, crank_angles, integrate_to_angles, start_state
+from jointgap.dynamics.simulation import IntegrationResult, crank_angles, integrate_to_angles, start_state
 
 Item, Found = TypeVar("Item"), TypeVar("Found")
 
@@ -30,9 +30,9 @@ _AHEAD = 8  # items per worker that may be finished or under way before the firs
 class Run:
     """One motion to simulate."""
 
-    mechanism: Mechanism  # What `jointgap.dynamics.simulate` takes
-    options: Simulate  # What `jointgap.dynamics.simulate` takes
-    perturbation: ArrayLike | None = None  # What `jointgap.dynamics.simulate` takes
+    mechanism: Mechanism  # What `jointgap.dynamics.simulation` takes
+    options: Simulate  # What `jointgap.dynamics.simulation` takes
+    perturbation: ArrayLike | None = None  # What `jointgap.dynamics.simulation` takes
     crank_angle: np.ndarray | None = None  # Samples [rad], growing, the first at the start
     values: Mapping[str, float | int | str | bool] = field(default_factory=dict)  # What distinguishes the run, by name
 

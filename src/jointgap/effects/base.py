@@ -396,7 +396,7 @@ class FormulaParameters(Section):
     """Parameters of ``discovered_slider_force`` and ``discovered_crank_torque``."""
 
     formula: str = Field(
-        description="SI; of v, x (slider), w, theta (crank), t, pi, sin cos tan tanh exp log sqrt abs sgn, |..|, ^",
+        description="SI; of v, x (slider), w, theta (crank), t, pi, sin cos tan tanh exp log sqrt abs sgn, bars, ^",
         examples=["-a*v*|v| + b*sin(theta)"],
     )
     coefficients: dict[str, quantity("")] = Field(

@@ -16,7 +16,7 @@ from jointgap.core.joints import FROM_FRAME, PINS
 from jointgap.dynamics.kinematics import transmission_angle
 from jointgap.dynamics.parallel import Ensemble as Motions
 from jointgap.dynamics.parallel import Run, simulate_ensemble, simulate_runs
-from jointgap.dynamics.simulate import perturbed_start
+from jointgap.dynamics.simulation import perturbed_start
 from jointgap.lengths.objective import MEASURES, Measures, evaluation_samples, measure
 from jointgap.lengths.region import PinForce, Region
 

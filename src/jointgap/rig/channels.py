@@ -14,7 +14,7 @@ from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.integrate import beginning
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
-from jointgap.dynamics.simulate import IntegrationResult, integrate_on, start_state
+from jointgap.dynamics.simulation import IntegrationResult, integrate_on, start_state
 
 Columns = Mapping[str, np.ndarray]
 """Channels of a motion (n,), by column."""

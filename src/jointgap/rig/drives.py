@@ -16,7 +16,7 @@ from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import AngleErrors, crank_times, smooth_angle, stands_still
 from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
-from jointgap.dynamics.simulate import integrate_to_angles, start_state
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
 from jointgap.rig.channels import options_of, prescribed_angles

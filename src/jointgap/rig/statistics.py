@@ -13,7 +13,7 @@ from jointgap.config import Mechanism
 from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects
 from jointgap.dynamics.parallel import cores
-from jointgap.dynamics.simulate import perturbed_start
+from jointgap.dynamics.simulation import perturbed_start
 from jointgap.rig.simulate_run import UNSTATED_NOISE_SHARE, RunPlan, channels_read
 
 BINS = 24  # Of the crank angle: 15 deg, as long as a contact's ringing at usual speeds (experience)

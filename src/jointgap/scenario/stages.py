@@ -55,7 +55,7 @@ def stages_of(scenario: "Scenario") -> list[str]:
 
 def drawn(learned: bool) -> list[str]:
     """Names of the figures that need networks, or that need none."""
-    from jointgap.scenario.figures import FIGURES
+    from jointgap.scenario.figures_base import FIGURES
 
     of_networks = {"predictions", *(table.name for table in OF_NETWORKS)}
     return [name for name in FIGURES.still if learned != of_networks.isdisjoint(FIGURES.needed_tables([name]))]
@@ -91,7 +91,7 @@ def simulate(results: "ScenarioResults") -> None:
     Effects to switch on: `jointgap effects`. All keys: config/README.md.
     """
     from jointgap.dynamics.mechanism_warnings import remarks
-    from jointgap.dynamics.simulate import simulate as simulated
+    from jointgap.dynamics.simulation import simulate as simulated
 
     scenario = results.scenario
     for remark in remarks(scenario.mechanism):
@@ -139,7 +139,7 @@ def surrogate(
 
 def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
     """The same motion with a multiple of the samples; too large to keep."""
-    from jointgap.dynamics.simulate import simulate as simulated
+    from jointgap.dynamics.simulation import simulate as simulated
 
     samples = scenario.simulate.samples_per_revolution * multiple
     finer = scenario.simulate.model_copy(update={"revolutions": 1, "samples_per_revolution": samples})
@@ -244,8 +244,8 @@ def figures(
     ] = None,
 ) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
-    from jointgap.scenario.figures import FIGURES, draw_all
-    from jointgap.scenario.figures_base import predictions
+    from jointgap.scenario.figures import draw_all
+    from jointgap.scenario.figures_base import FIGURES, predictions
     from jointgap.scenario.trained import trained_surrogates
 
     wanted = names or [*(drawn(True) if results.scenario.networks else ()), *drawn(False)]
