@@ -74,9 +74,9 @@ nitpick_ignore_regex = [
     # Types of other projects in signatures. Their inventories would have to be fetched at every build.
     (r"py:.*", r"(click|collections|datetime|matplotlib|numpy|np|pandas|pd|pathlib|pydantic|rich|typing)(\..*)?"),
     # Python's own types and what is short for those above.
-    (r"py:.*", r"(Any|Callable|Iterable|Mapping|Path|Sequence|bool|bytes|dict|float|int|list|object|str|tuple)"),
+    (r"py:.*", r"(Any|Callable|Iterable|Mapping|Path|Sequence|bool|bytes|dict|float|int|list|object|str|tuple|Figure)"),
     # What a type variable stands for is said in the docstring.
-    (r"py:.*", r"jointgap\.config\.change\.AnySection"),
+    (r"py:.*", r"jointgap\.config\.variations\.AnySection"),
 ]
 
 # -- Python reference -------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ from jointgap.core import schema
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import example, parameters_of
 from jointgap.rig.sensors import FAULTS
-from jointgap.scenario.figures_base import FIGURES
+from jointgap.scenario.figures import FIGURES
 
 SCHEMAS = Path(__file__).parents[2] / "workflow" / "schemas"
 MARK = re.compile(r"<!-- filled by the build: (\w+) -->")
@@ -281,7 +281,7 @@ def _gallery() -> list[str]:
     for place in sorted(places, key=lambda place: (len(place.parts), place)):  # scenarios, then campaigns
         campaign = len(place.parts) > 1
         kind, command = (
-            ("Campaign", f"make campaign CAMPAIGN=config/{place}.yaml") if campaign else ("Scenario", "make run")
+            ("Campaign", f"make campaign CAMPAIGN=config/{place}.yaml") if campaign else ("Scenario", "make variants")
         )
         lines += [f"## {kind} `{place.name}`", "", f"Made by `{command}`, in `results/{place}/figures/`.", ""]
         lines += ["::::{grid} 1 1 2 2", ":gutter: 3", ""]
