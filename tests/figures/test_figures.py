@@ -13,8 +13,7 @@ from PIL import Image
 from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError
 from jointgap.core.plot import LINEAR_BAND, Quantity, Sheet
-from jointgap.scenario.figures import draw, draw_all
-from jointgap.scenario.figures_base import FIGURES
+from jointgap.scenario.figures import FIGURES, draw, draw_all
 
 every_still_figure = pytest.mark.parametrize("name", FIGURES.still)
 

@@ -9,7 +9,7 @@ from jointgap.app import report as report_page
 from jointgap.config import resolve
 from jointgap.config.yaml_files import read_yaml
 from jointgap.core.page import to_html
-from jointgap.scenario.figures_base import FIGURES
+from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
 
 pytestmark = pytest.mark.integration

@@ -53,7 +53,7 @@ from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.designs.statistics import contacts, time_shares
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulation import simulate as simulated
-from jointgap.scenario.figures_base import FIGURES
+from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.outcome import Outcome, outcome, remarks
 from jointgap.scenario.stages import SCENARIO_STAGES
 

@@ -39,7 +39,7 @@ from jointgap.core.page import (
 from jointgap.core.plot import FigureSpec
 from jointgap.core.words import fall_in_percent
 from jointgap.scenario import overview
-from jointgap.scenario.figures_base import FIGURES
+from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
 
 MOST_BYTES = 6_000_000

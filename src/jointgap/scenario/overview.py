@@ -9,7 +9,7 @@ from jointgap.config import Scenario
 from jointgap.core.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
 from jointgap.core.words import fall_in_percent
 from jointgap.paper.compare import conclusion, looseness_variants, variant_optimum
-from jointgap.scenario.figures_base import FIGURES
+from jointgap.scenario.figures import FIGURES
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
 """Names of the tables of a scenario that its row is made of."""

@@ -13,7 +13,7 @@ from jointgap.core.words import in_words, joined
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.region import MET, geometric
 from jointgap.paper.printed import departures
-from jointgap.scenario.figures_base import FIGURES
+from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.outcome import MOTIONS, Outcome, ideal_swing
 
 MM = 1e3

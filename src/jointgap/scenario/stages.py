@@ -55,7 +55,7 @@ def stages_of(scenario: "Scenario") -> list[str]:
 
 def drawn(learned: bool) -> list[str]:
     """Names of the figures that need networks, or that need none."""
-    from jointgap.scenario.figures_base import FIGURES
+    from jointgap.scenario.figures import FIGURES
 
     of_networks = {"predictions", *(table.name for table in OF_NETWORKS)}
     return [name for name in FIGURES.still if learned != of_networks.isdisjoint(FIGURES.needed_tables([name]))]
@@ -244,8 +244,8 @@ def figures(
     ] = None,
 ) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
-    from jointgap.scenario.figures import draw_all
-    from jointgap.scenario.figures_base import FIGURES, predictions
+    from jointgap.scenario.figures import FIGURES, draw_all
+    from jointgap.scenario.figures_base import predictions
     from jointgap.scenario.trained import trained_surrogates
 
     wanted = names or [*(drawn(True) if results.scenario.networks else ()), *drawn(False)]
