@@ -53,8 +53,8 @@ def config(designs: int) -> dict:
 def swept(designs: int, cores: int, folder: str) -> dict[str, float]:
     """Wall and processor seconds of a sweep, those of its simulations alone, and peak memory [MiB]."""
     from jointgap.config import resolve
+    from jointgap.designs.stages import sweep
     from jointgap.dynamics import parallel
-    from jointgap.scenario.stages import sweep
 
     alone: dict[int, float] = {}
     simulated = parallel.integrate_to_angles

@@ -18,9 +18,9 @@ from jointgap.core.errors import InputError
 from jointgap.designs import run
 from jointgap.designs.run import check_dataset, high_order_rms, simulate_designs, table_of, write_designs
 from jointgap.designs.sampling import designs_of
+from jointgap.designs.stages import sweep
 from jointgap.designs.statistics import clearance_vectors
 from jointgap.dynamics.simulation import crank_angles, simulate
-from jointgap.scenario.stages import sweep
 from tests.dynamics.cases import mechanism, options
 
 MADE = mechanism(friction=0.1)

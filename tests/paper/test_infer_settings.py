@@ -18,7 +18,7 @@ from jointgap.designs.infer_settings import (
     page,
 )
 from jointgap.designs.sampling import designs_of
-from jointgap.scenario.stages import infer_settings, sweep
+from jointgap.designs.stages import infer_settings, sweep
 from tests.dynamics.cases import mechanism, options
 
 PAPER = mechanism(friction=0.1)

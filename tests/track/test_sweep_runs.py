@@ -15,8 +15,8 @@ from jointgap.designs.mlflow_run import DESIGNS, sweep_record
 from jointgap.designs.run import write_dataset
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.sensitivity import TABLES_OF_SENSITIVITY
+from jointgap.designs.stages import track_sweep
 from jointgap.scenario.results import ScenarioResults
-from jointgap.scenario.stages import track_sweep
 from tests.dynamics.cases import mechanism, options
 from tests.track.synthetic import numbers
 
