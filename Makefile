@@ -27,7 +27,7 @@ set-up: ## what running needs into .venv, once; the other targets do it by thems
 run: set-up ## the paper's scenario and both example campaigns, then results/report.html; CONFIG=mine.yaml: your own alone
 	@scripts/in-venv scripts/run-workflow results/report.html all $(snakemake_options)
 
-variants: set-up ## twelve variants of the paper's scenario side by side, then results/report.html: ten minutes
+variants: set-up ## twelve variants of the paper's scenario side by side, then results/report.html
 	@scripts/in-venv scripts/run-workflow results/report.html all --configfile config/variants.yaml $(snakemake_options)
 
 smoke: set-up ## the whole chain, small: two minutes, then results/smoke-report.html
