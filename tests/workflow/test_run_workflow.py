@@ -149,10 +149,7 @@ def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_p
     assert not (tmp_path / "made").exists()
 
 
-BEFORE_ANY_JOB = "".join(
-    f"include: {str(ROOT / 'workflow' / 'rules' / name)!r}\n"
-    for name in ("run_lock.smk", "slurm.smk", "before_any_job.smk")
-)
+BEFORE_ANY_JOB = f"include: {str(ROOT / 'workflow' / 'rules' / 'before_any_job.smk')!r}\n"
 
 
 @pytest.fixture

@@ -119,18 +119,6 @@ def test_a_lost_file_is_made_again_though_all_that_was_made_of_it_is_there(smoke
     assert rules <= set(re.findall(r"^(\w+) +\d+$", done.stdout + done.stderr, re.MULTILINE))
 
 
-def test_a_damaged_table_is_made_again_as_it_was(smoke):
-    place = smoke.folder / "results/smoke/comparison.parquet"
-    whole = place.read_bytes()
-    place.write_bytes(whole[:200] + bytes([whole[200] ^ 1]) + whole[201:])
-    dry = run(smoke.folder, *smoke_command("--cores", "1", "--dry-run"))
-    assert "results/smoke/comparison.parquet: is damaged" in dry.stdout + dry.stderr
-    assert place.read_bytes() != whole  # a dry run changes nothing
-    done = run(smoke.folder, *smoke_command("--cores", "2"))
-    assert done.returncode == 0, done.stderr
-    assert place.read_bytes() == whole
-
-
 def test_a_changed_option_reruns_its_stage_and_nothing_before_it(smoke):
     changed = smoke.folder.parent / "changed.yaml"
     text = (smoke.folder / "config/smoke.yaml").read_text()

@@ -1,32 +1,130 @@
-# Before the first job: nobody else works in the folder, SLURM takes the jobs, and what is to be published will find its store.
-# Dry runs and the processes of single jobs leave all of them alone. Snakemake obeys one onstart alone, so there is no other.
+# Before the first job: files of configuration are read strictly, nobody else works in the folder, SLURM takes the jobs, and what
+# is to be published will find its store. Dry runs and the processes of single jobs do the first alone.
 
+import fcntl
 import os
+import re
+import shutil
+import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
+
+from snakemake.exceptions import WorkflowError
+
+from jointgap.config import read_yaml
+from jointgap.core.errors import InputError
+
+
+def check_config_files(*more):
+    """Snakemake's own reader takes 0600 for 384 and, of two equal keys, the last one. As a module of another workflow
+    this one has no files of its own.
+    """
+    if workflow.modifier.skip_configfile:
+        return
+    try:
+        for path in [*workflow.configfiles, *filter(os.path.exists, more)]:
+            read_yaml(path)
+    except InputError as error:
+        raise WorkflowError(str(error)) from None
+
+
+def refuse(error):
+    """End here, as the commands do: of an error in an input function Snakemake shows where the function stands."""
+    sys.exit(f"jointgap: error: {error}")
+
+
+def hold_run_lock():
+    """Hold the folder's lock until this process ends. scripts/run-workflow waits for it and hands it on as open file 9."""
+    global run_lock  # a file that nobody keeps is closed
+    Path(".cache").mkdir(exist_ok=True)
+    run_lock = open(".cache/run.lock", "a")
+    try:
+        if os.path.sameopenfile(9, run_lock.fileno()):
+            return
+    except OSError:  # no such open file
+        pass
+    try:
+        fcntl.flock(run_lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        refuse("another run works in this folder; try again when it has ended, or use `make`, which waits")
+
+
+def scontrol(*question):
+    """What SLURM's controller says, in one line, and whether it had an answer."""
+    try:
+        done = subprocess.run(["scontrol", *question], capture_output=True, text=True, timeout=20)
+    except subprocess.TimeoutExpired:
+        return "nothing within 20 s", False
+    return " ".join((done.stdout + done.stderr).split()), done.returncode == 0
+
+
+def check_slurm():
+    """Whether SLURM is there and takes all jobs: it lets one wait for ever that asks for more cores than any node has, and
+    the plug-in waits for ever for jobs of an array that Snakemake holds back.
+    """
+    commands = ("sbatch", "squeue", "sacct", "scancel", "scontrol", "srun")
+    if missing := [name for name in commands if shutil.which(name) is None]:
+        refuse(
+            f"the profile submits to SLURM, and this machine has no {', '.join(missing)}; run on a login node, or install "
+            "SLURM's commands (Debian: apt-get install slurm-client)"
+        )
+    said, answered = scontrol("ping")
+    if not answered:
+        refuse(
+            f"the profile submits to SLURM, and its controller does not answer (scontrol ping: {said}); look at SLURM_CONF, "
+            "or ask who runs the cluster"
+        )
+    for path in map(str, (Path.cwd(), workflow.main_snakefile, *workflow.overwrite_configfiles)):
+        if any(sign in path for sign in '"$`\\'):
+            refuse(
+                f'{path} has a sign in its path that the shell of a job would change: one of " $ ` and the backslash; rename it'
+            )
+    jobs = list(workflow.dag.needrun_jobs())
+    cores = max(
+        map(int, re.findall(r"CPUTot=(\d+)", scontrol("show", "nodes", "--oneliner")[0])), default=None
+    )
+    for job in jobs:
+        if cores is not None and job.threads > cores:
+            refuse(
+                f"{job.rule.name} asks for {job.threads} cores, and no node has more than {cores}; add --max-threads {cores} "
+                f"(make: ARGS='--max-threads {cores}')"
+            )
+    most = re.search(r"MaxArraySize\s*=\s*(\d+)", scontrol("show", "config")[0])
+    limits = {
+        "jobs": workflow.resource_settings.nodes,
+        "max-jobs-per-timespan": workflow.scheduling_settings.max_jobs_per_timespan.max_jobs,
+        "MaxArraySize of SLURM": int(most[1]) - 1 if most else float("inf"),
+    }
+    in_arrays = re.split(r"\s*,\s*", workflow.executor_settings.array_jobs or "")
+    for name, number in Counter(job.rule.name for job in jobs if job.rule.name in in_arrays).items():
+        for what, limit in limits.items():
+            if number > limit:
+                refuse(
+                    f"{number} jobs of {name} are submitted in arrays, all at once, and {what} allows {limit}; leave that as "
+                    "workflow/profiles/slurm/config.yaml has it, give each job more (sweep.designs_per_job), or take the rule "
+                    "out of slurm-array-jobs there"
+                )
 
 
 def check_mlflow_store():
-    """End here where MLFLOW_TRACKING_URI names a store that does not answer, and a job is to publish to it."""
-    if not os.environ.get("MLFLOW_TRACKING_URI"):
+    """Where MLFLOW_TRACKING_URI names a store, and a job is to publish to it, it has to answer."""
+    asked = [job.rule.resources.get("mlflow_store") for job in workflow.dag.needrun_jobs()]
+    if not os.environ.get("MLFLOW_TRACKING_URI") or not any(
+        resource and resource.value for resource in asked
+    ):
         return
-    asked = [
-        job.rule.resources["mlflow_store"]
-        for job in workflow.dag.needrun_jobs()
-        if "mlflow_store" in job.rule.resources
-    ]
-    if not any(resource.value for resource in asked):
-        return
-    from jointgap.core.errors import InputError
     from jointgap.core.publish import check_store, store_address
 
     try:
         check_store(store_address(Path("results")))
     except InputError as error:
-        sys.exit(f"jointgap: error: {error}")
+        refuse(error)
 
 
+# Snakemake obeys one onstart alone, so there is no other.
 onstart:
     hold_run_lock()
-    check_slurm()
+    if workflow.executor_plugin.name == "slurm":
+        check_slurm()
     check_mlflow_store()

@@ -1,6 +1,93 @@
 # What `make sweep` and `make paper` make of many designs: the sweep itself, and what other sections of a scenario ask.
 
 
+import json
+from functools import cache
+
+from jointgap.config import Scenario
+from jointgap.config.load import validate
+from jointgap.core.progress import parts
+
+
+@cache
+def designs_of_sweep(name):
+    """First design and number of designs of each job of a scenario's sweep; none where it names no parameters."""
+    sweep = SCENARIOS[name].sweep
+    if not sweep.parameters:
+        return {}
+    from jointgap.designs.run import check_folder  # loads scipy
+    from jointgap.designs.sampling import designs_of
+
+    check_folder(designs_of(SCENARIOS[name]), Path("results", name, "sweep/designs"), sweep.designs_per_job)
+    return parts(sweep.designs, sweep.designs_per_job)
+
+
+def datasets(name):
+    return [f"results/{name}/sweep/designs/{part}.parquet" for part in designs_of_sweep(name)]
+
+
+@cache
+def asked(name):
+    """The stages on many designs that a scenario asks for; what is asked has to be possible, before anything runs."""
+    scenario = SCENARIOS[name]
+    try:
+        stages = ["sweep"] if designs_of_sweep(name) else []
+        if stages and scenario.sensitivity is not None:
+            stages.append("sensitivity")
+        if scenario.infer_settings is not None:
+            from jointgap.designs.infer_settings import check_infer_settings
+
+            check_infer_settings(scenario)
+            stages.append("infer-settings")
+        if scenario.optimise_robust.uncertain:
+            from jointgap.designs.robust import check_robust
+
+            # of what its job reads: sections that are left to their defaults have to go with the others too
+            read = json.loads(DESIGN_STAGES["optimise-robust"].options(scenario))
+            check_robust(validate(Scenario, read, "its configuration"))
+            stages.append("optimise-robust")
+    except InputError as error:
+        refuse(f"scenario {name}: {error}")
+    return stages
+
+
+def made_of_designs(name):
+    """Every file that a scenario asks of many designs."""
+    stages = [DESIGN_STAGES[stage] for stage in asked(name)]
+    return [
+        *(datasets(name) if "sweep" in asked(name) else []),
+        *of_scenario(name, made_by(stages, SCENARIO)),
+    ]
+
+
+def part_options(wildcards):
+    """What a job depends on, as a file: how many designs there are is no part of it where a sequence can be grown."""
+    options = json.loads(DESIGN_STAGES["sweep-designs"].options(SCENARIOS[wildcards.scenario]))
+    options["sweep"].pop("designs_per_job")
+    if options["sweep"]["design"] == "sobol":
+        options["sweep"].pop("number")
+    return kept_options(wildcards.scenario, json.dumps(options))
+
+
+def published_options(wildcards):
+    """What is published of a scenario's configuration, as a file: sections that nothing was made of need not go with the others."""
+    sections = {
+        "description",
+        *(one for stage in asked(wildcards.scenario) for one in DESIGN_STAGES[stage].sections),
+    }
+    text = SCENARIOS[wildcards.scenario].model_dump_json(include=sections, by_alias=True)
+    return kept_options(wildcards.scenario, text)
+
+
+def made_of_sweeps(wildcards):
+    """Every file that the scenarios ask of many designs, and what says that it is published; one at least has to ask for some."""
+    asking = [name for name in SCENARIOS if asked(name)]
+    if not asking:
+        refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
+    published = [f"results/{name}/track_sweep/published.json" for name in asking]
+    return [*(file for name in asking for file in made_of_designs(name)), *published]
+
+
 # A file that is there is not removed before its job: of a sweep that has grown its designs are kept.
 rule sweep_designs:
     output:
@@ -16,7 +103,7 @@ rule sweep_designs:
         runtime=60,
     params:
         options=part_options,
-        code=digest_of("sweep-designs"),
+        code=lambda wildcards: STAGES["sweep-designs"].digest,
         part=lambda wildcards: designs_of_sweep(wildcards.scenario)[wildcards.part],
     message:
         "{wildcards.scenario}: sweep, {wildcards.part}"
@@ -35,7 +122,7 @@ for name in ("sweep", "sensitivity", "infer-settings", "optimise-robust"):
         input:
             [] if robust else lambda wildcards: datasets(wildcards.scenario),
         output:
-            in_scenario(made_by([DESIGN_STAGES[name]])),
+            made_by([DESIGN_STAGES[name]], SCENARIO),
         log:
             f"results/{{scenario}}/logs/{place}.log",
         conda:
@@ -46,22 +133,18 @@ for name in ("sweep", "sensitivity", "infer-settings", "optimise-robust"):
             runtime=120 if robust else 60,
         params:
             **of_stage(name),
-            arguments={
-                "sweep": ["--folder", "results/{scenario}/sweep"],
-                "optimise-robust": ["--results", "results/{scenario}", "--workers", "8"],
-            }.get(
-                name,
-                [
-                    "--designs",
-                    "results/{scenario}/sweep/designs",
-                    "--folder",
-                    f"results/{{scenario}}/{place}",
-                ],
+            arguments=(
+                ["--results", SCENARIO, "--workers", "8"] if robust else ["--folder", f"{SCENARIO}/{place}"]
+            ),
+            designs=(
+                ["--designs", f"{SCENARIO}/sweep/designs"]
+                if name in ("sensitivity", "infer-settings")
+                else []
             ),
         message:
             f"{{wildcards.scenario}}: {name}"
         shell:
-            "jointgap {params.stage} --options {params.options:q} {params.arguments:q} > {log:q} 2>&1"
+            "jointgap {params.stage} --options {params.options:q} {params.arguments:q} {params.designs:q} > {log:q} 2>&1"
 
 
 rule track_sweep:

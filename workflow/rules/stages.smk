@@ -4,6 +4,7 @@
 
 for name, (stage,) in SCENARIO_STAGES.jobs().items():
     place = {"surrogate": "surrogate/{output}", "clearance": "surrogate/clearance"}.get(name, name)
+    tables = {table.name: f"{SCENARIO}/{table.path}" for table in stage.writes}
     cost = "track/benchmark" if stage.publishes else f"benchmarks/{place}"
 
     rule:
@@ -12,10 +13,8 @@ for name, (stage,) in SCENARIO_STAGES.jobs().items():
         input:
             read_by_scenario(stage),
         output:
-            *in_scenario(
-                path for path in made_by([stage]) if path not in [table.path for table in stage.writes]
-            ),
-            **{table.name: f"results/{{scenario}}/{table.path}" for table in stage.writes},
+            *(path for path in made_by([stage], SCENARIO) if path not in tables.values()),
+            **tables,
         log:
             f"results/{{scenario}}/logs/{place}.log",
         benchmark:
@@ -46,7 +45,7 @@ for name, stages in CAMPAIGN_STAGES.jobs().items():
         input:
             read_by_campaign(stages),
         output:
-            in_campaign(made_by(stages)),
+            made_by(stages, CAMPAIGN),
         log:
             f"results/campaigns/{{campaign}}/logs/{place}.log",
         benchmark:
@@ -62,7 +61,7 @@ for name, stages in CAMPAIGN_STAGES.jobs().items():
             campaign=lambda wildcards: CAMPAIGNS[wildcards.campaign].plan[0],
             folder="results/campaigns/{campaign}",
             more=arguments_of_campaign(stages),
-            code=digests_of(stages),
+            code=lambda wildcards, stages=stages: [stage.digest for stage in stages],
         message:
             f"campaign {{wildcards.campaign}}: {stages[0].does.replace('{part}', '{wildcards.part}')}"
         shell:

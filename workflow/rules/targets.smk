@@ -1,9 +1,16 @@
 # What people ask for: everything, campaigns alone, the report; and what is said at the end of a run.
 
-from snakemake.exceptions import WorkflowError
 from snakemake.logging import logger
 
 from jointgap.core.results_folder import ResultsFolder
+
+
+def digest_of_report(wildcards):
+    """Changes with the code of the report."""
+    from jointgap.app.report import write_report
+    from jointgap.core.stage import code_digest
+
+    return code_digest(write_report)
 
 
 rule overview:
@@ -21,7 +28,7 @@ rule overview:
         "../envs/jointgap.yaml"
     params:
         scenarios=lambda wildcards: named_options("--scenario", COMPARED, "overview"),
-        code=digest_of("overview"),
+        code=lambda wildcards: STAGES["overview"].digest,
     message:
         "put the scenarios side by side"
     shell:
