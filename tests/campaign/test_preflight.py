@@ -3,7 +3,6 @@
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from benchmarks.project import ROOT
 from jointgap.campaign import plan
@@ -32,17 +31,6 @@ FOUND = Preflight(
     assumed=("crank_torque in run slow: 0.0042 N m, 2 % of what it varies by",),
 )
 NO_ADVICE = pd.DataFrame(columns=["change", "newly_detectable", "separated", "gain"])
-PIN, PIVOT, PISTON = "crank_pin_clearance", "crank_pivot_clearance", "piston_pin_clearance"
-COMPARED = pd.DataFrame(
-    [
-        (PIN, PIVOT, 0.0000632, "m", 0.4, False, ""),
-        (PIN, PIVOT, 0.000356, "m", 0.2, True, "rod_acceleration_y, frame_force_y"),
-        (PIVOT, PIN, 0.000356, "m", 0.1, True, "frame_force_y, frame_force_x"),
-        (PIVOT, PISTON, 0.000356, "m", 0.7, False, ""),
-    ],
-    columns=schema.LOOK_ALIKES.names,
-)
-NO_ALIKES = COMPARED[:0]
 
 
 @pytest.fixture
@@ -57,7 +45,7 @@ def planned(tmp_path, monkeypatch):
 
 
 def test_sizes_stand_with_their_unit_in_the_direction_in_which_they_show(planned):
-    said = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE, NO_ALIKES).splitlines()
+    said = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE).splitlines()
     assert said[1:5] == [
         "  Coulomb friction of the slider: 0.0787 N",
         "  bending of the rod: natural frequency of the mode up to 157.2 Hz",
@@ -67,7 +55,7 @@ def test_sizes_stand_with_their_unit_in_the_direction_in_which_they_show(planned
 
 
 def test_what_could_not_be_simulated_is_not_called_undetectable(planned):
-    said = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE, NO_ALIKES).splitlines()
+    said = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE).splitlines()
     assert "Not detectable at any size within bounds: an unbalance of the crank" in said
     gas = "the pressure of a closed gas volume on the slider"
     assert f"Could not be simulated, so what size shows is not known: {gas} (the slider jams)" in said
@@ -78,49 +66,13 @@ def test_a_verdict_says_nothing_of_what_cannot_be_seen_or_simulated(planned):
 
 
 def test_the_noise_that_was_assumed_is_printed(planned):
-    frames = (planned["confusability"], NO_ADVICE, NO_ALIKES)
+    frames = (planned["confusability"], NO_ADVICE)
     lines = plan.preflight_in_words(planned["detectable"], *frames).splitlines()
     assert lines[-2:] == [
         "Assumed noise, where the campaign states none:",
         "  crank torque in run slow: 0.0042 N m, 2 % of what it varies by",
     ]
     assert "ssumed" not in plan.preflight_in_words(planned["detectable"].assign(assumed=""), *frames)
-
-
-def test_joints_that_look_alike_are_told_with_their_sizes_and_the_channels_that_part_them_at_each(planned, tmp_path):
-    def said(compared):
-        parquet.write(schema.LOOK_ALIKES, compared, tmp_path / "look_alikes")
-        read = parquet.read(schema.LOOK_ALIKES, tmp_path / "look_alikes")
-        lines = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE, read).splitlines()
-        return [line for line in lines if "impacts" in line or "tells these" in line]
-
-    alike, parted = said(COMPARED)
-    assert alike == (
-        "Cannot be told apart by where impacts come and how hard they are: clearance in the crank pin and "
-        "clearance in the crank pivot (true: clearance in the crank pin 0.36 mm, clearance in the crank pivot 0.36 mm)"
-    )
-    assert parted == "A further channel frame force y tells these apart"
-    assert said(COMPARED.assign(parted_by=""))[1].startswith("No single further channel that was tried")
-    assert said(NO_ALIKES) == []
-
-
-@pytest.mark.slow  # some 60 s of simulations: three joints, each taken as true at three sizes
-def test_crank_pin_and_crank_pivot_look_alike_in_torque_and_guide_force_and_the_piston_pin_like_neither(tmp_path):
-    content = yaml.safe_load((ROOT / "config/campaigns/demonstration.yaml").read_text())
-    content["mechanism"] = str(ROOT / "config/mechanisms/pins_without_clearance.yaml")
-    for run, speed in zip(content["runs"], ("200 rpm", "400 rpm", "600 rpm"), strict=True):
-        run["speed"] = speed
-    content["channels"] = {
-        "time": {"column": "t", "unit": "s"},
-        "crank_angle": {"column": "angle", "unit": "deg"},
-        "crank_torque": {"column": "torque", "unit": "N*m"},
-        "guide_force": {"column": "force", "unit": "N"},
-    }
-    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(content))
-    found = plan.look_alikes_table(load_campaign(tmp_path / "campaign.yaml"))
-    with_piston = (found["true"] == PISTON) | (found["other"] == PISTON)
-    assert found["alike"].any()
-    assert not found[with_piston]["alike"].any()
 
 
 def test_a_further_run_takes_no_name_that_a_run_has():

@@ -15,7 +15,7 @@ from jointgap.campaign import verdict_json as documents
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.fits_on_disk import assumed, confusable_groups, undetectable
-from jointgap.campaign.plan import look_alikes_table, preflight_in_words, preflight_tables, preflight_tables_with_advice
+from jointgap.campaign.plan import preflight_in_words, preflight_tables, preflight_tables_with_advice
 from jointgap.campaign.sentences import (
     answer,
     effect_in_words,
@@ -1054,15 +1054,12 @@ class Preflight(Result):
         Which effects look how much alike.
     advice : pandas.DataFrame or None
         Which further speed or channel would help most; None where it was not sought.
-    look_alikes : pandas.DataFrame or None
-        Which joints that could have become loose look alike; None where it was not sought.
     """
 
     campaign: str
     detectable: pd.DataFrame
     confusability: pd.DataFrame
     advice: pd.DataFrame | None = None
-    look_alikes: pd.DataFrame | None = None
 
     @property
     def _HEADLINE(self) -> str:
@@ -1081,11 +1078,8 @@ class Preflight(Result):
     @property
     def text(self) -> str:
         """What was found as lines of text, as `jointgap preflight` prints it; without what was not sought."""
-        empty = [
-            pd.DataFrame(columns=table.names) if frame is None else frame
-            for table, frame in ((schema.ADVICE, self.advice), (schema.LOOK_ALIKES, self.look_alikes))
-        ]
-        return preflight_in_words(self.detectable, self.confusability, *empty)
+        advice = pd.DataFrame(columns=schema.ADVICE.names) if self.advice is None else self.advice
+        return preflight_in_words(self.detectable, self.confusability, advice)
 
     @property
     def figures(self) -> Mapping[str, str]:
@@ -1123,8 +1117,7 @@ def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
     campaign : Path or str
         A campaign file, or a folder that holds one.
     advice : bool
-        Whether further speeds and channels are tried too, and joints that could be loose are compared, which takes
-        several times as long.
+        Whether further speeds and channels are tried too, which takes several times as long.
 
     Returns
     -------
@@ -1144,10 +1137,8 @@ def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
     >>> plan.plot("detectable").save("detectable.png")
     """
     planned = load_campaign(campaign_file(campaign))
-    if not advice:
-        return Preflight(planned.name, **_with_units(preflight_tables(planned, FALSE_ALARM_RATE)))
-    frames = preflight_tables_with_advice(planned, FALSE_ALARM_RATE)
-    return Preflight(planned.name, **_with_units(frames | {"look_alikes": look_alikes_table(planned)}))
+    tables = preflight_tables_with_advice if advice else preflight_tables
+    return Preflight(planned.name, **_with_units(tables(planned, FALSE_ALARM_RATE)))
 
 
 def _with_units(frames: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:

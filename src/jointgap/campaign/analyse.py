@@ -17,7 +17,7 @@ from jointgap.core import parquet
 from jointgap.core.files import write_text
 from jointgap.core.progress import followed
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM, DECISION, LOOK_ALIKES
+from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM, DECISION
 from jointgap.core.stage import Stage
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 
@@ -83,7 +83,7 @@ def _remove_conclusions(folder: ResultsFolder) -> None:
     """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its
     result.
     """
-    places = [folder.place(table) for table in (ADVICE, LOOK_ALIKES, CAMPAIGN_OPTIMUM)]
+    places = [folder.place(table) for table in (ADVICE, CAMPAIGN_OPTIMUM)]
     places += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
     pages = [*(folder.path / "failed").glob("*.txt")]
     pages += [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]

@@ -24,11 +24,8 @@ from jointgap.campaign.fits_on_disk import (
 from jointgap.campaign.sentences import label_in_words, shown_size, unit_of, without_code_names
 from jointgap.config.campaign import CHANNELS, Campaign, Channel
 from jointgap.core.candidates import Model
-from jointgap.core.words import in_words as name_in_words
-from jointgap.core.words import joined, size_for_the_eye
-from jointgap.identification.look_alikes import look_alikes
-from jointgap.identification.noise import numerics_noise
-from jointgap.identification.preflight import Preflight, advise, assumed_noise, preflight
+from jointgap.core.words import joined
+from jointgap.identification.preflight import Preflight, advise, preflight
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.rig.model import build_model
 from jointgap.rig.read_files import read_measurements
@@ -76,22 +73,6 @@ def preflight_tables_with_advice(
     if measured is not None:
         shown_now = preflight(measured, None, rate, counts(measured, recordings), settings)
     return _frames(shown_now) | {"advice": changes.assign(**joined)}
-
-
-def look_alikes_table(
-    campaign: Campaign,
-    settings: IdentificationSettings = DEFAULT_SETTINGS,
-) -> pd.DataFrame:
-    """Which joints that could have become loose look alike by features of the cycle: table
-    `LOOK_ALIKES`.
-
-    In the runs for fitting, four revolutions of each.
-    """
-    for_fitting = {"runs": tuple(run for run in campaign.runs if run.role != "confirm")}
-    plan, wider = (build_model(each.model_copy(update=for_fitting)) for each in (campaign, extended(campaign)))
-    noise = numerics_noise(wider, {}, assumed_noise(wider, settings.detectability)[0], settings.noise)
-    found = look_alikes(wider, [series.key for series in plan.series], noise, settings)
-    return found.assign(parted_by=found["parted_by"].map(", ".join))
 
 
 def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Model | None:
@@ -182,9 +163,7 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Ite
     return "No single further speed or channel that was tried would separate them: vary a mass or a load between runs."
 
 
-def preflight_in_words(
-    detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame, look_alikes: pd.DataFrame
-) -> str:
+def preflight_in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame) -> str:
     """What a preflight found, as lines of text."""
     lines = ["Effects that these runs and channels show, from which size on:"]
     for row in detectable[detectable["detectable"]].itertuples():
@@ -207,29 +186,9 @@ def preflight_in_words(
         gains += [f"tells {', '.join(apart)}"] if apart else []
         if gains:
             lines.append(f"A further {without_code_names(row.change)} {', and '.join(gains)}")
-    lines += _alike_in_words(look_alikes)
     if noise := assumed(detectable):
         lines += [
             "Assumed noise, where the campaign states none:",
             *(f"  {without_code_names(text)}" for text in noise),
         ]
     return "\n".join(lines)
-
-
-def _alike_in_words(look_alikes: pd.DataFrame) -> list[str]:
-    """Lines of text on table `LOOK_ALIKES`: for each pair the sizes, and what parts it at each."""
-    lines, alike = [], look_alikes[look_alikes["alike"]]
-    for pair in dict.fromkeys(frozenset((row.true, row.other)) for row in alike.itertuples()):
-        rows = [row for row in alike.itertuples() if {row.true, row.other} == pair]
-        names = joined(map(label_in_words, sorted(pair)))
-        sizes = ", ".join(f"{label_in_words(row.true)} {size_for_the_eye(row.size, row.unit)}" for row in rows)
-        lines.append(f"Cannot be told apart by where impacts come and how hard they are: {names} (true: {sizes})")
-        parting = [
-            name for name in rows[0].parted_by.split(", ") if all(name in row.parted_by.split(", ") for row in rows)
-        ]
-        lines += [f"A further channel {name_in_words(name)} tells these apart" for name in parting if name][
-            :_MOST_ADVICE
-        ]
-        if not any(parting):
-            lines.append("No single further channel that was tried tells these apart at each of these sizes")
-    return lines

@@ -20,7 +20,6 @@ from jointgap.core.schema import (
     GAPS,
     LAW_FAMILIES,
     LOOK,
-    LOOK_ALIKES,
     MAP_BINS,
     MAP_ORDERS,
     MAP_SCALING,
@@ -96,7 +95,7 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
 
 
 @CAMPAIGN_STAGES.stage(
-    writes=(DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES),
+    writes=(DETECTABLE, CONFUSABILITY, ADVICE),
     does="what can be detected and told apart",
     memory=1500,
     minutes=20,
@@ -108,20 +107,13 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     which further speed or channel would help most. The runs' files need not exist; of those that do, the samples are
     counted.
     """
-    from jointgap.campaign.plan import (
-        look_alikes_table,
-        preflight_in_words,
-        preflight_tables,
-        preflight_tables_with_advice,
-    )
+    from jointgap.campaign.plan import preflight_in_words, preflight_tables, preflight_tables_with_advice
 
     frames = (preflight_tables_with_advice if advice else preflight_tables)(
         state.campaign, state.false_alarm_rate, state.settings
     )
-    if advice:
-        frames["look_alikes"] = look_alikes_table(state.campaign, state.settings)
     state.folder.write_all(frames)
-    told = (DETECTABLE, CONFUSABILITY, ADVICE, LOOK_ALIKES)
+    told = (DETECTABLE, CONFUSABILITY, ADVICE)
     return preflight_in_words(*(frames[table.name] for table in told)) if advice else ""
 
 

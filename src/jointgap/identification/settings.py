@@ -249,18 +249,6 @@ class RoughSearchSettings:
 
 
 @dataclass(frozen=True)
-class LookAlikeSettings:
-    """The rehearsal of that search before anything is measured."""
-
-    # At which an effect is simulated, evenly in the logarithm over its range: those at which it rings are taken as
-    # true. Of a clearance from 2 um to 2 mm each is 5.6 times the one before
-    sizes: int = 5
-    # How often points are drawn about the best. With one, the shares by which joints lead over each other scatter
-    # by 0.02 to 0.25 from seed to seed; a further one costs some 40 CPU-s for two runs
-    rounds: int = 1
-
-
-@dataclass(frozen=True)
 class ScatteredStartSettings:
     """Points from which an effect is fitted where chi2 has many valleys
     (`jointgap.identification.baseline`).
@@ -671,7 +659,6 @@ class IdentificationSettings:
     initial_guess: InitialGuessSettings = field(default_factory=InitialGuessSettings)
     cycle_features: CycleFeatureSettings = field(default_factory=CycleFeatureSettings)
     rough_search: RoughSearchSettings = field(default_factory=RoughSearchSettings)
-    look_alikes: LookAlikeSettings = field(default_factory=LookAlikeSettings)
     scattered_starts: ScatteredStartSettings = field(default_factory=ScatteredStartSettings)
     coarse_search: CoarseSearchSettings = field(default_factory=CoarseSearchSettings)
     selection: ModelSelectionSettings = field(default_factory=ModelSelectionSettings)
