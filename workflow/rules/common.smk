@@ -45,6 +45,16 @@ CAMPAIGNS_SHOWN = [text for name in CAMPAIGNS for text in ("--campaign", name)]
 # Names of the figures that a job draws, each as a picture, a drawing and a table.
 FIGURES = {"figures": drawn(False), "learned-figures": drawn(True), "conclude": CAMPAIGN_FIGURES}
 
+OF_SWEEP = ("sweep", "sensitivity", "infer-settings")  # their commands write to a folder of their own
+
+# Names of logs and measured costs of jobs of which there are several, or that would be mixed up.
+PLACES = {
+    "surrogate": "surrogate/{output}",
+    "clearance": "surrogate/clearance",
+    "fit": "fit_{part}",
+    "pair": "pair_{part}",
+}
+
 
 wildcard_constraints:
     scenario="|".join(SCENARIOS),
@@ -65,16 +75,9 @@ def options_file(scenario, stage):
     return kept_options(scenario, STAGES[stage].options(SCENARIOS[scenario]))
 
 
-def of_stage(stage):
-    """For params: a stage, the file of its options, and what runs it again: a change in the file of a measured drive, or in
-    its code. Digests of code are found where a job asks for them; those of all stages take a second.
-    """
-    return {
-        "stage": stage,
-        "options": lambda wildcards: options_file(wildcards.scenario, stage),
-        "drive": lambda wildcards: getattr(SCENARIOS[wildcards.scenario].simulate.drive, "content", ""),
-        "code": lambda wildcards: STAGES[stage].digest,
-    }
+def digest_of_drive(wildcards):
+    """For params: changes with the file of a measured drive."""
+    return getattr(SCENARIOS[wildcards.scenario].simulate.drive, "content", "")
 
 
 def named_options(flag, scenarios, stage):
@@ -113,6 +116,9 @@ def of_campaign(name, patterns):
 
 def read_by_scenario(stage):
     """For input: what a stage of a scenario reads, of the stages that the scenario goes through."""
+    if stage.name in DESIGN_STAGES:
+        read = {"optimise-robust": lambda name: [], "track-sweep": made_of_designs}.get(stage.name, datasets)
+        return lambda wildcards: read(wildcards.scenario)
 
     def files(wildcards):
         name = wildcards.scenario
@@ -146,33 +152,45 @@ def read_by_campaign(stages):
     return files
 
 
-def arguments_of_scenario(stage):
-    """For params: what the command is told besides options and results."""
+def command_of_scenario(stage):
+    """For params: the command of a stage of a scenario, with the file of its options: what that holds reruns the stage."""
+    name = stage.name
 
-    def arguments(wildcards):
-        if stage.name == "surrogate":
-            return ["--output-name", wildcards.output]
-        if stage.name == "figures":
-            return [text for name in FIGURES["figures"] for text in ("--figure", name)]
-        if stage.name == "compare":
-            return named_options("--beside", siblings(wildcards.scenario), "compare")
-        return []
+    def command(wildcards):
+        scenario = wildcards.scenario
+        options = published_options(scenario) if name == "track-sweep" else options_file(scenario, name)
+        folder = "--folder" if name in OF_SWEEP else "--results"
+        more = [
+            folder,
+            f"results/{scenario}/{name.replace('-', '_')}" if name in OF_SWEEP else f"results/{scenario}",
+        ]
+        if name in ("sensitivity", "infer-settings"):
+            more += ["--designs", f"results/{scenario}/sweep/designs"]
+        more += ["--output-name", wildcards.output] if name == "surrogate" else []
+        more += ["--workers", stage.threads] if stage.threads > 1 else []
+        more += (
+            [text for figure in FIGURES[name] for text in ("--figure", figure)] if name == "figures" else []
+        )
+        more += named_options("--beside", siblings(scenario), name) if name == "compare" else []
+        return [name, "--options", options, *more]
 
-    return arguments
+    return command
 
 
-def arguments_of_campaign(stages):
-    """For params: the further stages of a job, and its part of the fits."""
+def command_of_campaign(stages):
+    """For params: the command of a job of a campaign, with its further stages and its part of the fits."""
     name, *further = [stage.name for stage in stages]
 
-    def arguments(wildcards):
+    def command(wildcards):
+        campaign = CAMPAIGNS[wildcards.campaign]
         more = ["--go-on"] if name in ("preflight", "decide", "reoptimise", "conclude") else []
         more += ["--part", wildcards.part] if name in ("fit", "pair") else []
-        more += ["--parts", CAMPAIGNS[wildcards.campaign].parts] if name in ("fit", "pair", "decide") else []
+        more += ["--parts", campaign.parts] if name in ("fit", "pair", "decide") else []
         more += ["--anyway"] if name == "noise" and config.get("anyway") else []
-        return [*more, *(text for one in further for text in ("--then", one))]
+        more += [text for one in further for text in ("--then", one)]
+        return [name, campaign.plan[0], "--folder", f"results/campaigns/{wildcards.campaign}", *more]
 
-    return arguments
+    return command
 
 
 def every_scenario(wildcards=None):

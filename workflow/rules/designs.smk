@@ -69,14 +69,13 @@ def part_options(wildcards):
     return kept_options(wildcards.scenario, json.dumps(options))
 
 
-def published_options(wildcards):
+def published_options(name):
     """What is published of a scenario's configuration, as a file: sections that nothing was made of need not go with the others."""
     sections = {
         "description",
-        *(one for stage in asked(wildcards.scenario) for one in DESIGN_STAGES[stage].sections),
+        *(one for stage in asked(name) for one in DESIGN_STAGES[stage].sections),
     }
-    text = SCENARIOS[wildcards.scenario].model_dump_json(include=sections, by_alias=True)
-    return kept_options(wildcards.scenario, text)
+    return kept_options(name, SCENARIOS[name].model_dump_json(include=sections, by_alias=True))
 
 
 def made_of_sweeps(wildcards):
@@ -110,62 +109,6 @@ rule sweep_designs:
     shell:
         "jointgap sweep-designs --options {params.options:q} --first {params.part[0]} --number {params.part[1]}"
         " --designs {output:q} --workers 1 > {log:q} 2>&1"
-
-
-for name in ("sweep", "sensitivity", "infer-settings", "optimise-robust"):
-    place = name.replace("-", "_")
-    robust = name == "optimise-robust"
-
-    rule:
-        name:
-            place
-        input:
-            [] if robust else lambda wildcards: datasets(wildcards.scenario),
-        output:
-            made_by([DESIGN_STAGES[name]], SCENARIO),
-        log:
-            f"results/{{scenario}}/logs/{place}.log",
-        conda:
-            "../envs/jointgap.yaml"
-        threads: 8 if robust else 1
-        resources:
-            mem_mb=2500,
-            runtime=120 if robust else 60,
-        params:
-            **of_stage(name),
-            arguments=(
-                ["--results", SCENARIO, "--workers", "8"] if robust else ["--folder", f"{SCENARIO}/{place}"]
-            ),
-            designs=(
-                ["--designs", f"{SCENARIO}/sweep/designs"]
-                if name in ("sensitivity", "infer-settings")
-                else []
-            ),
-        message:
-            f"{{wildcards.scenario}}: {name}"
-        shell:
-            "jointgap {params.stage} --options {params.options:q} {params.arguments:q} {params.designs:q} > {log:q} 2>&1"
-
-
-rule track_sweep:
-    input:
-        lambda wildcards: made_of_designs(wildcards.scenario),
-    output:
-        "results/{scenario}/track_sweep/published.json",
-    log:
-        "results/{scenario}/logs/track_sweep.log",
-    conda:
-        "../envs/jointgap.yaml"
-    resources:
-        mlflow_store=1,
-        runtime=20,
-    params:
-        **of_stage("track-sweep") | {"options": published_options},
-        results="results/{scenario}",
-    message:
-        "{wildcards.scenario}: publish the sweep to MLflow"
-    shell:
-        "jointgap track-sweep --options {params.options:q} --results {params.results:q} > {log:q} 2>&1"
 
 
 rule swept:

@@ -1,68 +1,43 @@
-# One rule for each stage of a scenario and for each job of a campaign, from the records of the stages: jointgap.scenario.stages
-# and jointgap.campaign.stages say what they read and write. docs/workflow.md shows them as a picture.
+# One rule for each job of a scenario, of its designs and of a campaign, from the records of the stages: `stages.py` of the rooms
+# scenario, designs and campaign say what they read and write. docs/workflow.md shows them as a picture.
 
 
-for name, (stage,) in SCENARIO_STAGES.jobs().items():
-    place = {"surrogate": "surrogate/{output}", "clearance": "surrogate/clearance"}.get(name, name)
-    tables = {table.name: f"{SCENARIO}/{table.path}" for table in stage.writes}
-    cost = "track/benchmark" if stage.publishes else f"benchmarks/{place}"
+for name, stages in [
+    *SCENARIO_STAGES.jobs().items(),
+    *DESIGN_STAGES.jobs().items(),
+    *CAMPAIGN_STAGES.jobs().items(),
+]:
+    first = stages[0]
+    in_campaign = first.name in CAMPAIGN_STAGES
+    folder, whose = (CAMPAIGN, "campaign {campaign}") if in_campaign else (SCENARIO, "{scenario}")
+    place = PLACES.get(name, name.replace("-", "_"))
+    tables = {table.name: f"{folder}/{table.path}" for table in first.writes if len(stages) == 1}
+    cost = f"{Path(first.files[0]).parent}/benchmark" if first.publishes else f"benchmarks/{place}"
 
     rule:
         name:
-            name.replace("-", "_")
+            f"campaign_{name.removesuffix('-campaign')}" if in_campaign else name.replace("-", "_")
         input:
-            read_by_scenario(stage),
+            read_by_campaign(stages) if in_campaign else read_by_scenario(first),
         output:
-            *(path for path in made_by([stage], SCENARIO) if path not in tables.values()),
+            *(path for path in made_by(stages, folder) if path not in tables.values()),
             **tables,
         log:
-            f"results/{{scenario}}/logs/{place}.log",
+            f"{folder}/logs/{place}.log",
         benchmark:
-            f"results/{{scenario}}/{cost}.tsv"
+            f"{folder}/{cost}.tsv"
         conda:
             "../envs/jointgap.yaml"
+        threads: first.threads
         resources:
-            mem_mb=stage.memory,
-            runtime=stage.minutes,
-            mlflow_store=int(stage.publishes),
+            mem_mb=first.memory,
+            runtime=first.minutes,
+            mlflow_store=int(first.publishes),
         params:
-            **of_stage(name),
-            results="results/{scenario}",
-            more=arguments_of_scenario(stage),
-        message:
-            f"{{wildcards.scenario}}: {stage.does.replace('{output}', '{wildcards.output}')}"
-        shell:
-            "jointgap {params.stage} --options {params.options:q} --results {params.results:q} {params.more:q} > {log:q} 2>&1"
-
-
-for name, stages in CAMPAIGN_STAGES.jobs().items():
-    place = f"{name}_{{part}}" if name in ("fit", "pair") else name
-    cost = "track/benchmark" if stages[0].publishes else f"benchmarks/{place}"
-
-    rule:
-        name:
-            f"campaign_{name.removesuffix('-campaign')}"
-        input:
-            read_by_campaign(stages),
-        output:
-            made_by(stages, CAMPAIGN),
-        log:
-            f"results/campaigns/{{campaign}}/logs/{place}.log",
-        benchmark:
-            f"results/campaigns/{{campaign}}/{cost}.tsv"
-        conda:
-            "../envs/jointgap.yaml"
-        resources:
-            mem_mb=stages[0].memory,
-            runtime=stages[0].minutes,
-            mlflow_store=int(stages[0].publishes),
-        params:
-            stage=stages[0].name,
-            campaign=lambda wildcards: CAMPAIGNS[wildcards.campaign].plan[0],
-            folder="results/campaigns/{campaign}",
-            more=arguments_of_campaign(stages),
+            command=command_of_campaign(stages) if in_campaign else command_of_scenario(first),
+            drive="" if in_campaign else digest_of_drive,
             code=lambda wildcards, stages=stages: [stage.digest for stage in stages],
         message:
-            f"campaign {{wildcards.campaign}}: {stages[0].does.replace('{part}', '{wildcards.part}')}"
+            f"{whose}: {first.does}".replace("{", "{wildcards.")
         shell:
-            "jointgap {params.stage} {params.campaign:q} --folder {params.folder:q} {params.more:q} > {log:q} 2>&1"
+            "jointgap {params.command:q} > {log:q} 2>&1"

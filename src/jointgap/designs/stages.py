@@ -54,7 +54,13 @@ def sweep_designs(
     write_designs(designs_of(scenario), first, number, designs, DESIGN_STAGES["sweep-designs"].digest, workers)
 
 
-@DESIGN_STAGES.stage(files=("sweep/summary.md", "sweep/summary.html"), sections=(*_MOTION, "sweep"))
+@DESIGN_STAGES.stage(
+    files=("sweep/summary.md", "sweep/summary.html"),
+    sections=(*_MOTION, "sweep"),
+    does="sweep",
+    memory=2500,
+    minutes=60,
+)
 def sweep(
     scenario: "Scenario",
     folder: Annotated[
@@ -111,6 +117,9 @@ def sweep(
     writes=(SENSITIVITY_SURROGATES, SENSITIVITY_INDICES, SENSITIVITY_EFFECTS),
     files=("sensitivity/summary.md", "sensitivity/summary.html"),
     sections=(*_MOTION, "sweep", "sensitivity"),
+    does="sensitivity",
+    memory=2500,
+    minutes=60,
 )
 def sensitivity(
     scenario: "Scenario",
@@ -156,6 +165,9 @@ def sensitivity(
         "infer_settings/nearest_scenario.yaml",
     ),
     sections=(*_MOTION, "sweep", "infer_settings"),
+    does="infer settings",
+    memory=2500,
+    minutes=60,
 )
 def infer_settings(
     scenario: "Scenario",
@@ -204,6 +216,10 @@ def infer_settings(
     writes=(OPTIMISE_ROBUST_LENGTHS, OPTIMISE_ROBUST_GAINS, OPTIMISE_ROBUST_CONSTRAINTS, OPTIMISE_ROBUST_CANDIDATES),
     files=(OPTIMISE_ROBUST_FRESH.path, "optimise_robust/summary.md", "optimise_robust/summary.html"),
     sections=(*_MOTION, "optimise", "optimise_robust"),
+    does="optimise robustly",
+    memory=2500,
+    minutes=120,
+    threads=8,
 )
 def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     """Search link lengths that hold whatever is uncertain, and judge them on fresh draws.
@@ -261,6 +277,9 @@ _MANY_DESIGNS = (
     sections=tuple(
         dict.fromkeys(["description", *(one for name in _MANY_DESIGNS for one in DESIGN_STAGES[name].sections)])
     ),
+    does="publish the sweep to MLflow",
+    minutes=20,
+    publishes=True,
 )
 def track_sweep(results: "ScenarioResults") -> None:
     """Publish what a scenario asks of many designs to MLflow, all of them as one run; nothing twice."""
