@@ -6,17 +6,10 @@ from typing import Annotated
 
 from pydantic import Field
 
-from jointgap.effects import bodies, clearance, crank, pins, slider, slider_force_table
-from jointgap.effects.base import CRANK_SIGN_SPEED, GROUPS, SLIDER_SIGN_SPEED, Effect
+from jointgap.effects import bodies, clearance, crank, pins, slider, slider_force_table  # noqa: F401
+from jointgap.effects.base import CATALOGUE, CRANK_SIGN_SPEED, GROUPS, SLIDER_SIGN_SPEED, Effect
 
-_DEFINED = (
-    one
-    for module in (bodies, clearance, crank, pins, slider, slider_force_table)
-    for one in vars(module).values()
-    if isinstance(one, type) and "NAME" in vars(one)
-)
-
-EFFECTS: dict[str, type[Effect]] = {effect.NAME: effect for effect in sorted(_DEFINED, key=lambda one: one.ORDER)}
+EFFECTS: dict[str, type[Effect]] = {effect.NAME: effect for effect in sorted(CATALOGUE, key=lambda one: one.ORDER)}
 """Every effect by its name, in the order of the catalogue."""
 
 AnyEffect = Annotated[reduce(or_, EFFECTS.values()), Field(discriminator="name")]

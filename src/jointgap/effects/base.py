@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
-from pydantic import Field, create_model, model_validator
-from pydantic_core import PydanticUndefined
+from pydantic import ConfigDict, Field, create_model, model_validator
 
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import InputError
@@ -35,6 +34,7 @@ Values = Mapping[str, float]
 """Values of a fit's coordinates by key."""
 
 Candidates = Iterable[Candidate]
+"""How a fit varies an effect, one candidate for each site."""
 
 Records = dict[str, dict[str, Any]]
 """Fields by record of `jointgap.dynamics.parameters.Parameters`; and programs under ``formulas``."""
@@ -105,33 +105,11 @@ class FitContext:
         return {nuisance: key for nuisance, key in amplitudes.items() if nuisance in self.nuisances}
 
 
-class EffectParameter(NamedTuple):
-    """A parameter of an effect; see `parameter`."""
-
-    unit: str
-    meaning: str
-    example: float
-    default: Any
-    compiled: str
-    odd: bool
-    step: Callable[[MotionScale], float] | None
-    limits: Mapping[str, float]
-
-
-def parameter(
-    unit: str,
-    meaning: str,
-    example: float,
-    *,
-    default: Any = ...,
-    compiled: str = "",
-    odd: bool = False,
-    step: Callable[[MotionScale], float] | None = None,
-    **limits: float,
-) -> EffectParameter:
+@dataclass(frozen=True)
+class EffectParameter:
     """A parameter of an effect.
 
-    Parameters
+    Attributes
     ----------
     unit : str
         SI, by its pint name; empty for pure numbers.
@@ -145,10 +123,31 @@ def parameter(
         Whether it has the other sign as seen from behind; see `Effect.mirrored`.
     step : function
         Of a parameter that a fit varies and that is 0 where the effect is absent: the size that noise could just hide.
-    **limits : float
-        ``gt``, ``ge``, ``lt``, ``le``, ``multiple_of``.
+    gt, ge, lt, le, multiple_of : float
+        Limits.
     """
-    return EffectParameter(unit, meaning, example, default, compiled, odd, step, limits)
+
+    unit: str
+    meaning: str
+    example: float
+    default: Any = ...
+    compiled: str = ""
+    odd: bool = False
+    step: Callable[[MotionScale], float] | None = None
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+    multiple_of: float | None = None
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """The limits that it has, by name."""
+        given = {key: getattr(self, key) for key in ("gt", "ge", "lt", "le", "multiple_of")}
+        return {key: limit for key, limit in given.items() if limit is not None}
+
+
+parameter = EffectParameter
 
 
 def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: float = math.inf) -> Parameter:
@@ -165,8 +164,8 @@ class Effect(Section):
 
     Attributes
     ----------
-    NAME, ORDER : str, int
-        Its name and its place in the catalogue, from `register_effect`.
+    NAME, ORDER, DESCRIBED : str, int, mapping of str to `parameter`
+        Its name, its place in the catalogue and its parameters, from `register_effect`.
     GROUP : str
         What it acts on, of `GROUPS`; with ``slider`` the compiled force on the slider is switched on.
     SITE : str
@@ -177,8 +176,8 @@ class Effect(Section):
         What a verdict calls it; may hold ``{site}``.
     KEYS : mapping of str to (type, Field)
         Keys of an entry beside ``name`` and ``parameters``.
-    PARAMETERS : mapping of str to `parameter`, or Section
-        Its parameters, with units in their names.
+    PARAMETERS : Section
+        Its parameters, with units in their names, where they are not attributes of the class, each a `parameter`.
     ANGLE : str
         The parameter that is the phase or the direction [rad] of the one that has a ``step``: a fit varies the
         coordinates ``cosine`` and ``sine``, and no angle has to be guessed.
@@ -191,9 +190,13 @@ class Effect(Section):
     MEMBERS : mapping of str to float
         Of the law of a family, which is no candidate by itself: effects that it is, and the shape [1] at which it is
         each. The shape is fitted once one of them is found.
+    SHAPE, IN_USE : str, tuple of float
+        Of such a law: the parameter that is the shape, and the shapes of laws in use.
     ACTS_AT_ZERO : bool
         Whether it changes the mechanism even where its amplitude is 0.
     """
+
+    model_config = ConfigDict(ignored_types=(EffectParameter,))
 
     NAME: ClassVar[str]
     ORDER: ClassVar[int]
@@ -203,12 +206,15 @@ class Effect(Section):
     REFERENCE: ClassVar[str] = "definition"
     WORDS: ClassVar[str]
     KEYS: ClassVar[Mapping[str, Any]] = {}
-    PARAMETERS: ClassVar[Mapping[str, EffectParameter] | type[Section]]
+    PARAMETERS: ClassVar[type[Section] | None] = None
+    DESCRIBED: ClassVar[Mapping[str, EffectParameter]]
     ANGLE: ClassVar[str] = ""
     OPTIONAL: ClassVar[bool] = False
     ADDS_TO: ClassVar[Mapping[str, tuple[str, str]]] = {}
     DRIVE: ClassVar[str] = ""
     MEMBERS: ClassVar[Mapping[str, float]] = {}
+    SHAPE: ClassVar[str] = ""
+    IN_USE: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)
     ACTS_AT_ZERO: ClassVar[bool] = False
 
     @classmethod
@@ -232,9 +238,8 @@ class Effect(Section):
         """Write its numbers into the records of the equations of motion, which hold those of the mechanism without
         it.
         """
-        for key, one in self._described():
-            if one.compiled:
-                records["effects"][one.compiled] = getattr(self.parameters, key)
+        compiled = {key: one.compiled for key, one in self.DESCRIBED.items() if one.compiled}
+        records["effects"] |= {field: getattr(self.parameters, key) for key, field in compiled.items()}
         if self.GROUP == "slider":
             records["effects"]["on_slider"] = True
 
@@ -244,16 +249,12 @@ class Effect(Section):
 
     def mirrored(self) -> "Effect":
         """The effect as seen from behind, where a clockwise crank turns counter-clockwise: the slide is the mirror."""
-        odd = {key: -getattr(self.parameters, key) for key, one in self._described() if one.odd}
+        odd = {key: -getattr(self.parameters, key) for key, one in self.DESCRIBED.items() if one.odd}
         return self.with_parameters(**odd) if odd else self
 
     def with_parameters(self, **values: Any) -> "Effect":
         """The effect with other values of parameters."""
         return self.model_copy(update={"parameters": self.parameters.model_copy(update=values)})
-
-    @classmethod
-    def _described(cls) -> Iterable[tuple[str, EffectParameter]]:
-        return () if isinstance(cls.PARAMETERS, type) else cls.PARAMETERS.items()
 
     @classmethod
     def candidate(
@@ -279,10 +280,10 @@ class Effect(Section):
     def sizes(cls, scale: MotionScale) -> tuple[Parameter, ...]:
         """The coordinates of a fit that are the parameters with a ``step``, or cosine and sine parts of one."""
         found = []
-        for key, one in cls._described():
+        for key, one in cls.DESCRIBED.items():
             if one.step:
-                high = float(one.limits.get("le", math.inf))
-                low = -high if cls.ANGLE else float(one.limits.get("ge", -math.inf))
+                high = math.inf if one.le is None else float(one.le)
+                low = -high if cls.ANGLE else -math.inf if one.ge is None else float(one.ge)
                 names = ("cosine", "sine") if cls.ANGLE else (key,)
                 found += [amplitude(name, one.step(scale), one.unit or "1", low, high) for name in names]
         return tuple(found)
@@ -293,13 +294,26 @@ class Effect(Section):
         if not cls.ANGLE:
             return dict(values)
         cosine, sine = values["cosine"], values["sine"]
-        (size,) = (key for key, one in cls._described() if one.step)
+        (size,) = (key for key, one in cls.DESCRIBED.items() if one.step)
         return {size: math.hypot(cosine, sine), cls.ANGLE: math.atan2(sine, cosine)}
 
     @classmethod
     def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
         """Laws of which it is one shape."""
-        return ()
+        return tuple(law.family(cls, context.scale) for law in CATALOGUE if cls.NAME in law.MEMBERS)
+
+    @classmethod
+    def family(
+        cls, member: type["Effect"], scale: MotionScale, sizes=(), others=(), values: Callable = dict, **attributes: Any
+    ) -> LawFamily:
+        """This law as the family of a `member`: beside its shape a fit varies `sizes`, those of the law by default, and
+        `others`, which do nothing at the shape that is the member's.
+        """
+        sizes, own, bounds = sizes or cls.sizes(scale), cls.MEMBERS[member.NAME], cls.DESCRIBED[cls.SHAPE]
+        shape = Parameter(cls.SHAPE, own, float(bounds.ge), float(bounds.le), 0.1)
+        amplitudes = tuple(one.key for one in sizes)
+        law = cls.candidate(*sizes, *others, shape, amplitudes=amplitudes, **attributes)
+        return LawFamily(law, cls.SHAPE, own, cls.IN_USE, values, idle_at_own=len(others))
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
@@ -336,16 +350,6 @@ class DataEffect(Effect):
             data[body][datum] += getattr(self.parameters, key)
 
 
-def share_family(
-    law: type[Effect], shape: str, scale: MotionScale, *others: Parameter, values: Callable = dict, **attributes: Any
-) -> LawFamily:
-    """The family of a `law` of which the share `shape`, 0 in its one member, varies with what `others` say."""
-    sizes, (own,) = law.sizes(scale), law.MEMBERS.values()
-    share = Parameter(shape, own, 0.0, 1.0, 0.1)
-    candidate = law.candidate(*sizes, *others, share, amplitudes=tuple(one.key for one in sizes), **attributes)
-    return LawFamily(candidate, shape, own, (0.0, 0.5, 1.0), values, idle_at_own=1)
-
-
 def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
     """The data of a `joint` in a mechanism file's `data`, which the `effect` changes.
 
@@ -363,30 +367,35 @@ def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
     return entry
 
 
+CATALOGUE: list[type[Effect]] = []
+"""Every effect, as they are written one after the other."""
+
+
 def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
     """Make an effect of the catalogue, at the place `order`, of the class that is decorated."""
 
     def decorate(cls: type[Effect]) -> type[Effect]:
         name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
+        written = {key: one for base in cls.__mro__[::-1] for key, one in vars(base).items()}
+        described = {key: one for key, one in written.items() if isinstance(one, EffectParameter)}
         section, options = cls.PARAMETERS, {"__module__": cls.__module__}
-        if not isinstance(section, type):
+        if section is None:
             fields = {
                 key: (
                     quantity(one.unit, **one.limits),
                     Field(one.default, description=one.meaning, examples=[one.example]),
                 )
-                for key, one in section.items()
+                for key, one in described.items()
             }
             section = create_model(f"{cls.__name__}Parameters", __base__=Section, **options, **fields)
             section.__doc__ = f"Parameters of ``{name}``."
-        parameters = (section, section() if cls.OPTIONAL else ...)
-        effect = create_model(
-            cls.__name__, __base__=cls, **options, name=(Literal[name], ...), **cls.KEYS, parameters=parameters
-        )
-        effect.__doc__, effect.NAME, effect.ORDER = cls.__doc__, name, order
-        if section is not cls.PARAMETERS:
+        keys = cls.KEYS | {"parameters": (section, section() if cls.OPTIONAL else ...)}
+        effect = create_model(cls.__name__, __base__=cls, **options, name=(Literal[name], ...), **keys)
+        effect.__doc__, effect.NAME, effect.ORDER, effect.DESCRIBED = cls.__doc__, name, order, described
+        if cls.PARAMETERS is None:
             setattr(effect, section.__name__, section)  # where pickle looks for it
             section.__qualname__ = f"{effect.__name__}.{section.__name__}"
+        CATALOGUE.append(effect)
         return effect
 
     return decorate
@@ -439,26 +448,19 @@ class ParameterDescription(NamedTuple):
 
 def parameters_of(effect: type[Effect]) -> list[ParameterDescription]:
     """The parameters of an effect in the order of its section."""
-    section = effect.model_fields["parameters"].annotation
-    properties = section.model_json_schema()["properties"]
-    rows = []
-    for name, field in section.model_fields.items():
-        schema = properties[name]
+    section, rows = effect.model_fields["parameters"].annotation, []
+    for name, schema in section.model_json_schema()["properties"].items():
         number = next(iter(schema.get("anyOf", [schema])))
-        numeric = number.get("type") in ("number", "integer")
-        unit = schema.get("unit", "1") if numeric else ""
-        rows.append(
-            ParameterDescription(name, unit, _bounds(number), _default(field.default, numeric), schema["description"])
-        )
+        unit = schema.get("unit", "1") if number.get("type") in ("number", "integer") else ""
+        default = "" if section.model_fields[name].is_required() else _default(section.model_fields[name].default)
+        rows.append(ParameterDescription(name, unit, _bounds(number), default, schema["description"]))
     return rows
 
 
-def _default(value: Any, numeric: bool) -> str:
-    if value is PydanticUndefined:
-        return ""
-    if numeric and value is not None:
-        return f"{value:g}"
-    return str(value).lower() if isinstance(value, str | bool) else "none"
+def _default(value: Any) -> str:
+    if isinstance(value, str | bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, int | float) else "none"
 
 
 def _bounds(schema: dict) -> str:

@@ -17,91 +17,77 @@ from jointgap.effects.base import (
     register_effect,
 )
 
+# The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns
+# about its mass centre at the distance b from midspan: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi
 _BENDING_COUPLING = 8 / (math.pi**2 - 8)
-"""The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns
-about its mass centre at the distance b from midspan: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi.
-"""
 
+# Share of rod.inertia that bending has to leave: a rod whose mass centre is farther off is no uniform beam
 _LEAST_INERTIA_SHARE = 0.5
-"""Share of rod.inertia that bending has to leave: a rod whose mass centre is farther off is no uniform beam."""
 
+# 1 / (2 pi nu)^2 [s^2] of a rod that bends at 3 kHz: one that is stiffer follows its load as a spring does
 _LEAST_COMPLIANCE = 2.8e-9
-"""1 / (2 pi nu)^2 [s^2] of a rod that bends at 3 kHz: one that is stiffer follows its load as a spring does."""
 
+# Natural frequencies over the crank's speed from which fits start
 _BENDING_ORDERS = (60.0, 25.0, 10.0)
-"""Natural frequencies over the crank's speed from which fits start."""
 
 
 @register_effect(order=10)
 class Gravity(Effect):
     """Weight of all bodies along the mechanism's gravity_direction."""
 
-    GROUP = "bodies"
-    SITE = "all bodies"
+    GROUP, SITE = "bodies", "all bodies"
     LAW = "F = m g along gravity_direction, each body"
     REFERENCE = "3rd Conférence générale des poids et mesures (1901)"
     WORDS = "the weight of the bodies"
     OPTIONAL = True
-    PARAMETERS = {
-        "acceleration_m_s2": parameter(
-            "m/s^2", "g, acceleration of free fall", 9.80665, default=9.80665, ge=0, le=15, step=lambda scale: 0.5
-        ),
-    }
+    acceleration_m_s2 = parameter(
+        "m/s^2", "g, acceleration of free fall", 9.80665, default=9.80665, ge=0, le=15, step=lambda scale: 0.5
+    )
 
 
 @register_effect(order=140)
 class AddedSliderMass(DataEffect):
     """The slider is heavier, or lighter, than its nominal mass."""
 
-    GROUP = "bodies"
-    SITE = "slider"
+    GROUP, SITE = "bodies", "slider"
     LAW = "slider.mass + m"
     WORDS = "a slider mass other than nominal"
     ADDS_TO = {"mass_kg": ("slider", "mass")}
-    PARAMETERS = {"mass_kg": parameter("kg", "m, mass beyond nominal", 0.05)}
+    mass_kg = parameter("kg", "m, mass beyond nominal", 0.05)
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        mass = context.mechanism.slider.mass
-        yield cls.candidate(
-            amplitude("mass_kg", DETECTABLE_SHARE * mass, "kg", -0.95 * mass),
-            replaces=context.replaced({"slider_mass": "mass_kg"}),
-        )
+        mass, replaces = context.mechanism.slider.mass, context.replaced({"slider_mass": "mass_kg"})
+        yield cls.candidate(amplitude("mass_kg", DETECTABLE_SHARE * mass, "kg", -0.95 * mass), replaces=replaces)
 
 
 @register_effect(order=160)
 class SliderOffset(DataEffect):
     """The slide lies beside its nominal line."""
 
-    GROUP = "bodies"
-    SITE = "guide"
+    GROUP, SITE = "bodies", "guide"
     LAW = "slider.offset + b"
     WORDS = "an offset of the slide"
     ADDS_TO = {"offset_m": ("slider", "offset")}
-    PARAMETERS = {"offset_m": parameter("m", "b, offset beyond nominal", 0.01, odd=True)}
+    offset_m = parameter("m", "b, offset beyond nominal", 0.01, odd=True)
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         crank, rod = context.mechanism.crank.length, context.mechanism.rod.length
-        yield cls.candidate(
-            amplitude("offset_m", 0.01 * crank, "m", -rod, rod),
-            replaces=context.replaced({"slider_offset": "offset_m"}),
-        )
+        replaces = context.replaced({"slider_offset": "offset_m"})
+        yield cls.candidate(amplitude("offset_m", 0.01 * crank, "m", -rod, rod), replaces=replaces)
 
 
 @register_effect(order=170)
 class LinkLengthError(DataEffect):
     """Crank and rod are longer, or shorter, than nominal; mass centres keep their share, masses and inertias stay."""
 
-    GROUP = "bodies"
-    SITE = "crank, rod"
+    GROUP, SITE = "bodies", "crank, rod"
     LAW = "crank.length + a, rod.length + b"
     WORDS = "other lengths of crank and rod"
     ADDS_TO = {"crank_m": ("crank", "length"), "rod_m": ("rod", "length")}
-    PARAMETERS = {
-        "crank_m": parameter("m", "a, crank's length beyond nominal", 0.0005, default=0.0),
-        "rod_m": parameter("m", "b, rod's length beyond nominal", -0.001, default=0.0),
-    }
+    crank_m = parameter("m", "a, crank's length beyond nominal", 0.0005, default=0.0)
+    rod_m = parameter("m", "b, rod's length beyond nominal", -0.001, default=0.0)
 
     def apply(self, data: dict[str, Any]) -> None:
         for key, (body, _) in self.ADDS_TO.items():
@@ -112,10 +98,10 @@ class LinkLengthError(DataEffect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         crank, rod = context.mechanism.crank.length, context.mechanism.rod.length
+        lengths = (("crank_m", crank), ("rod_m", rod))
+        replaces = context.replaced({"crank_length": "crank_m", "rod_length": "rod_m"})
         yield cls.candidate(
-            amplitude("crank_m", 2e-3 * crank, "m", -0.5 * crank),
-            amplitude("rod_m", 2e-3 * rod, "m", -0.5 * rod),
-            replaces=context.replaced({"crank_length": "crank_m", "rod_length": "rod_m"}),
+            *(amplitude(key, 2e-3 * length, "m", -0.5 * length) for key, length in lengths), replaces=replaces
         )
 
 
@@ -123,49 +109,48 @@ class LinkLengthError(DataEffect):
 class RodFlexibility(Effect):
     """The rod bends across its axis; excited by the inertia of its own mass. Its mass centre is near the middle."""
 
-    GROUP = "bodies"
-    SITE = "rod"
+    GROUP, SITE = "bodies", "rod"
     LAW = (
         "q'' + 2 zeta (2 pi nu) q' + (2 pi nu)^2 q = inertia, deflection q sin(pi s / l): first mode of the "
         "pinned-pinned uniform beam with the rod's mass"
     )
     REFERENCE = "Meirovitch, Fundamentals of vibrations (2001)"
     WORDS = "bending of the rod"
-    PARAMETERS = {
-        "frequency_Hz": parameter("Hz", "nu, natural frequency of the mode", 250.0, gt=0),
-        "damping_ratio": parameter("", "zeta, damping over critical damping", 0.01, ge=0, lt=1),
-    }
+    frequency_Hz = parameter("Hz", "nu, natural frequency of the mode", 250.0, gt=0)
+    damping_ratio = parameter("", "zeta, damping over critical damping", 0.01, ge=0, lt=1)
 
     def check(self, mechanism: Any) -> None:
-        rod = mechanism.rod
-        lost = _BENDING_COUPLING * rod.mass * (rod.mass_centre - rod.length / 2) ** 2
-        if lost > (1 - _LEAST_INERTIA_SHARE) * rod.inertia:
-            farthest = math.sqrt((1 - _LEAST_INERTIA_SHARE) * rod.inertia / (_BENDING_COUPLING * rod.mass))
+        rod, least = mechanism.rod, _LEAST_INERTIA_SHARE
+        left = rod.inertia - _BENDING_COUPLING * rod.mass * (rod.mass_centre - rod.length / 2) ** 2
+        if left < least * rod.inertia:
+            farthest = math.sqrt((1 - least) * rod.inertia / (_BENDING_COUPLING * rod.mass))
             raise ValueError(
                 f"effects: rod_flexibility is the law of a uniform beam, of which rod.mass_centre {rod.mass_centre:g} "
-                f"m is too far from the middle: bending leaves {rod.inertia - lost:.3g} of rod.inertia "
-                f"{rod.inertia:g} kg m^2, less than {_LEAST_INERTIA_SHARE:g} of it; put the mass centre within "
-                f"{farthest:.3g} m of {rod.length / 2:g} m, or leave the effect out"
+                f"m is too far from the middle: bending leaves {left:.3g} of rod.inertia {rod.inertia:g} kg m^2, less "
+                f"than {least:g} of it; put the mass centre within {farthest:.3g} m of {rod.length / 2:g} m, or leave "
+                "the effect out"
             )
 
     def compile_into(self, records: Records) -> None:
-        records["bodies"]["rod_angular_frequency"] = 2 * math.pi * self.parameters.frequency_Hz
-        records["bodies"]["rod_damping_ratio"] = self.parameters.damping_ratio
+        frequency, damping = 2 * math.pi * self.parameters.frequency_Hz, self.parameters.damping_ratio
+        records["bodies"] |= {"rod_angular_frequency": frequency, "rod_damping_ratio": damping}
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         turning, damping = context.scale.turning, {"damping_ratio": 0.02}
         compliances = [(order * turning) ** -2.0 for order in _BENDING_ORDERS]
+
+        def parameters(values: Values) -> dict[str, float]:
+            frequency = 1.0 / (2.0 * math.pi * math.sqrt(max(values["compliance_s2"], 1e-300)))
+            return {"frequency_Hz": frequency, "damping_ratio": values["damping_ratio"]}
+
         yield cls.candidate(
             # The square of the period in place of the frequency: near a rigid rod the deflection is proportional to it.
             amplitude("compliance_s2", 0.1 * (1.0 / (30.0 * turning) ** 2), "s^2", 0.0, 0.1 / turning**2),
             Parameter("damping_ratio", 0.02, 0.0, 0.9, 0.01),
             amplitudes=("compliance_s2",),
             initial_guesses=(damping, *({**damping, "compliance_s2": compliance} for compliance in compliances)),
-            parameters=lambda values: {
-                "frequency_Hz": 1.0 / (2.0 * math.pi * math.sqrt(max(values["compliance_s2"], 1e-300))),
-                "damping_ratio": values["damping_ratio"],
-            },
+            parameters=parameters,
         )
 
     @classmethod

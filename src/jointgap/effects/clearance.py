@@ -15,27 +15,19 @@ from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import REFERENCE_APPROACH_SPEED
 from jointgap.core.section import Section
 from jointgap.core.units import FrictionCoefficient, quantity
-from jointgap.effects.base import (
-    Candidates,
-    DataEffect,
-    FitContext,
-    Values,
-    amplitude,
-    joint_data,
-    register_effect,
-)
+from jointgap.effects.base import Candidates, DataEffect, FitContext, Values, amplitude, joint_data, register_effect
 
 LEAST_CLEARANCE = 1e-9
 """[m] Far less is lost in the rounding of the radii too."""
 
+# [m] of a joint that was ideal, from which fits start: any of them lets the pin fly and hit
 _FIRST_CLEARANCES = (2e-5, 1e-4)
-"""[m] of a joint that was ideal, from which fits start: any of them lets the pin fly and hit."""
 
+# [m] of a joint that was ideal, between which it is searched: from a fit's play to a rattle
 _CLEARANCES = (2e-6, 2e-3)
-"""[m] of a joint that was ideal, between which it is searched: from a fit's play to a rattle."""
 
+# [1, of the nominal clearance] of a loose joint, between which it is searched: what a gauge misread, and long wear
 _LOOSER = (0.5, 3.0)
-"""[1, of the nominal clearance] of a loose joint, between which it is searched: what a gauge misread, and long wear."""
 
 RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
 """What the contact of a joint may have that was taken as ideal: nobody measured it. Steel on bronze or steel, dry to
@@ -66,9 +58,7 @@ class ClearanceParameters(Section):
         description="c, whole radial clearance, not beyond nominal; 0 or 1e-9 m and more", examples=[0.0002]
     )
     restitution: quantity("", ge=1e-3, lt=1) | None = Field(
-        None,
-        description="coefficient of restitution of the joint's contact; null: as its contact says",
-        examples=[0.6],
+        None, description="coefficient of restitution of the joint's contact; null: as its contact says", examples=[0.6]
     )
     friction: FrictionCoefficient | None = Field(
         None, description="coefficient of friction of the joint's contact; null: as its contact says", examples=[0.1]
@@ -116,41 +106,37 @@ class Clearance(DataEffect):
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        mechanism = context.mechanism
-        if mechanism.joint(cls.SITE) is None:
-            return
-        nominal, longest = mechanism.clearance(cls.SITE), 0.05 * mechanism.crank.length
-        if not nominal:
-            yield cls._of_ideal_joint(mechanism.joint(cls.SITE).contact, longest, context.starts)
-            return
-        yield cls.candidate(
-            amplitude("change_m", 0.05 * nominal, "m", -0.95 * nominal, longest),
-            parameters=lambda values: {"clearance_m": nominal + values["change_m"]},
-            is_perturbation=True,
-            search_range=tuple(min((part - 1.0) * nominal, longest) for part in _LOOSER),
-            # the nuisance of a pin's clearance has the effect's name
-            replaces=context.replaced({cls.NAME: "change_m"}),
-        )
+        joint, nominal = context.mechanism.joint(cls.SITE), context.mechanism.clearance(cls.SITE)
+        longest = 0.05 * context.mechanism.crank.length
+        if joint is not None and nominal:
+            yield cls.candidate(
+                amplitude("change_m", 0.05 * nominal, "m", -0.95 * nominal, longest),
+                parameters=lambda values: {"clearance_m": nominal + values["change_m"]},
+                is_perturbation=True,
+                search_range=tuple(min((part - 1.0) * nominal, longest) for part in _LOOSER),
+                # the nuisance of a pin's clearance has the effect's name
+                replaces=context.replaced({cls.NAME: "change_m"}),
+            )
+        elif joint is not None:
+            yield cls._of_ideal_joint(joint.contact, longest, context.starts)
 
     @classmethod
     def _of_ideal_joint(cls, contact: Any, longest: float, starts: Mapping[str, int]) -> Candidate:
         """The candidate of a joint without clearance, up to the `longest` [m], whose `contact` nobody measured."""
-        shapes = []
+        shapes = [Parameter("contact_friction", contact.friction, *FRICTIONS, step=0.02)]
         if contact.restitution is not None:
-            shapes.append(Parameter("contact_restitution", contact.restitution, *RESTITUTIONS, step=0.05))
-        shapes.append(Parameter("contact_friction", contact.friction, *FRICTIONS, step=0.02))
+            shapes.insert(0, Parameter("contact_restitution", contact.restitution, *RESTITUTIONS, step=0.05))
         factors = {"stiffness": STIFFNESS_FACTOR, "friction_speed": FRICTION_SPEED_FACTOR}
         if contact.reference_speed is not None:
             factors["damping"] = DAMPING_FACTOR
         for name, factor in factors.items():
             reach = math.log(factor)
             shapes.append(Parameter(f"log_{name}_factor", 0.0, -reach, reach, step=0.05 * reach))
-        for run, count in starts.items():
-            shapes.append(Parameter(START, 0.0, 0.0, count - 1.0, run=run, whole=True))
+        shapes += [Parameter(START, 0.0, 0.0, count - 1.0, run=run, whole=True) for run, count in starts.items()]
 
         def parameters(values: Values) -> dict[str, float]:
-            measured = {"restitution": "contact_restitution", "friction": "contact_friction"}
-            stated = {key: values[name] for key, name in measured.items() if name in values}
+            keys = [key for key in ("restitution", "friction") if f"contact_{key}" in values]
+            stated = {key: values[f"contact_{key}"] for key in keys}
             stated |= {f"{name}_factor": math.exp(values[f"log_{name}_factor"]) for name in factors}
             return {"clearance_m": values["change_m"], **stated}
 

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
-from jointgap.core.candidates import LawFamily, Parameter
+from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.effects.base import (
     CRANK_SIGN,
     FRICTION_SURVEY,
@@ -16,30 +17,36 @@ from jointgap.effects.base import (
     Values,
     parameter,
     register_effect,
-    share_family,
 )
 
+# Angles [rad] of most friction from which fits begin: each within 60 degrees of any other
 _TIGHTEST = (0.0, -2.0 * math.pi / 3.0, 2.0 * math.pi / 3.0)
-"""Angles [rad] of most friction from which fits begin: each within 60 degrees of any other."""
 
+# Whole orders [cycles per revolution] of a torque that a fit tries. Masses, weight and steady forces on the slider make
+# torques of orders one and two: there the usual causes are offered, not a torque by itself. Poles, slots and teeth of
+# drives lie below the highest one, and few encoders resolve more
 _FITTED_ORDERS = range(3, 25)
-"""Whole orders [cycles per revolution] of a torque that a fit tries. Masses, weight and steady forces on the slider
-make torques of orders one and two: there the usual causes are offered, not a torque by itself. Poles, slots and teeth
-of drives lie below the highest one, and few encoders resolve more."""
 
+# Orders [1] that a preflight tries, before there is a residual in which to look for them
 _USUAL_ORDERS = (3, 4, 6, 8, 12)
-"""Orders [1] that a preflight tries, before there is a residual in which to look for them."""
 
 
 def _torque(scale: MotionScale) -> float:
     return scale.force * scale.stroke
 
 
+def _damping(scale: MotionScale) -> float:
+    return scale.force * scale.stroke / scale.turning
+
+
+def _unbalance(scale: MotionScale) -> float:
+    return scale.force / scale.turning**2
+
+
 class CrankEffect(Effect):
     """A moment on the crank, counter-clockwise."""
 
-    GROUP = "crank"
-    SITE = "crank_pivot"
+    GROUP, SITE = "crank", "crank_pivot"
 
 
 @register_effect(order=110)
@@ -49,13 +56,7 @@ class CrankCoulombFriction(CrankEffect):
     LAW = f"M = -m sgn w, {CRANK_SIGN}"
     REFERENCE = FRICTION_SURVEY
     WORDS = "Coulomb friction of the crank"
-    PARAMETERS = {
-        "torque_N_m": parameter("N*m", "m, moment of friction", 0.3, ge=0, compiled="crank_coulomb", step=_torque),
-    }
-
-    @classmethod
-    def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
-        return (CrankAngleFriction.family(context.scale),)
+    torque_N_m = parameter("N*m", "m, moment of friction", 0.3, ge=0, compiled="crank_coulomb", step=_torque)
 
 
 @register_effect(order=115)
@@ -69,29 +70,23 @@ class CrankAngleFriction(CrankEffect):
     LAW = f"M = -m [1 - s + s (1 + cos(theta - a)) / 2] sgn w, {CRANK_SIGN}"
     WORDS = "dry friction of the crank that varies with its angle"
     MEMBERS = {"crank_coulomb_friction": 0.0}
-    PARAMETERS = {
-        "torque_N_m": parameter(
-            "N*m", "m, moment of friction where it is largest", 0.3, ge=0, compiled="angle_friction", step=_torque
-        ),
-        "tightest_angle_rad": parameter(
-            "rad",
-            "a, angle of the crank where friction is largest",
-            0.5,
-            default=0.0,
-            odd=True,
-            compiled="angle_friction_tightest",
-        ),
-        "varying_share": parameter(
-            "", "s, share of the moment that varies", 0.5, ge=0, le=1, compiled="angle_friction_share"
-        ),
-    }
+    SHAPE = "varying_share"
+    torque_N_m = parameter(
+        "N*m", "m, moment of friction where it is largest", 0.3, ge=0, compiled="angle_friction", step=_torque
+    )
+    tightest_angle_rad = parameter(
+        "rad", "a, angle of the crank where friction is largest", 0.5, 0.0, "angle_friction_tightest", odd=True
+    )
+    varying_share = parameter(
+        "", "s, share of the moment that varies", 0.5, ge=0, le=1, compiled="angle_friction_share"
+    )
 
     @classmethod
-    def family(cls, scale: MotionScale) -> LawFamily:
+    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
         # A revolution to either side of 0, so that no angle is a bound of what is periodic.
         angle = Parameter("tightest_angle_rad", 0.0, -2.0 * math.pi, 2.0 * math.pi, 0.1, "rad")
-        guesses = tuple({"tightest_angle_rad": tightest} for tightest in _TIGHTEST)
-        return share_family(cls, "varying_share", scale, angle, initial_guesses=guesses)
+        guesses = tuple({angle.name: tightest} for tightest in _TIGHTEST)
+        return super().family(member, scale, others=(angle,), initial_guesses=guesses)
 
 
 @register_effect(order=120)
@@ -101,16 +96,7 @@ class CrankViscousFriction(CrankEffect):
     LAW = "M = -c w"
     REFERENCE = FRICTION_SURVEY
     WORDS = "viscous friction of the crank"
-    PARAMETERS = {
-        "damping_N_m_s": parameter(
-            "N*m*s",
-            "c, moment per speed",
-            0.01,
-            ge=0,
-            compiled="crank_viscous",
-            step=lambda scale: scale.force * scale.stroke / scale.turning,
-        ),
-    }
+    damping_N_m_s = parameter("N*m*s", "c, moment per speed", 0.01, ge=0, compiled="crank_viscous", step=_damping)
 
 
 class PeriodicEffect(CrankEffect):
@@ -119,14 +105,18 @@ class PeriodicEffect(CrankEffect):
     ANGLE = "phase_rad"
 
     @classmethod
-    def orders(cls, whole: range, runs: Sequence[str]) -> Parameter:
-        """The coordinate ``order``: one of the `whole` numbers, and of the halves between them where there is one run
-        alone, as in which of two turns a run began nobody knows.
+    def in_step(cls, context: FitContext, whole: range, first: Sequence[int], **attributes: Any) -> Candidate:
+        """The candidate whose ``order`` is one of the `whole` numbers, or of the halves between them where there is one
+        run alone, as in which of two turns a run began nobody knows; fits begin at the orders `first`.
         """
         orders = [float(order) for order in whole]
-        if len(runs) == 1:
+        if len(context.runs) == 1:
             orders = sorted({*orders, *(k + 0.5 for k in range(int(orders[-1])))})
-        return Parameter("order", orders[0], orders[0], orders[-1], 1e-3, whole=True, tried=tuple(orders))
+        order = Parameter("order", orders[0], orders[0], orders[-1], 1e-3, whole=True, tried=tuple(orders))
+        guesses = tuple({"order": float(tried)} for tried in first or orders if first or tried < 9)
+        sizes = cls.sizes(context.scale)
+        attributes |= {"initial_guesses": guesses, "parameters": cls.stated}
+        return cls.candidate(*sizes, order, amplitudes=("cosine", "sine"), **attributes)
 
     @classmethod
     def stated(cls, values: Values) -> dict[str, float]:
@@ -144,13 +134,11 @@ class CrankPeriodicTorque(PeriodicEffect):
 
     LAW = "M = a cos(k theta - phase)"
     WORDS = "a periodic torque on the crank"
-    PARAMETERS = {
-        "torque_N_m": parameter("N*m", "a, amplitude", 0.2, ge=0, compiled="crank_periodic", step=_torque),
-        "order": parameter("", "k, cycles per revolution", 12, ge=0.5, le=100, multiple_of=0.5),
-        "phase_rad": parameter(
-            "rad", "angle k theta of the largest torque", 0.5, default=0.0, compiled="crank_periodic_phase"
-        ),
-    }
+    torque_N_m = parameter("N*m", "a, amplitude", 0.2, ge=0, compiled="crank_periodic", step=_torque)
+    order = parameter("", "k, cycles per revolution", 12, ge=0.5, le=100, multiple_of=0.5)
+    phase_rad = parameter(
+        "rad", "angle k theta of the largest torque", 0.5, default=0.0, compiled="crank_periodic_phase"
+    )
 
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
@@ -162,14 +150,7 @@ class CrankPeriodicTorque(PeriodicEffect):
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        yield cls.candidate(
-            *cls.sizes(context.scale),
-            cls.orders(_FITTED_ORDERS, context.runs),
-            amplitudes=("cosine", "sine"),
-            initial_guesses=tuple({"order": float(order)} for order in _USUAL_ORDERS),
-            parameters=cls.stated,
-            steady_counterpart=CrankCoulombFriction.NAME,
-        )
+        yield cls.in_step(context, _FITTED_ORDERS, _USUAL_ORDERS, steady_counterpart=CrankCoulombFriction.NAME)
 
 
 @register_effect(order=130)
@@ -185,16 +166,8 @@ class CrankUnbalance(CrankEffect):
     REFERENCE = "ISO 21940-2:2017, rotor balancing, vocabulary"
     WORDS = "an unbalance of the crank"
     ANGLE = "angle_rad"
-    PARAMETERS = {
-        "unbalance_kg_m": parameter(
-            "kg*m",
-            "U, mass times distance from the pivot",
-            0.005,
-            ge=0,
-            step=lambda scale: scale.force / scale.turning**2,
-        ),
-        "angle_rad": parameter("rad", "its direction, from the crank's own", 1.0, default=0.0, odd=True),
-    }
+    unbalance_kg_m = parameter("kg*m", "U, mass times distance from the pivot", 0.005, ge=0, step=_unbalance)
+    angle_rad = parameter("rad", "its direction, from the crank's own", 1.0, default=0.0, odd=True)
 
     def compile_into(self, records: Records) -> None:
         bodies, unbalance, angle = records["bodies"], self.parameters.unbalance_kg_m, self.parameters.angle_rad
@@ -212,11 +185,9 @@ class SpeedFluctuation(PeriodicEffect):
     LAW = "w = w0 (1 + a cos(k theta - phase))"
     WORDS = "a drive whose speed fluctuates"
     DRIVE = "constant"
-    PARAMETERS = {
-        "ratio": parameter("", "a, amplitude over the mean", 0.02, ge=0, le=0.3, step=lambda scale: 1e-3),
-        "order": parameter("", "k, cycles per revolution", 2, ge=0.5, le=12, multiple_of=0.5),
-        "phase_rad": parameter("rad", "angle k theta of the largest speed", 0.5, default=0.0, odd=True),
-    }
+    ratio = parameter("", "a, amplitude over the mean", 0.02, ge=0, le=0.3, step=lambda scale: 1e-3)
+    order = parameter("", "k, cycles per revolution", 2, ge=0.5, le=12, multiple_of=0.5)
+    phase_rad = parameter("rad", "angle k theta of the largest speed", 0.5, default=0.0, odd=True)
 
     def compile_into(self, records: Records) -> None:
         ratio, order, phase = self.parameters.ratio, float(self.parameters.order), self.parameters.phase_rad
@@ -224,23 +195,14 @@ class SpeedFluctuation(PeriodicEffect):
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        if context.constant_speed:
-            order = cls.orders(range(1, 13), context.runs)
-            yield cls.candidate(
-                *cls.sizes(context.scale),
-                order,
-                amplitudes=("cosine", "sine"),
-                initial_guesses=tuple({"order": tried} for tried in order.tried if tried < 9),
-                parameters=cls.stated,
-            )
+        return [cls.in_step(context, range(1, 13), ())] if context.constant_speed else []
 
 
 @register_effect(order=240)
 class DiscoveredCrankTorque(DiscoveredLaw):
     """A moment on the crank, counter-clockwise [N m]."""
 
-    GROUP = "crank"
-    SITE = "crank"
+    GROUP, SITE = "crank", "crank"
     LAW = "M = formula of v, x, w, theta, t"
     WORDS = "a torque on the crank that follows a formula found by regression"
 

@@ -1,6 +1,5 @@
 """Friction, restitution and lubrication of the pins at the ends of the rod."""
 
-from functools import partial
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field
@@ -14,24 +13,17 @@ from jointgap.effects.base import (
     Effect,
     FitContext,
     Records,
-    Values,
     amplitude,
     joint_data,
     parameter,
     register_effect,
 )
 
-_LARGEST_FRICTION = 0.6
-"""Bound of a coefficient of friction, as that of a contact."""
-
-_LEAST_RESTITUTION, _LARGEST_RESTITUTION = 1e-3, 0.999
-"""Bounds of a coefficient of restitution, within those of a contact."""
-
+# Largest share of the clearance at which asperities may touch; beyond it there is no bearing to speak of
 _LARGEST_FILM_SHARE = 0.5
-"""Largest share of the clearance at which asperities may touch; beyond it there is no bearing to speak of."""
 
+# [Pa s] of light and heavy oils, from which fits start: the least film carries the pin already
 _VISCOSITIES = (0.03, 0.2)
-"""[Pa s] of light and heavy oils, from which fits start: the least film carries the pin already."""
 
 
 _ONE_PIN = {"site": (Literal["crank_pin", "piston_pin"], Field(description="the pin"))}
@@ -40,36 +32,41 @@ _ONE_PIN = {"site": (Literal["crank_pin", "piston_pin"], Field(description="the 
 class ContactCoefficient(DataEffect):
     """A coefficient of the contact of one pin, its `site`, or of all loose pins."""
 
-    GROUP = "pins"
-    SITE = "loose pins"
+    GROUP, SITE = "pins", "loose pins"
     ACTS_AT_ZERO = True  # it stands for its pins' even where that is nominal
-    IN_CONTACT: ClassVar[str]  # Key of the coefficient in a contact
+    IN_CONTACT: ClassVar[str]  # Key of the coefficient in a contact, and the nuisance that all pins share
+    NUISANCE: ClassVar[str]
 
     def apply(self, data: dict[str, Any]) -> None:
         pins = self.sites() and (self.site,)
         for pin in pins or [pin for pin in PINS if data["joints"][pin] != "ideal"] or PINS:
             joint_data(data, self.NAME, pin)["contact"] |= {self.IN_CONTACT: self.parameters.coefficient}
 
+    @classmethod
+    def beyond(cls, nominal: float, step: float, *shared: Parameter, **attributes: Any) -> Candidate:
+        """The candidate whose amplitude is the change of a `nominal` coefficient."""
+        low, high = cls.DESCRIBED["coefficient"].ge, cls.DESCRIBED["coefficient"].le
+        return cls.candidate(
+            amplitude("change", step, "1", low - nominal, high - nominal),
+            *shared,
+            amplitudes=("change",),
+            parameters=lambda values: {"coefficient": max(nominal + values["change"], low)},
+            is_perturbation=nominal > 0.0,
+            **attributes,
+        )
+
+    @classmethod
+    def candidates(cls, context: FitContext) -> Candidates:
+        shared = context.nuisances.get(cls.NUISANCE)
+        if shared is not None and set(PINS) <= set(context.mechanism.loose):  # of one pin it is that pin's
+            yield cls.beyond(shared.nominal, shared.step, replaces={cls.NUISANCE: "change"})
+
 
 class Friction(ContactCoefficient):
     """A coefficient of friction in place of the contacts' own."""
 
-    IN_CONTACT = "friction"
-    PARAMETERS = {
-        "coefficient": parameter("", "k, whole coefficient of friction", 0.1, ge=0, le=_LARGEST_FRICTION),
-    }
-
-    @classmethod
-    def beyond(cls, nominal: float, step: float, *shared: Parameter, **attributes: Any) -> Candidate:
-        """The candidate whose amplitude is the change of a `nominal` coefficient."""
-        return cls.candidate(
-            amplitude("change", step, "1", -nominal, _LARGEST_FRICTION - nominal),
-            *shared,
-            amplitudes=("change",),
-            parameters=lambda values: {"coefficient": max(nominal + values["change"], 0.0)},
-            is_perturbation=nominal > 0.0,
-            **attributes,
-        )
+    IN_CONTACT, NUISANCE = "friction", "joint_friction"
+    coefficient = parameter("", "k, whole coefficient of friction", 0.1, ge=0, le=0.6)
 
 
 @register_effect(order=100)
@@ -113,14 +110,8 @@ class PinFriction(Friction):
             if "joint_friction" in replaces and set(context.mechanism.loose) - {pin, "crank_pivot"}:
                 # The effect takes this pin out of what both share: what is left is the other pin's.
                 shared = [context.nuisances["joint_friction"]]
-            yield cls.beyond(
-                joint.contact.friction if joint.loose else 0.0,
-                0.02,
-                *shared,
-                site=pin,
-                initial_guesses=({one.name: one.nominal for one in shared},),
-                replaces=replaces,
-            )
+            nominal, guesses = joint.contact.friction if joint.loose else 0.0, {one.name: one.nominal for one in shared}
+            yield cls.beyond(nominal, 0.02, *shared, site=pin, initial_guesses=(guesses,), replaces=replaces)
 
 
 @register_effect(order=102)
@@ -130,35 +121,13 @@ class CommonPinFriction(Friction):
     LAW = "contact.friction = k of every loose pin"
     WORDS = "friction of both pins other than stated"
 
-    @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
-        shared = context.nuisances.get("joint_friction")
-        if shared is not None and set(PINS) <= set(context.mechanism.loose):  # of one pin it is the friction of that
-            yield cls.beyond(shared.nominal, shared.step, replaces={"joint_friction": "change"})
-
 
 class Restitution(ContactCoefficient):
     """A coefficient of restitution in place of the contacts' own."""
 
     REFERENCE = "Lankarani and Nikravesh, J. Mech. Des. 112 (1990) 369-376"
-    IN_CONTACT = "restitution"
-    PARAMETERS = {
-        "coefficient": parameter(
-            "", "e, whole coefficient of restitution", 0.3, ge=_LEAST_RESTITUTION, le=_LARGEST_RESTITUTION
-        ),
-    }
-
-    @classmethod
-    def beyond(cls, nuisance: Parameter, site: str = "") -> Candidate:
-        """The candidate at `site` that is the `nuisance` beyond its range."""
-        nominal = nuisance.nominal
-        return cls.candidate(
-            amplitude("change", nuisance.step, "1", _LEAST_RESTITUTION - nominal, _LARGEST_RESTITUTION - nominal),
-            site=site,
-            parameters=lambda values: {"coefficient": nominal + values["change"]},
-            replaces={nuisance.name: "change"},
-            is_perturbation=True,  # a contact that gives nothing back is one like others
-        )
+    IN_CONTACT, NUISANCE = "restitution", "restitution"
+    coefficient = parameter("", "e, whole coefficient of restitution", 0.3, ge=1e-3, le=0.999)
 
 
 @register_effect(order=104)
@@ -175,9 +144,8 @@ class PinRestitution(Restitution):
         loose = [pin for pin in cls.sites() if pin in context.mechanism.loose]
         for pin in cls.sites():
             shared = context.nuisances.get("restitution") if loose == [pin] else None
-            nuisance = context.nuisances.get(f"restitution_{pin}", shared)
-            if nuisance is not None:
-                yield cls.beyond(nuisance, pin)
+            if nuisance := context.nuisances.get(f"restitution_{pin}", shared):
+                yield cls.beyond(nuisance.nominal, nuisance.step, site=pin, replaces={nuisance.name: "change"})
 
 
 @register_effect(order=106)
@@ -187,19 +155,12 @@ class CommonPinRestitution(Restitution):
     LAW = "contact.restitution = e of every loose pin"
     WORDS = "a restitution of both pins other than stated"
 
-    @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
-        shared = context.nuisances.get("restitution")
-        if shared is not None and set(PINS) <= set(context.mechanism.loose):
-            yield cls.beyond(shared)
-
 
 @register_effect(order=220)
 class LubricatedJoint(Effect):
     """A film of lubricant in a loose pin, squeeze included; dry contact begins where the film is thinner than h_min."""
 
-    GROUP = "pins"
-    SITE = "crank_pin or piston_pin"
+    GROUP, SITE = "pins", "crank_pin or piston_pin"
     LAW = (
         "short bearing (Ocvirk) with squeeze, pressure p >= 0: d/dz(h^3 dp/dz) = 6 mu ((w_j + w_b) dh/dphi + 2 dh/dt); "
         "dry contact where h < h_min"
@@ -207,17 +168,15 @@ class LubricatedJoint(Effect):
     REFERENCE = "DuBois and Ocvirk, NACA report 1157 (1953)"
     WORDS = "a film of lubricant in the {site}"
     KEYS = _ONE_PIN
-    PARAMETERS = {
-        "viscosity_Pa_s": parameter("Pa*s", "mu, dynamic viscosity", 0.05, gt=0),
-        "length_m": parameter("m", "L, length of the bearing along its axis", 0.012, gt=0),
-        "least_film_m": parameter(
-            "m",
-            "h_min, film thickness at which asperities of ground surfaces begin to touch: dry contact",
-            1e-06,
-            default=1e-6,
-            gt=0,
-        ),
-    }
+    viscosity_Pa_s = parameter("Pa*s", "mu, dynamic viscosity", 0.05, gt=0)
+    length_m = parameter("m", "L, length of the bearing along its axis", 0.012, gt=0)
+    least_film_m = parameter(
+        "m",
+        "h_min, film thickness at which asperities of ground surfaces begin to touch: dry contact",
+        1e-6,
+        1e-6,
+        gt=0,
+    )
 
     def check(self, mechanism: Any) -> None:
         where = f"effects: lubricated_joint at {self.site}"
@@ -231,27 +190,22 @@ class LubricatedJoint(Effect):
             )
 
     def compile_into(self, records: Records) -> None:
-        joint, values = records[self.site], self.parameters
-        joint |= {"film_viscosity": values.viscosity_Pa_s, "film_length": values.length_m}
-        joint["film_least"] = values.least_film_m
-        joint["clearance"] -= values.least_film_m
+        joint, own = records[self.site], self.parameters
+        joint["film_viscosity"], joint["film_length"] = own.viscosity_Pa_s, own.length_m
+        joint["film_least"] = own.least_film_m
+        joint["clearance"] -= own.least_film_m
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         scale = context.scale
         for pin in cls.sites():
-            joint = context.mechanism.joint(pin)
-            if joint is not None and joint.loose:
-                length = 2.0 * joint.journal_radius
+            if pin in context.mechanism.loose:
+                joint = context.mechanism.joint(pin)
+                length = 2.0 * joint.journal_radius  # assumed
                 force_per_viscosity = joint.journal_radius * length**3 * scale.turning / joint.clearance**2
                 yield cls.candidate(
                     amplitude("viscosity_Pa_s", scale.force / force_per_viscosity, "Pa*s", 0.0),
                     site=pin,
                     initial_guesses=tuple({"viscosity_Pa_s": viscosity} for viscosity in _VISCOSITIES),
-                    parameters=partial(_film, length),
+                    parameters=lambda values, length=length: {**values, "length_m": length},
                 )
-
-
-def _film(length: float, values: Values) -> dict[str, float]:
-    """Viscosity as fitted, and the length of the bearing [m] that is assumed."""
-    return {"viscosity_Pa_s": values["viscosity_Pa_s"], "length_m": length}

@@ -1,6 +1,7 @@
 """Forces on the slider."""
 
 import math
+from functools import partial
 
 from jointgap.core.candidates import LawFamily, Parameter
 from jointgap.effects.base import (
@@ -16,40 +17,42 @@ from jointgap.effects.base import (
     amplitude,
     parameter,
     register_effect,
-    share_family,
 )
 
 _SIGN = f"sgn v = tanh(v / {SLIDER_SIGN_SPEED:g} m/s)"
 
+# Stribeck speed [of the slider's speed, root mean square] from which a fit begins, and its bounds. The slider is slower
+# than a tenth for 4.5 % of the time: of what falls more steeply so few samples tell that nearly any share would do.
+# What falls over more than a half looks like viscous friction of the other sign
 _STRIBECK_SPEED, _SLOWEST, _FASTEST = 0.2, 0.1, 0.5
-"""Stribeck speed [of the slider's speed, root mean square] from which a fit begins, and its bounds.
 
-The slider is slower than a tenth for 4.5 % of the time: of what falls more steeply so few samples tell that nearly any
-share would do. What falls over more than a half looks like viscous friction of the other sign.
-"""
-
+# Positions [half strokes from mid-stroke] of most friction from which fits begin: each within a third of any other
 _TIGHTEST = (0.0, -2.0 / 3.0, 2.0 / 3.0)
-"""Positions [half strokes from mid-stroke] of most friction from which fits begin: each within a third of any other."""
 
-_LARGEST_EXPONENT = 6.0
-
+# How far from mid-stroke a spring may rest [strokes]: farther away it is a constant force, to a sixth of it
 _FARTHEST_STROKES = 3.0
-"""How far from mid-stroke a spring may rest [strokes]: farther away it is a constant force, to a sixth of it."""
-
-_LEAST_CUBIC, _LARGEST_CUBIC = -0.5, 1.0
-"""Of a spring's cubic part: at -1/2 the stiffness falls to nothing at the distance h from rest, at 1 it does so at
-rest."""
 
 
 def _force(scale: MotionScale) -> float:
     return scale.force
 
 
+def _force_over_speed(scale: MotionScale) -> float:
+    return scale.force / scale.speed
+
+
+def _force_over_speed_squared(scale: MotionScale) -> float:
+    return scale.force / scale.speed**2
+
+
+def _coefficient(scale: MotionScale) -> float:
+    return min(scale.force / scale.guide, 0.1)
+
+
 class SliderEffect(Effect):
     """A force on the slider, along +x."""
 
-    GROUP = "slider"
-    SITE = "slider"
+    GROUP, SITE = "slider", "slider"
 
 
 @register_effect(order=20)
@@ -59,17 +62,34 @@ class SliderCoulombFriction(SliderEffect):
     LAW = f"F = -f sgn v, {_SIGN}"
     REFERENCE = "Coulomb, Théorie des machines simples (1785)"
     WORDS = "Coulomb friction of the slider"
-    PARAMETERS = {
-        "force_N": parameter("N", "f, force of friction", 20.0, ge=0, compiled="coulomb", step=_force),
-    }
+    force_N = parameter("N", "f, force of friction", 20.0, ge=0, compiled="coulomb", step=_force)
+
+
+@register_effect(order=45)
+class SliderPowerDrag(SliderEffect):
+    """Drag of the slider with any power of its speed: the family of dry friction, viscous friction and quadratic drag.
+
+    No candidate by itself: its exponent is fitted once a member of the family is found.
+    """
+
+    LAW = f"F = -f |v/v0|^p sgn v, {_SIGN}"
+    REFERENCE = FRICTION_SURVEY
+    WORDS = "drag of the slider"
+    MEMBERS = {"slider_coulomb_friction": 0.0, "slider_viscous_friction": 1.0, "slider_quadratic_drag": 2.0}
+    SHAPE, IN_USE = "exponent", (0.0, 1.0, 2.0, 3.0, 5.0)
+    force_N = parameter("N", "f, force at the speed v0", 10.0, ge=0, compiled="power_drag", step=_force)
+    speed_m_s = parameter("m/s", "v0, speed at which the force is f", 1.0, gt=0, compiled="power_drag_speed")
+    exponent = parameter("", "p, exponent of the speed", 3.0, ge=0, le=6.0, compiled="power_drag_exponent")
 
     @classmethod
-    def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
-        scale = context.scale
-        return (
-            SliderPowerDrag.family_of(cls, scale),
-            SliderStribeckFriction.family(scale),
-            SliderPositionFriction.family(scale),
+    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
+        """The one parameter of a `member` is its force over a power of the speed."""
+        speed, (key,) = scale.speed, member.DESCRIBED
+        return super().family(
+            member,
+            scale,
+            values=lambda values: {"force_N": values[key] * speed ** cls.MEMBERS[member.NAME]},
+            parameters=lambda values: {**values, "speed_m_s": speed},
         )
 
 
@@ -84,25 +104,20 @@ class SliderStribeckFriction(SliderEffect):
     REFERENCE = FRICTION_SURVEY
     WORDS = "dry friction of the slider"
     MEMBERS = {"slider_coulomb_friction": 0.0}
-    PARAMETERS = {
-        "force_N": parameter(
-            "N", "f, force of friction at the least speed", 20.0, ge=0, compiled="stribeck", step=_force
-        ),
-        "stribeck_speed_m_s": parameter(
-            "m/s", "v_s, Stribeck speed, over which friction falls", 0.3, gt=0, compiled="stribeck_speed"
-        ),
-        "stribeck_share": parameter(
-            "", "s, share of the force that falls with speed", 0.5, ge=0, le=1, compiled="stribeck_share"
-        ),
-    }
+    SHAPE = "stribeck_share"
+    force_N = parameter("N", "f, force of friction at the least speed", 20.0, ge=0, compiled="stribeck", step=_force)
+    stribeck_speed_m_s = parameter(
+        "m/s", "v_s, Stribeck speed, over which friction falls", 0.3, gt=0, compiled="stribeck_speed"
+    )
+    stribeck_share = parameter(
+        "", "s, share of the force that falls with speed", 0.5, ge=0, le=1, compiled="stribeck_share"
+    )
 
     @classmethod
-    def family(cls, scale: MotionScale) -> LawFamily:
+    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
         start, slowest, fastest = (share * scale.speed for share in (_STRIBECK_SPEED, _SLOWEST, _FASTEST))
         speed = Parameter("stribeck_speed_m_s", start, slowest, fastest, 0.1 * start, "m/s")
-        return share_family(
-            cls, "stribeck_share", scale, speed, values=lambda force: {**force, "stribeck_speed_m_s": start}
-        )
+        return super().family(member, scale, others=(speed,), values=lambda force: {**force, speed.name: start})
 
 
 @register_effect(order=27)
@@ -116,33 +131,29 @@ class SliderPositionFriction(SliderEffect):
     LAW = f"F = -f [1 - s + s (1 + cos(2 pi (x - x_t) / l)) / 2] sgn v, {_SIGN}"
     WORDS = "dry friction that varies along the stroke"
     MEMBERS = {"slider_coulomb_friction": 0.0}
-    PARAMETERS = {
-        "force_N": parameter(
-            "N", "f, force of friction where it is largest", 20.0, ge=0, compiled="position_friction", step=_force
-        ),
-        "tightest_position_m": parameter(
-            "m", "x_t, position of the slider where friction is largest", 0.56, compiled="position_friction_tightest"
-        ),
-        "length_m": parameter(
-            "m", "l, distance after which friction is the same again", 0.3, gt=0, compiled="position_friction_length"
-        ),
-        "varying_share": parameter(
-            "", "s, share of the force that varies", 0.5, ge=0, le=1, compiled="position_friction_share"
-        ),
-    }
+    SHAPE = "varying_share"
+    force_N = parameter(
+        "N", "f, force of friction where it is largest", 20.0, ge=0, compiled="position_friction", step=_force
+    )
+    tightest_position_m = parameter(
+        "m", "x_t, position of the slider where friction is largest", 0.56, compiled="position_friction_tightest"
+    )
+    length_m = parameter(
+        "m", "l, distance after which friction is the same again", 0.3, gt=0, compiled="position_friction_length"
+    )
+    varying_share = parameter(
+        "", "s, share of the force that varies", 0.5, ge=0, le=1, compiled="position_friction_share"
+    )
 
     @classmethod
-    def family(cls, scale: MotionScale) -> LawFamily:
+    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
         middle, half = scale.middle, scale.stroke
         # A stroke to either side of mid-stroke, so that no place on the stroke is a bound of what is periodic.
         place = Parameter("tightest_position_m", middle, middle - 2.0 * half, middle + 2.0 * half, 0.1 * half, "m")
-        return share_family(
-            cls,
-            "varying_share",
-            scale,
-            place,
-            initial_guesses=tuple({"tightest_position_m": middle + share * half} for share in _TIGHTEST),
-            parameters=lambda values: {**values, "length_m": 2.0 * half},
+        guesses = tuple({place.name: middle + share * half} for share in _TIGHTEST)
+        length = {"length_m": 2.0 * half}
+        return super().family(
+            member, scale, others=(place,), initial_guesses=guesses, parameters=lambda values: {**values, **length}
         )
 
 
@@ -153,20 +164,7 @@ class SliderViscousFriction(SliderEffect):
     LAW = "F = -c v"
     REFERENCE = FRICTION_SURVEY
     WORDS = "viscous friction of the slider"
-    PARAMETERS = {
-        "damping_N_s_m": parameter(
-            "N*s/m",
-            "c, force per velocity",
-            5.0,
-            ge=0,
-            compiled="viscous",
-            step=lambda scale: scale.force / scale.speed,
-        ),
-    }
-
-    @classmethod
-    def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
-        return (SliderPowerDrag.family_of(cls, context.scale),)
+    damping_N_s_m = parameter("N*s/m", "c, force per velocity", 5.0, ge=0, compiled="viscous", step=_force_over_speed)
 
 
 @register_effect(order=40)
@@ -176,54 +174,9 @@ class SliderQuadraticDrag(SliderEffect):
     LAW = "F = -d v |v|"
     REFERENCE = "Newton, Principia (1687), book II, section II"
     WORDS = "quadratic drag of the slider"
-    PARAMETERS = {
-        "drag_N_s2_m2": parameter(
-            "N*s^2/m^2",
-            "d, force per velocity squared",
-            0.5,
-            ge=0,
-            compiled="drag",
-            step=lambda scale: scale.force / scale.speed**2,
-        ),
-    }
-
-    @classmethod
-    def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
-        return (SliderPowerDrag.family_of(cls, context.scale),)
-
-
-@register_effect(order=45)
-class SliderPowerDrag(SliderEffect):
-    """Drag of the slider with any power of its speed: the family of dry friction, viscous friction and quadratic drag.
-
-    No candidate by itself: its exponent is fitted once a member of the family is found.
-    """
-
-    LAW = f"F = -f |v/v0|^p sgn v, {_SIGN}"
-    REFERENCE = FRICTION_SURVEY
-    WORDS = "drag of the slider"
-    MEMBERS = {"slider_coulomb_friction": 0.0, "slider_viscous_friction": 1.0, "slider_quadratic_drag": 2.0}
-    PARAMETERS = {
-        "force_N": parameter("N", "f, force at the speed v0", 10.0, ge=0, compiled="power_drag", step=_force),
-        "speed_m_s": parameter("m/s", "v0, speed at which the force is f", 1.0, gt=0, compiled="power_drag_speed"),
-        "exponent": parameter(
-            "", "p, exponent of the speed", 3.0, ge=0, le=_LARGEST_EXPONENT, compiled="power_drag_exponent"
-        ),
-    }
-
-    @classmethod
-    def family_of(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
-        """The family of a `member`, whose one parameter is its force over a power of the speed."""
-        speed, exponent = scale.speed, cls.MEMBERS[member.NAME]
-        (key,) = member.PARAMETERS
-        law = cls.candidate(
-            *cls.sizes(scale),
-            Parameter("exponent", exponent, 0.0, _LARGEST_EXPONENT, 0.1),
-            amplitudes=("force_N",),
-            parameters=lambda values: {**values, "speed_m_s": speed},
-        )
-        in_use = (0.0, 1.0, 2.0, 3.0, 5.0)
-        return LawFamily(law, "exponent", exponent, in_use, lambda values: {"force_N": values[key] * speed**exponent})
+    drag_N_s2_m2 = parameter(
+        "N*s^2/m^2", "d, force per velocity squared", 0.5, ge=0, compiled="drag", step=_force_over_speed_squared
+    )
 
 
 @register_effect(order=50)
@@ -234,17 +187,9 @@ class SliderLoadFriction(SliderEffect):
     LAW = f"F = -k |N| sgn v, {_SIGN}, N: normal force of the guide"
     REFERENCE = "Amontons, Mém. Acad. R. Sci. (1699) 206-222"
     WORDS = "friction of the slider in proportion to the load of its guide"
-    PARAMETERS = {
-        "coefficient": parameter(
-            "",
-            "k, coefficient of friction",
-            0.1,
-            ge=0,
-            le=1,
-            compiled="load_friction",
-            step=lambda scale: min(scale.force / scale.guide, 0.1),
-        ),
-    }
+    coefficient = parameter(
+        "", "k, coefficient of friction", 0.1, ge=0, le=1, compiled="load_friction", step=_coefficient
+    )
 
 
 @register_effect(order=60)
@@ -253,9 +198,7 @@ class SliderConstantForce(SliderEffect):
 
     LAW = "F = f"
     WORDS = "a constant force on the slider"
-    PARAMETERS = {
-        "force_N": parameter("N", "f, force along +x", -50.0, compiled="constant", step=_force),
-    }
+    force_N = parameter("N", "f, force along +x", -50.0, compiled="constant", step=_force)
 
 
 @register_effect(order=70)
@@ -265,38 +208,13 @@ class SliderSpring(SliderEffect):
     LAW = "F = -k (x - x0)"
     REFERENCE = "Hooke, De potentia restitutiva (1678)"
     WORDS = "a linear spring on the slider"
-    PARAMETERS = {
-        "stiffness_N_m": parameter("N/m", "k, force per length", 2000.0, ge=0, compiled="spring_stiffness"),
-        "rest_position_m": parameter("m", "x0, position of the slider without force", 0.56, compiled="spring_rest"),
-    }
+    stiffness_N_m = parameter("N/m", "k, force per length", 2000.0, ge=0, compiled="spring_stiffness")
+    rest_position_m = parameter("m", "x0, position of the slider without force", 0.56, compiled="spring_rest")
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        scale = context.scale
-        # Two springs that rest at either end of where one may rest do what any one between them does, and the motion
-        # depends on both stiffnesses linearly.
-        farthest = _FARTHEST_STROKES * 2.0 * scale.stroke
-        ends = [amplitude(key, scale.force / farthest, "N/m", 0.0) for key in ("farthest_out_N_m", "farthest_in_N_m")]
-
-        def parameters(values: Values) -> dict[str, float]:
-            outer, inner = values["farthest_out_N_m"], values["farthest_in_N_m"]
-            stiffness = outer + inner
-            share = (outer - inner) / stiffness if stiffness > 0.0 else 0.0
-            return {"stiffness_N_m": stiffness, "rest_position_m": scale.middle + share * farthest}
-
-        cubic = Parameter("cubic_share", 0.0, _LEAST_CUBIC, _LARGEST_CUBIC, 0.1)
-        law = SliderNonlinearSpring.candidate(
-            *ends,
-            cubic,
-            amplitudes=tuple(end.key for end in ends),
-            parameters=lambda values: {
-                **parameters(values),
-                "length_m": scale.stroke,
-                "cubic_share": values["cubic_share"],
-            },
-        )
-        family = LawFamily(law, "cubic_share", cubic.nominal, (-0.5, 0.0, 0.5, 1.0), dict)
-        yield cls.candidate(*ends, parameters=parameters, families=(family,))
+        parameters = partial(_one_spring, context.scale)
+        yield cls.candidate(*_two_springs(context.scale), parameters=parameters, families=cls.families(context))
 
 
 @register_effect(order=75)
@@ -310,25 +228,42 @@ class SliderNonlinearSpring(SliderEffect):
     REFERENCE = "Duffing, Erzwungene Schwingungen bei veränderlicher Eigenfrequenz (1918)"
     WORDS = "a spring on the slider"
     MEMBERS = {"slider_spring": 0.0}
-    PARAMETERS = {
-        "stiffness_N_m": parameter(
-            "N/m", "k, force per length at the distance h from x0", 2000.0, ge=0, compiled="nonlinear_spring"
-        ),
-        "rest_position_m": parameter(
-            "m", "x0, position of the slider without force", 0.56, compiled="nonlinear_spring_rest"
-        ),
-        "length_m": parameter(
-            "m", "h, distance from x0 at which the force is k h", 0.15, gt=0, compiled="nonlinear_spring_length"
-        ),
-        "cubic_share": parameter(
-            "",
-            "c, share of the cubic part, below 0 softening",
-            1.0,
-            ge=_LEAST_CUBIC,
-            le=_LARGEST_CUBIC,
-            compiled="nonlinear_spring_share",
-        ),
-    }
+    SHAPE, IN_USE = "cubic_share", (-0.5, 0.0, 0.5, 1.0)
+    stiffness_N_m = parameter(
+        "N/m", "k, force per length at the distance h from x0", 2000.0, ge=0, compiled="nonlinear_spring"
+    )
+    rest_position_m = parameter("m", "x0, position of the slider without force", 0.56, compiled="nonlinear_spring_rest")
+    length_m = parameter(
+        "m", "h, distance from x0 at which the force is k h", 0.15, gt=0, compiled="nonlinear_spring_length"
+    )
+    # at -1/2 the stiffness falls to nothing at the distance h from rest, at 1 it does so at rest
+    cubic_share = parameter(
+        "", "c, share of the cubic part, below 0 softening", 1.0, ge=-0.5, le=1.0, compiled="nonlinear_spring_share"
+    )
+
+    @classmethod
+    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
+        def parameters(values: Values) -> dict[str, float]:
+            return _one_spring(scale, values) | {"length_m": scale.stroke, "cubic_share": values["cubic_share"]}
+
+        return super().family(member, scale, _two_springs(scale), parameters=parameters)
+
+
+def _two_springs(scale: MotionScale) -> tuple[Parameter, ...]:
+    """Stiffnesses of springs that rest at either end of where one may rest: they do what any one between them does, and
+    the motion depends on both linearly.
+    """
+    step = scale.force / (_FARTHEST_STROKES * 2.0 * scale.stroke)
+    return tuple(amplitude(key, step, "N/m", 0.0) for key in ("farthest_out_N_m", "farthest_in_N_m"))
+
+
+def _one_spring(scale: MotionScale, values: Values) -> dict[str, float]:
+    """The spring that does what two of `_two_springs` do."""
+    outer, inner = values["farthest_out_N_m"], values["farthest_in_N_m"]
+    stiffness = outer + inner
+    share = (outer - inner) / stiffness if stiffness > 0.0 else 0.0
+    farthest = _FARTHEST_STROKES * 2.0 * scale.stroke
+    return {"stiffness_N_m": stiffness, "rest_position_m": scale.middle + share * farthest}
 
 
 @register_effect(order=80)
@@ -340,22 +275,13 @@ class GasPressure(SliderEffect):
     LAW = "F = -f (h / (h + x_out - x))^n, closed cycle, x_out: farthest-out position"
     REFERENCE = "Heywood, Internal combustion engine fundamentals (1988)"
     WORDS = "the pressure of a closed gas volume on the slider"
-    PARAMETERS = {
-        "force_N": parameter(
-            "N", "f, force with the slider farthest out", 100.0, ge=0, compiled="gas_force", step=_force
-        ),
-        "dead_length_m": parameter(
-            "m", "h, length of the cylinder beyond the farthest-out position", 0.05, gt=0, compiled="gas_length"
-        ),
-        "exponent": parameter(
-            "",
-            "n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air",
-            1.3,
-            ge=1,
-            le=1.4,
-            compiled="gas_exponent",
-        ),
-    }
+    force_N = parameter("N", "f, force with the slider farthest out", 100.0, ge=0, compiled="gas_force", step=_force)
+    dead_length_m = parameter(
+        "m", "h, length of the cylinder beyond the farthest-out position", 0.05, gt=0, compiled="gas_length"
+    )
+    exponent = parameter(
+        "", "n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air", 1.3, ge=1, le=1.4, compiled="gas_exponent"
+    )
 
     def largest_force(self, stroke: float) -> float:
         given = self.parameters
@@ -364,13 +290,13 @@ class GasPressure(SliderEffect):
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
         stroke = context.scale.stroke
-        lengths = (0.2 * stroke, stroke)
+        short, long = 0.2 * stroke, stroke
         yield cls.candidate(
             *cls.sizes(context.scale),
-            Parameter("dead_length_m", lengths[0], 0.01 * stroke, 20.0 * stroke, 0.1 * lengths[0], "m"),
+            Parameter("dead_length_m", short, 0.01 * stroke, 20.0 * stroke, 0.1 * short, "m"),
             Parameter("exponent", 1.2, 1.0, 1.4, 0.05),
             amplitudes=("force_N",),
-            initial_guesses=tuple({"dead_length_m": length, "exponent": 1.2} for length in lengths),
+            initial_guesses=tuple({"dead_length_m": length, "exponent": 1.2} for length in (short, long)),
         )
 
 
@@ -380,11 +306,9 @@ class HarmonicForce(SliderEffect):
 
     LAW = "F = f cos(2 pi nu t + phase), not locked to the crank"
     WORDS = "a force on the slider that swings at a frequency of its own"
-    PARAMETERS = {
-        "force_N": parameter("N", "f, amplitude", 10.0, ge=0, compiled="harmonic"),
-        "frequency_Hz": parameter("Hz", "nu, cycles per second", 37.0),
-        "phase_rad": parameter("rad", "phase at t = 0", 0.0, default=0.0, compiled="harmonic_phase"),
-    }
+    force_N = parameter("N", "f, amplitude", 10.0, ge=0, compiled="harmonic")
+    frequency_Hz = parameter("Hz", "nu, cycles per second", 37.0)
+    phase_rad = parameter("rad", "phase at t = 0", 0.0, default=0.0, compiled="harmonic_phase")
 
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
@@ -392,13 +316,10 @@ class HarmonicForce(SliderEffect):
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        frequency = context.frequency_Hz
+        frequency, step = context.frequency_Hz, context.scale.force
         # Runs are recorded one after the other: each has a phase of its own.
-        parts = [
-            Parameter(part, 0.0, step=context.scale.force, unit="N", run=run)
-            for run in context.runs
-            for part in ("cosine", "sine")
-        ]
+        names = [(part, run) for run in context.runs for part in ("cosine", "sine")]
+        parts = [Parameter(part, 0.0, step=step, unit="N", run=run) for part, run in names]
         yield cls.candidate(
             *parts,
             Parameter("frequency_Hz", frequency, 0.0, math.inf, 1e-3 * frequency, "Hz"),
@@ -426,7 +347,6 @@ def _amplitude_and_phase(values: Values) -> dict[str, float]:
 class DiscoveredSliderForce(DiscoveredLaw):
     """A force on the slider, along +x [N]."""
 
-    GROUP = "slider"
-    SITE = "slider"
+    GROUP, SITE = "slider", "slider"
     LAW = "F = formula of v, x, w, theta, t"
     WORDS = "a force on the slider that follows a formula found by regression"

@@ -94,8 +94,7 @@ class ForceTableParameters(Section):
 class SliderForceTable(Effect):
     """A known load, such as an engine's or a compressor's indicator diagram; smooth between the rows, and periodic."""
 
-    GROUP = "slider"
-    SITE = "slider"
+    GROUP, SITE = "slider", "slider"
     LAW = "F = table(theta) or table(t), periodic cubic spline; of a pressure F = -(p - p_ambient) pi bore^2 / 4"
     WORDS = "a measured load on the slider"
     PARAMETERS = ForceTableParameters
@@ -107,13 +106,10 @@ class SliderForceTable(Effect):
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
         given, (pieces, begin, period) = self.parameters, _table(self.parameters)
-        sign = -1.0 if given.reversed else 1.0
-        records["effects"] |= {
-            "table_over": 1 if given.time is None else 2,
-            "table_sign": sign,
-            "table_begin": begin + (sign * given.zero if given.time is None else 0.0),
-            "table_period": period,
-        }
+        sign, timed = -1.0 if given.reversed else 1.0, given.time is not None
+        begin += 0.0 if timed else sign * given.zero
+        stated = {"table_over": 2 if timed else 1, "table_sign": sign, "table_begin": begin, "table_period": period}
+        records["effects"] |= stated
         records["tables"]["slider_table"] = pieces
 
     def largest_force(self, stroke: float) -> float:
@@ -160,12 +156,15 @@ def _read_table(given: ForceTableParameters, _changed: int) -> tuple[np.ndarray,
             )
         value = (given.ambient_pressure - value) * 0.25 * math.pi * given.bore**2
     period = _period(given, place, where)
-    if place[-1] - place[0] > (1.0 - 1e-6) * period:  # the last row is the first one of the next period
-        _check_closed(path, stated[load], value, abs(value[-1] - value[0]), _CLOSED * np.ptp(value))
+    apart, most = abs(value[-1] - value[0]), _CLOSED * np.ptp(value)
+    repeats = place[-1] - place[0] > (1.0 - 1e-6) * period  # the last row is the first one of the next period
+    if apart > (most if repeats else max(most, _GAP * np.abs(np.diff(value)).max())):
+        raise InputError(
+            f"{path}, column {stated[load].column}: the period does not close: begin and end are {apart:.4g} N apart "
+            f"on the slider, the range is {np.ptp(value):.4g} N; give one whole period, averaged over cycles"
+        )
+    if repeats:
         place, value = place[:-1], value[:-1]
-    else:
-        most = max(_CLOSED * np.ptp(value), _GAP * np.abs(np.diff(value)).max())
-        _check_closed(path, stated[load], value, abs(value[-1] - value[0]), most)
     spline = CubicSpline(np.append(place - place[0], period), np.append(value, value[0]), bc_type="periodic")
     return np.column_stack([spline.x[:-1], spline.c.T]), float(place[0]), float(period)
 
@@ -173,23 +172,13 @@ def _read_table(given: ForceTableParameters, _changed: int) -> tuple[np.ndarray,
 def _period(given: ForceTableParameters, place: np.ndarray, where: str) -> float:
     """The period [rad or s] of a table whose rows are at `place` (n,)."""
     span, step = place[-1] - place[0], float(np.median(np.diff(place)))
-    if given.time is not None:
-        period = given.period or span
-        if not period * (1.0 - 1e-6) - _GAP * step <= span <= period * (1.0 + 1e-6):
-            raise InputError(f"{where}: the rows span {span:.6g} s, not the period of {period:.6g} s; correct either")
-        return period
-    for period in (math.tau, 2.0 * math.tau):
-        if period - _GAP * step <= span <= period * (1.0 + 1e-6):
+    periods = (math.tau, 2.0 * math.tau) if given.time is None else (given.period or span,)
+    for period in periods:
+        if period * (1.0 - 1e-6) - _GAP * step <= span <= period * (1.0 + 1e-6):
             return period
+    if given.time is not None:
+        raise InputError(f"{where}: the rows span {span:.6g} s, not the period of {period:.6g} s; correct either")
     raise InputError(
         f"{where}: the rows span {math.degrees(span):.6g} deg in steps of {math.degrees(step):.3g}, neither 360 nor "
         "720 deg; give one whole period, or correct the unit of the angle"
     )
-
-
-def _check_closed(path: Path, load: TableColumn, value: np.ndarray, apart: float, most: float) -> None:
-    if apart > most:
-        raise InputError(
-            f"{path}, column {load.column}: the period does not close: begin and end are {apart:.4g} N apart on the "
-            f"slider, the range is {np.ptp(value):.4g} N; give one whole period, averaged over cycles"
-        )
