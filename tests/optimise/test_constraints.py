@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.interpolate import RectBivariateSpline
 
 from jointgap.config import Box, Constraints, Genetic, Optimise, load_mechanism, resolve
 from jointgap.core.errors import InputError
@@ -115,7 +116,8 @@ def test_boxes_have_their_regions_by_name():
 
 def test_a_largest_force_bends_the_search_to_lengths_that_carry_no_more(objective):
     cranks, rods = (np.linspace(*ends, 7) for ends in (BOX.crank_length, BOX.rod_length))
-    surface = PinForce(cranks, rods, 2000.0 * (cranks[:, None] / 0.150) * (rods[None, :] / 0.564) ** 2)
+    forces = 2000.0 * (cranks[:, None] / 0.150) * (rods[None, :] / 0.564) ** 2
+    surface = PinForce(RectBivariateSpline(cranks, rods, forces))
     free = found(objective, region(offset=0.0))
     most = float(surface.value(free[0])) - 30.0
     for lengths in found(objective, Region.of(BOX, None).under([surface.limited(most)])):
@@ -127,7 +129,8 @@ def test_a_largest_force_bends_the_search_to_lengths_that_carry_no_more(objectiv
     ("is_relaxed", "words"), [(False, "largest force in a pin at its upper limit 500 N"), (True, "")]
 )
 def test_a_limit_that_was_relaxed_since_nothing_keeps_the_one_asked_for_is_not_told_as_what_decides(is_relaxed, words):
-    surface = PinForce(*(np.linspace(*ends, 7) for ends in (BOX.crank_length, BOX.rod_length)), np.full((7, 7), 500.0))
+    places = (np.linspace(*ends, 7) for ends in (BOX.crank_length, BOX.rod_length))
+    surface = PinForce(RectBivariateSpline(*places, np.full((7, 7), 500.0)))
     assert surface.limited(500.0, is_relaxed).active((0.150, 0.564)) == words
 
 

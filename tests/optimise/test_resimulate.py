@@ -77,10 +77,7 @@ def test_the_frozen_gain_is_real_where_the_joints_have_friction(mechanism, origi
 
 
 def test_every_pair_of_runs_is_compared():
-    def of(*rms):
-        return Measures(*[np.array(rms)] * 4)
-
-    pairs = reduction_pairs(of(1.0, 3.0), of(2.0, 4.0, 8.0), "rms")
+    pairs = reduction_pairs(np.array([1.0, 3.0]), np.array([2.0, 4.0, 8.0]))
     assert sorted(pairs) == pytest.approx(sorted([0.5, 0.75, 0.875, -0.5, 0.25, 0.625]))
 
 

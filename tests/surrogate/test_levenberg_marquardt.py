@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on problems with known solutions, against scipy, and alone against in a batch."""
+"""Levenberg-Marquardt on problems with known solutions, and against scipy."""
 
 import numpy as np
 import pytest
@@ -24,30 +24,25 @@ class FunctionModel:
 
 class FunctionEvaluation:
     def __init__(self, model, parameters):
-        self.model, self.at = model, parameters
-        self.outputs = torch.stack([model.function(p) for p in parameters])
-
-    def select(self, members):
-        return FunctionEvaluation(self.model, self.at[members])
-
-    def replaced(self, other, members):
-        return FunctionEvaluation(self.model, torch.where(members[:, None], other.at, self.at))
+        self.function, self.at = model.function, torch.tensor(parameters)
+        self.outputs = self.function(self.at).numpy()
 
     def jacobian(self):
-        return torch.stack([torch.func.jacrev(self.model.function)(p) for p in self.at])
+        return torch.func.jacrev(self.function)(self.at).numpy()
 
     def pull_back(self, weights):
-        return torch.einsum("bnp,bn->bp", self.jacobian(), weights)
+        return self.jacobian().T @ weights
 
-    def products_of_rows(self, member, out, work):
-        jacobian = self.jacobian()[member].numpy()
-        out[...] = jacobian @ jacobian.T
+    def row_products(self, out, work):
+        out[...] = self.jacobian() @ self.jacobian().T
 
     def along(self, step):
-        curves = [lambda t, p=p, v=v: self.model.function(p + t * v) for p, v in zip(self.at, step, strict=True)]
         zero = torch.zeros((), dtype=torch.float64)
-        first = torch.stack([torch.func.jacrev(curve)(zero) for curve in curves])
-        return first, torch.stack([torch.func.jacrev(torch.func.jacrev(curve))(zero) for curve in curves])
+
+        def slope(t):
+            return torch.func.jacrev(lambda t: self.function(self.at + t * torch.tensor(step)))(t)
+
+        return slope(zero).numpy(), torch.func.jacrev(slope)(zero).numpy()
 
 
 def rosenbrock(p):
@@ -79,7 +74,7 @@ PRECISE = Settings(iterations=500, minimum_gradient=0.0)
 def test_the_exact_solution_of_a_problem_without_residual_is_found(function, points, size, start, truth, within):
     model = FunctionModel(function, points, size)
     targets = function(torch.tensor(truth, dtype=torch.float64)).numpy()
-    (result,) = minimise(model, targets, np.array(start), PRECISE)
+    result = minimise(model, targets, np.array(start), PRECISE)
     np.testing.assert_allclose(result.parameters, truth, atol=within)
     assert result.status is Status.EXACT
 
@@ -88,7 +83,7 @@ def test_convergence_to_a_regular_solution_without_residual_is_quadratic_until_t
     model = FunctionModel(decay, 40, 4)
     truth = np.array([2.0, 0.3, 1.5, 4.0])
     targets = decay(torch.tensor(truth)).numpy()
-    (result,) = minimise(model, targets, truth + [0.1, 0.02, -0.1, 0.1], Settings(200, 0.0, initial_damping=1e-12))
+    result = minimise(model, targets, truth + [0.1, 0.02, -0.1, 0.1], Settings(200, 0.0, initial_damping=1e-12))
     residual = np.sqrt(result.errors[result.errors > 1e-28])
     orders = np.diff(np.log(residual[1:])) / np.diff(np.log(residual[:-1]))
     assert len(residual) < 8
@@ -101,8 +96,7 @@ def test_dual_and_primal_form_take_the_same_steps():
 
     start = np.array([3.0, -1.0, 0.0, 1.0])
     few, many = (
-        minimise(padded(extra), np.zeros(4 + extra), start, Settings(12, 0.0))[0].errors * (4 + extra)
-        for extra in (0, 10)
+        minimise(padded(extra), np.zeros(4 + extra), start, Settings(12, 0.0)).errors * (4 + extra) for extra in (0, 10)
     )
     np.testing.assert_allclose(few, many, rtol=1e-8)
 
@@ -111,8 +105,8 @@ def test_a_network_that_can_represent_the_data_learns_them_to_rounding():
     layout = Layout((2,))
     model = NetworkModel(layout, INPUTS)
     teacher = nguyen_widrow(layout, 3)
-    targets = model.evaluate(torch.tensor(teacher)[None]).outputs[0].numpy()
-    (result,) = minimise(model, targets, teacher + 0.1 * nguyen_widrow(layout, 8), PRECISE)
+    targets = model.evaluate(teacher).outputs
+    result = minimise(model, targets, teacher + 0.1 * nguyen_widrow(layout, 8), PRECISE)
     assert result.status is Status.EXACT
     np.testing.assert_allclose(result.parameters, teacher, atol=1e-9)
 
@@ -123,37 +117,23 @@ def test_scipy_starting_where_it_ends_finds_nothing_better():
     targets = np.sin(9 * INPUTS) * np.exp(-INPUTS)
 
     def residual(parameters):
-        return model.evaluate(torch.tensor(parameters)[None]).outputs[0].numpy() - targets
+        return model.evaluate(parameters).outputs - targets
 
     def jacobian(parameters):
-        return model.evaluate(torch.tensor(parameters)[None]).jacobian()[0].numpy()
+        return model.evaluate(parameters).jacobian()
 
-    (result,) = minimise(model, targets, nguyen_widrow(layout, 0), Settings(5000, 1e-13, stall_iterations=5000))
+    result = minimise(model, targets, nguyen_widrow(layout, 0), Settings(5000, 1e-13, stall_iterations=5000))
     peer = least_squares(residual, nguyen_widrow(layout, 0), jacobian, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     continued = least_squares(residual, result.parameters, jacobian, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert 2 * continued.cost / len(INPUTS) == pytest.approx(result.errors[-1], rel=1e-6)
     assert result.errors[-1] <= 2 * peer.cost / len(INPUTS) * (1 + 1e-6)
 
 
-def test_every_member_of_a_batch_ends_as_if_alone_to_the_last_bit_whenever_the_others_stop():
-    model = NetworkModel(LAYOUT, INPUTS)
-    targets = np.sin(25 * INPUTS**2)
-    starts = np.stack([nguyen_widrow(LAYOUT, seed) for seed in range(4)])
-    settings = Settings(300, 3e-4)
-    together = minimise(model, targets, starts, settings)
-    assert len({result.iterations for result in together}) > 1
-    for start, member in zip(starts, together, strict=True):
-        (alone,) = minimise(model, targets, start, settings)
-        np.testing.assert_array_equal(alone.errors, member.errors)
-        np.testing.assert_array_equal(alone.parameters, member.parameters)
-        assert alone.status is member.status
-
-
 def test_the_error_never_rises_and_is_the_mean_square_at_the_end():
     model = NetworkModel(LAYOUT, INPUTS)
     targets = np.sign(INPUTS - 0.4)
-    (result,) = minimise(model, targets, nguyen_widrow(LAYOUT, 1), Settings(200))
-    outputs = model.evaluate(torch.tensor(result.parameters)[None]).outputs[0].numpy()
+    result = minimise(model, targets, nguyen_widrow(LAYOUT, 1), Settings(200))
+    outputs = model.evaluate(result.parameters).outputs
     assert (np.diff(result.errors) <= 0).all()
     assert result.errors[-1] == pytest.approx(np.mean((outputs - targets) ** 2), rel=1e-12)
 
@@ -161,7 +141,7 @@ def test_the_error_never_rises_and_is_the_mean_square_at_the_end():
 def run(targets=None, **settings):
     model = NetworkModel(LAYOUT, INPUTS)
     targets = np.sin(25 * INPUTS**2) if targets is None else targets
-    return minimise(model, targets, nguyen_widrow(LAYOUT, 0), Settings(**settings))[0]
+    return minimise(model, targets, nguyen_widrow(LAYOUT, 0), Settings(**settings))
 
 
 def test_the_budget_counts_refused_steps_too():

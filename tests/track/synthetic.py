@@ -69,7 +69,7 @@ def fit(salt: int) -> pd.DataFrame:
         for model, start in (*(("network", seed) for seed in SEEDS), ("regularised", SEEDS[0]))
         for layer in range(len(sizes) - 1)
         for neuron in range(sizes[layer + 1])
-        for source in range(-1, sizes[layer])
+        for source in (*range(sizes[layer]), -1)
     ]
     return pd.DataFrame(rows, columns=[column.name for column in schema.FIT.columns])
 

@@ -1,6 +1,7 @@
 """The error of the transmission angle over lengths."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,17 +13,16 @@ from jointgap.dynamics.kinematics import transmission_angle
 from jointgap.lengths.region import Region
 
 
-@dataclass(frozen=True)
-class Measures:
+class Measures(NamedTuple):
     """Four sizes of one error; floats, or arrays of one shape for several errors."""
 
-    rms: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
-    mean_absolute: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
-    peak: np.ndarray  # Root of the mean square, mean of the size, largest size [rad]
+    rms: np.ndarray  # [rad]
+    mean_absolute: np.ndarray  # [rad]
+    peak: np.ndarray  # [rad]
     sum_of_squares: np.ndarray  # What equation (12) minimises [rad^2]; grows with the number of samples
 
 
-MEASURES = tuple(field.name for field in fields(Measures))
+MEASURES = Measures._fields
 
 
 def measure(error: ArrayLike) -> Measures:
@@ -30,11 +30,6 @@ def measure(error: ArrayLike) -> Measures:
     size = np.abs(error)
     squares = np.sum(size**2, axis=-1)
     return Measures(np.sqrt(squares / size.shape[-1]), np.mean(size, axis=-1), np.max(size, axis=-1), squares)
-
-
-def reductions(measures: Measures, original: Measures) -> Measures:
-    """By which fraction each measure lies below that of the original lengths; negative where it grew."""
-    return Measures(*(1.0 - getattr(measures, name) / getattr(original, name) for name in MEASURES))
 
 
 @dataclass(frozen=True)
@@ -55,8 +50,9 @@ class Objective:
         return measure(self.error(lengths))
 
     def reductions(self, lengths: ArrayLike) -> Measures:
-        """The four reductions against the original lengths, shape (...), for lengths of shape (..., 2) [m]."""
-        return reductions(self.measures(lengths), self.measures(self.original))
+        """By which fraction each measure lies below that of the original lengths; shape (...), for lengths (..., 2)."""
+        pairs = zip(self.measures(lengths), self.measures(self.original), strict=True)
+        return Measures(*(1.0 - new / original for new, original in pairs))
 
     def value(self, lengths: ArrayLike) -> np.ndarray:
         """f(x), the sum of squares [rad^2], shape (...), for lengths (L2, L3) of shape (..., 2) [m]."""
@@ -111,19 +107,16 @@ CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # points of the grid: every 0.1 mm by 0.25 
 
 def grid(objective: Objective, region: Region) -> pd.DataFrame:
     """The four measures over the box."""
-    rods, cranks = np.meshgrid(
-        np.linspace(region.lower[1], region.upper[1], ROD_LENGTHS),
-        np.linspace(region.lower[0], region.upper[0], CRANK_LENGTHS),
-        indexing="ij",
-    )
+    ends = zip(region.lower, region.upper, (CRANK_LENGTHS, ROD_LENGTHS), strict=True)
+    rods, cranks = np.meshgrid(*[np.linspace(*each) for each in ends][::-1], indexing="ij")
     lengths = np.stack([cranks, rods], axis=-1)
-    rows = [objective.measures(line) for line in lengths]
+    measures = [np.concatenate(rows) for rows in zip(*map(objective.measures, lengths), strict=True)]
     return pd.DataFrame(
         {
             "crank_length": cranks.ravel(),
             "rod_length": rods.ravel(),
             "allowed": region.contains(lengths, slack=1e-12).ravel(),
-            **{name: np.concatenate([getattr(row, name) for row in rows]) for name in MEASURES},
+            **dict(zip(MEASURES, measures, strict=True)),
         }
     )
 
@@ -142,11 +135,11 @@ def best_cranks(objective: Objective, region: Region) -> pd.DataFrame:
         best = {name: _best_crank(objective, region, rod, name) for name in MEASURES[:3]}
         best["sum_of_squares"] = best["rms"]  # each grows with the other
         for name, crank in best.items():
-            value = float(getattr(objective.measures((crank, rod)), name))
-            reduction = float(getattr(objective.reductions((crank, rod)), name))
-            rows.append((name, crank, rod, crank / rod, value, reduction, invariant(reduction, rod, name)))
-    columns = ["measure", "crank_length", "rod_length", "ratio", "value", "reduction", "invariant"]
-    return pd.DataFrame(rows, columns=columns)
+            found = {"measure": name, "crank_length": crank, "rod_length": rod, "ratio": crank / rod}
+            found["value"] = float(getattr(objective.measures((crank, rod)), name))
+            found["reduction"] = float(getattr(objective.reductions((crank, rod)), name))
+            rows.append(found | {"invariant": invariant(found["reduction"], rod, name)})
+    return pd.DataFrame(rows)
 
 
 def _best_crank(objective: Objective, region: Region, rod_length: float, name: str) -> float:

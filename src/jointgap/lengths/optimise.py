@@ -57,18 +57,16 @@ def objectives(
     The surrogates and ``simulation`` over the configured window of the first revolution, on samples that are no
     training points; ``simulation_settled`` over a whole settled revolution.
     """
-    samples = sample_ranges(simulate, options, training_points)
-    coordinates = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]
-    angle = trajectory["crank_angle"].to_numpy()
-    window, settled = samples["window"], samples["settled"]
-    by_source = {}
-    for name, fits in surrogates.items():
-        lift = clearance_lift({name: fits[name](angle[window])[0] for name in coordinates})
-        by_source[name] = frozen_objective(mechanism, angle[window], lift)
-    lift = clearance_lift({name: trajectory[name].to_numpy() for name in coordinates})
-    by_source["simulation"] = frozen_objective(mechanism, angle[window], lift[window])
-    by_source["simulation_settled"] = frozen_objective(mechanism, angle[settled], lift[settled])
-    return by_source
+    window, settled = sample_ranges(simulate, options, training_points).values()
+    names = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]
+    angle, motion = trajectory["crank_angle"].to_numpy(), {name: trajectory[name].to_numpy() for name in names}
+    lift = clearance_lift(motion)
+    lifts = {
+        source: (window, clearance_lift({name: fits[name](angle[window])[0] for name in names}))
+        for source, fits in surrogates.items()
+    }
+    lifts |= {"simulation": (window, lift[window]), "simulation_settled": (settled, lift[settled])}
+    return {source: frozen_objective(mechanism, angle[samples], own) for source, (samples, own) in lifts.items()}
 
 
 def optimise(
@@ -81,8 +79,8 @@ def optimise(
 ) -> Optimisation:
     """Search the lengths for every source in every box, and simulate again what was found."""
     by_source = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
-    printed = printed_points(mechanism, simulate)
-    fixed = [Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), *printed]
+    original = Point("original", "original", (mechanism.crank.length, mechanism.rod.length))
+    fixed = [original, *printed_points(mechanism, simulate)]
 
     @cache
     def at_lengths(lengths: tuple[float, ...]) -> Resimulation:
@@ -92,18 +90,18 @@ def optimise(
         return at_lengths(tuple(round(length, DIGITS) for length in point.lengths))
 
     searches = _searched(mechanism, simulate, options, by_source, again)
-    points = [*fixed, *(point for search in searches for point in search.points)]
-    resimulations = {point.name: again(point) for point in points}
+    points = [*fixed, *(point for search in searches for point, _ in search.found)]
+    simulated = {point.name: again(point) for point in points}
     return Optimisation(
-        optima=optima(by_source, searches, printed, options.rod_tolerance),
+        optima=optima(by_source, searches, fixed, options.rod_tolerance),
         population=labelled(searches, lambda search: search.genetic.population),
         paths=labelled(searches, paths),
         tolerance=labelled(searches, tolerances),
         valley=labelled(searches, lambda search: grid(search.objective, search.region)),
         floor=labelled(searches, lambda search: best_cranks(search.objective, search.region)),
-        resimulated=_resimulated(resimulations, by_source, options.ensemble.members),
-        worth=_cycle_extremes(resimulations, mechanism.slider.offset),
-        loads=_loads(resimulations),
+        resimulated=_resimulated(simulated, by_source, options.ensemble.members),
+        worth=_cycle_extremes(simulated, mechanism.slider.offset),
+        loads=_loads(simulated),
     )
 
 
@@ -129,10 +127,10 @@ def _searched(
         searches = search_all(by_source, under, options)
         raised = False
         for box, surface in surfaces.items():
-            points = [point for search in searches if search.box == box for point in search.points]
+            points = [point for search in searches if search.box == box for point, _ in search.found]
             excess = max(peak_pin_force(again(point)) for point in points) / most
             if 1.0 + FORCE_SLACK < excess and not under[box].constraints[-1].is_relaxed:
-                surfaces[box], raised = surface.raised(excess), True
+                surfaces[box], raised = replace(surface, factor=surface.factor * excess), True
         if not raised:
             break
     return searches
@@ -140,66 +138,51 @@ def _searched(
 
 def _under_force(region: Region, surface: PinForce, most: float) -> Region:
     """The region with a largest force, or with the smallest that there is where that is more."""
-    constraint = surface.limited(most)
-    least = float(constraint.value(region.lowest(constraint)))
-    nearest = constraint if least <= most else surface.limited((1.0 + FORCE_SLACK) * least, is_relaxed=True)
-    return replace(region, constraints=(*region.constraints, nearest))
+    least = float(surface.value(region.samples).min())
+    limits = (most, False) if least <= most else ((1.0 + FORCE_SLACK) * least, True)
+    return replace(region, constraints=(*region.constraints, surface.limited(*limits)))
 
 
-def _resimulated(resimulations: dict[str, Resimulation], by_source: dict[str, Objective], members: int) -> pd.DataFrame:
+def _resimulated(simulated: dict[str, Resimulation], by_source: dict[str, Objective], members: int) -> pd.DataFrame:
     """Frame of the table optimise_resimulated."""
     frozen = {"window": by_source["simulation"], "settled": by_source["simulation_settled"]}
     rows = []
-    for name, ensemble in resimulations.items():
-        crank, rod = ensemble.lengths
+    for name, ensemble in simulated.items():
         reductions = {key: objective.reductions(ensemble.lengths) for key, objective in frozen.items()}
-        for row in compare(ensemble, resimulations["original"]):
+        for row in compare(ensemble, simulated["original"]):
             reduction = float(getattr(reductions[row["stretch"]], row["measure"]))
-            keys = {"point": name, "crank_length": crank, "rod_length": rod}
-            rows.append(keys | row | {"frozen_reduction": reduction, "members": members})
+            rows.append(_point(name, ensemble) | row | {"frozen_reduction": reduction, "members": members})
     return pd.DataFrame(rows)
 
 
-def _loads(resimulations: dict[str, Resimulation]) -> pd.DataFrame:
+def _point(name: str, ensemble: Resimulation) -> dict[str, object]:
+    return {"point": name, "crank_length": ensemble.lengths[0], "rod_length": ensemble.lengths[1]}
+
+
+def _loads(simulated: dict[str, Resimulation]) -> pd.DataFrame:
     """Frame of the table optimise_loads."""
     rows = []
-    for name, ensemble in resimulations.items():
-        crank, rod = ensemble.lengths
+    for name, ensemble in simulated.items():
         for joint, load in ensemble.loads.items():
-            row = {"point": name, "crank_length": crank, "rod_length": rod, "joint": joint}
-            for key, values in vars(load).items():
-                row |= spread(key, np.nan if values is None else values)
+            row = _point(name, ensemble) | {"joint": joint}
+            for key, values in load.items():
+                row |= spread(key, values)
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _cycle_extremes(resimulations: dict[str, Resimulation], offset: float) -> pd.DataFrame:
+def _cycle_extremes(simulated: dict[str, Resimulation], offset: float) -> pd.DataFrame:
     """Frame of the table optimise_worth."""
     rows = []
-    for name, ensemble in resimulations.items():
+    keys = ("largest_departure", "outer_dead_centre", "inner_dead_centre")
+    for name, ensemble in simulated.items():
         ideal = ideal_cycle(*ensemble.lengths, offset)
-        cycles = {
-            "ideal": (ideal.largest_departure, ideal.outer_dead_centre, ideal.inner_dead_centre),
-            "simulated": tuple(
-                float(np.median(values))
-                for values in (ensemble.largest_departure, ensemble.outer_dead_centre, ensemble.inner_dead_centre)
-            ),
-        }
-        for cycle, (departure, outer, inner) in cycles.items():
-            rows.append(
-                {
-                    "point": name,
-                    "crank_length": ensemble.lengths[0],
-                    "rod_length": ensemble.lengths[1],
-                    "cycle": cycle,
-                    "smallest_transmission_angle": np.pi / 2 - departure,
-                    "largest_departure": departure,
-                    "stroke": outer - inner,
-                    "outer_dead_centre": outer,
-                    "inner_dead_centre": inner,
-                }
-            )
+        for cycle, source in (("ideal", ideal), ("simulated", ensemble)):
+            extremes = {key: float(np.median(getattr(source, key))) for key in keys}
+            rows.append(_point(name, ensemble) | {"cycle": cycle} | extremes)
     frame = pd.DataFrame(rows)
+    frame["smallest_transmission_angle"] = np.pi / 2 - frame["largest_departure"]
+    frame["stroke"] = frame["outer_dead_centre"] - frame["inner_dead_centre"]
     for column in ("smallest_transmission_angle", "stroke", "outer_dead_centre", "inner_dead_centre"):
         original = frame["cycle"].map(frame[frame["point"] == "original"].set_index("cycle")[column])
         frame[f"{column}_change"] = frame[column] - original

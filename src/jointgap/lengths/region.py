@@ -1,9 +1,9 @@
 """The region of admissible lengths."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +12,13 @@ from scipy.interpolate import RectBivariateSpline
 from jointgap.config import Box, Constraints, Mechanism, Optimise, Scenario
 from jointgap.core.errors import InputError
 
-MM, DEG = 1e-3, math.pi / 180
+SCALES = {"mm": 1e-3, "deg": math.pi / 180, "N": 1.0}
+"""Units that properties of lengths are shown in, in SI."""
+
 MET = 1e-4
 """By how much, as a share of its scale, a constraint may be missed and counts as met: 0.1 um, 1e-4 deg."""
+
+_STEP = 1e-30  # [m] along the imaginary axis: derivatives without cancellation
 
 
 @dataclass(frozen=True)
@@ -23,12 +27,11 @@ class Constraint:
 
     key: str  # In the section `optimise.constraints`
     words: str  # Its name in a sentence
-    unit: str  # That it is shown in
-    scale: float  # That unit in SI; what is missed is counted in it
-    low: float  # The range, in SI; infinite where there is no bound, equal where a value is fixed
-    high: float  # The range, in SI; infinite where there is no bound, equal where a value is fixed
+    unit: str  # That it is shown in; what is missed is counted in it
+    low: float  # The range, in SI; infinite where there is no bound
+    high: float  # Equal to `low` where a value is fixed
     value: Callable[[ArrayLike], np.ndarray]  # From lengths (L2, L3) of shape (..., 2) [m] to the property, shape (...)
-    gradient: Callable[[ArrayLike], np.ndarray]
+    slope: Callable[[ArrayLike], np.ndarray] | None = None  # Its derivative, where `value` takes no complex lengths
     is_relaxed: bool = False  # Whether the range is wider than the one asked for, which no lengths meet
 
     @property
@@ -36,8 +39,20 @@ class Constraint:
         """Whether one value is asked for."""
         return self.low == self.high
 
+    @property
+    def scale(self) -> float:
+        """Its unit in SI."""
+        return SCALES[self.unit]
+
+    def gradient(self, lengths: ArrayLike) -> np.ndarray:
+        """Derivative by the lengths, of their shape (..., 2)."""
+        if self.slope:
+            return self.slope(lengths)
+        steps = [self.value(np.asarray(lengths) + step).imag / _STEP for step in 1j * _STEP * np.eye(2)]
+        return np.stack(steps, axis=-1)
+
     def missed(self, lengths: ArrayLike) -> np.ndarray:
-        """How far the property lies outside its range, in `scale`; shape (...), for lengths (..., 2) [m]."""
+        """How far the property lies outside its range, in its unit; shape (...), for lengths (..., 2) [m]."""
         value = self.value(lengths)
         return np.maximum(np.maximum(self.low - value, value - self.high), 0.0) / self.scale
 
@@ -45,11 +60,9 @@ class Constraint:
         """The end of the range that `lengths` (2,) lie at, in words; empty where they lie inside, of a fixed value, and
         of a range that nobody asked for.
         """
-        if self.is_relaxed or self.is_fixed:
-            return ""
         value = float(self.value(lengths))
         for end, words in ((self.low, "lower"), (self.high, "upper")):
-            if abs(value - end) <= 10 * MET * self.scale:
+            if not self.is_relaxed and not self.is_fixed and abs(value - end) <= 10 * MET * self.scale:
                 return f"{self.words} at its {words} limit {self.show(end)}"
         return ""
 
@@ -68,112 +81,76 @@ class Constraint:
 
 def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     """Those that follow from the lengths alone."""
-    return tuple(_geometric(options, offset))
+    across = max(offset, 0.0) - min(offset, 0.0)
+
+    def crank(lengths: ArrayLike) -> np.ndarray:
+        return np.asarray(lengths)[..., 0]
+
+    def reach(lengths: ArrayLike, side: float) -> np.ndarray:
+        return np.asarray(lengths)[..., 1] + side * crank(lengths)
+
+    def dead_centre(lengths: ArrayLike, side: float) -> np.ndarray:
+        return np.sqrt(reach(lengths, side) ** 2 - offset**2)
+
+    def dead_centre_angle(lengths: ArrayLike, side: float) -> np.ndarray:
+        return np.arcsin(offset / reach(lengths, side)) + (0.0 if side > 0 else np.pi)
+
+    properties = {
+        "crank_length": ("crank length", "mm", crank),
+        "stroke": ("stroke", "mm", lambda at: dead_centre(at, 1.0) - dead_centre(at, -1.0)),
+        "outer_dead_centre": ("outer dead centre", "mm", partial(dead_centre, side=1.0)),
+        "inner_dead_centre": ("inner dead centre", "mm", partial(dead_centre, side=-1.0)),
+        "outer_dead_centre_angle": (
+            "crank angle of the outer dead centre",
+            "deg",
+            partial(dead_centre_angle, side=1.0),
+        ),
+        "inner_dead_centre_angle": (
+            "crank angle of the inner dead centre",
+            "deg",
+            partial(dead_centre_angle, side=-1.0),
+        ),
+        # from the crank pin at its farthest on the other side to the outer dead centre
+        "length_along": ("length along the slide", "mm", lambda at: dead_centre(at, 1.0) + crank(at)),
+        # the crank's circle, and the slide where it lies outside it
+        "length_across": ("length across the slide", "mm", lambda at: crank(at) + np.maximum(crank(at), across)),
+    }
+    found = []
+    for key, (words, unit, value) in properties.items():
+        asked = getattr(options, key)
+        low, high = asked if isinstance(asked, tuple) else (-math.inf, asked)
+        always_met = unit == "deg" and offset == 0.0
+        if asked is not None and not (always_met and low <= value((0.0, 1.0)) <= high):
+            found.append(Constraint(key, words, unit, low, high, value))
+    return tuple(found)
 
 
 def depends_on_offset(options: Constraints) -> str:
     """Key of the first constraint of `options` that depends on the slide's offset; empty where none does."""
-    return next((each.key for each in _geometric(options, 0.0) if each.key != "crank_length"), "")
+    return next((each.key for each in geometric(options, 0.0) if each.key != "crank_length"), "")
 
 
-def _geometric(options: Constraints, offset: float) -> Iterator[Constraint]:
-    outer, inner = _dead_centre(offset, 1.0), _dead_centre(offset, -1.0)
-    properties = {
-        "crank_length": ("crank length", _crank, lambda at: np.zeros(np.shape(at)) + np.array([1.0, 0.0])),
-        "stroke": ("stroke", lambda at: outer[0](at) - inner[0](at), lambda at: outer[1](at) - inner[1](at)),
-        "outer_dead_centre": ("outer dead centre", *outer),
-        "inner_dead_centre": ("inner dead centre", *inner),
-    }
-    for key, (words, value, gradient) in properties.items():
-        if (limits := getattr(options, key)) is not None:
-            yield Constraint(key, words, "mm", MM, *limits, value, gradient)
-    for side, key in ((1.0, "outer_dead_centre_angle"), (-1.0, "inner_dead_centre_angle")):
-        limits = getattr(options, key)
-        met_by_all = offset == 0.0 and limits is not None and limits[0] <= (0.0 if side > 0 else np.pi) <= limits[1]
-        if limits is not None and not met_by_all:
-            words = f"crank angle of the {key.partition('_')[0]} dead centre"
-            yield Constraint(key, words, "deg", DEG, *limits, *_dead_centre_angle(offset, side))
-    across = max(offset, 0.0) - min(offset, 0.0)
-    most = {
-        # from the crank pin at its farthest on the other side to the outer dead centre
-        "length_along": (
-            "length along the slide",
-            lambda at: outer[0](at) + _crank(at),
-            lambda at: outer[1](at) + np.array([1.0, 0.0]),
-        ),
-        # the crank's circle, and the slide where it lies outside it
-        "length_across": (
-            "length across the slide",
-            lambda at: _crank(at) + np.maximum(_crank(at), across),
-            lambda at: np.stack([np.where(_crank(at) > across, 2.0, 1.0), np.zeros_like(_crank(at))], axis=-1),
-        ),
-    }
-    for key, (words, value, gradient) in most.items():
-        if (limit := getattr(options, key)) is not None:
-            yield Constraint(key, words, "mm", MM, -math.inf, limit, value, gradient)
-
-
-def _crank(lengths: ArrayLike) -> np.ndarray:
-    return np.asarray(lengths)[..., 0]
-
-
-def _dead_centre(offset: float, side: float) -> tuple[Callable, Callable]:
-    """Position of the slider where crank and rod lie in line, outstretched (`side` 1) or folded (-1), and gradient."""
-
-    def value(lengths: ArrayLike) -> np.ndarray:
-        lengths = np.asarray(lengths)
-        return np.sqrt((lengths[..., 1] + side * lengths[..., 0]) ** 2 - offset**2)
-
-    def gradient(lengths: ArrayLike) -> np.ndarray:
-        lengths = np.asarray(lengths)
-        slope = (lengths[..., 1] + side * lengths[..., 0]) / value(lengths)
-        return slope[..., None] * np.array([side, 1.0])
-
-    return value, gradient
-
-
-def _dead_centre_angle(offset: float, side: float) -> tuple[Callable, Callable]:
-    """Crank angle there, and its gradient."""
-
-    def value(lengths: ArrayLike) -> np.ndarray:
-        lengths = np.asarray(lengths)
-        return np.arcsin(offset / (lengths[..., 1] + side * lengths[..., 0])) + (0.0 if side > 0 else np.pi)
-
-    def gradient(lengths: ArrayLike) -> np.ndarray:
-        lengths = np.asarray(lengths)
-        reach = lengths[..., 1] + side * lengths[..., 0]
-        slope = -offset / (reach * np.sqrt(reach**2 - offset**2))
-        return slope[..., None] * np.array([side, 1.0])
-
-    return value, gradient
-
-
+@dataclass(frozen=True)
 class PinForce:
-    """The largest force in a pin over a box of lengths: a surface of cubic splines through a grid of simulations."""
+    """The largest force in a pin over a box of lengths [m]: a surface [N] through a grid of simulations."""
 
-    def __init__(self, cranks: np.ndarray, rods: np.ndarray, forces: np.ndarray, factor: float = 1.0):
-        self.cranks, self.rods, self.forces, self.factor = cranks, rods, forces, factor
-        self._surface = RectBivariateSpline(cranks, rods, forces, kx=3, ky=3)
+    surface: RectBivariateSpline
+    factor: float = 1.0  # That it is raised by
 
     def value(self, lengths: ArrayLike) -> np.ndarray:
         """The force [N], shape (...), at lengths of shape (..., 2) [m]."""
-        lengths = np.asarray(lengths)
-        return self.factor * self._surface.ev(lengths[..., 0], lengths[..., 1])
+        return self.factor * self.surface.ev(*np.moveaxis(np.asarray(lengths), -1, 0))
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
         """Its derivative by lengths of shape (..., 2) [N/m], shape (..., 2)."""
-        crank, rod = np.moveaxis(np.asarray(lengths), -1, 0)
-        slopes = [self._surface.ev(crank, rod, dx=1), self._surface.ev(crank, rod, dy=1)]
+        at = np.moveaxis(np.asarray(lengths), -1, 0)
+        slopes = [self.surface.ev(*at, dx=1), self.surface.ev(*at, dy=1)]
         return self.factor * np.stack(slopes, axis=-1)
-
-    def raised(self, factor: float) -> "PinForce":
-        """The surface raised by a further `factor`."""
-        return PinForce(self.cranks, self.rods, self.forces, self.factor * factor)
 
     def limited(self, most: float, is_relaxed: bool = False) -> Constraint:
         """The constraint that the force is `most` [N] at most, or that it `is_relaxed` to that."""
         words = "largest force in a pin"
-        return Constraint("largest_pin_force", words, "N", 1.0, -math.inf, most, self.value, self.gradient, is_relaxed)
+        return Constraint("largest_pin_force", words, "N", -math.inf, most, self.value, self.gradient, is_relaxed)
 
 
 NAMES = ("crank length", "rod length")
@@ -232,8 +209,8 @@ class Region:
         best, words = self._spread[np.argmin(self.missed(self._spread))], []
         for constraint in self.constraints:
             if not len(replace(self, constraints=(constraint,)).samples):
-                reached = [float(constraint.value(point)) for point in self._corners()]
-                low, high = (constraint.show(end) for end in (min(reached), max(reached)))
+                reached = constraint.value(replace(self, constraints=()).samples)
+                low, high = constraint.show(reached.min()), constraint.show(reached.max())
                 words.append(
                     f"{constraint.key} {constraint.asked()} cannot be reached: within the bounds it is {low} to {high}"
                 )
@@ -248,15 +225,6 @@ class Region:
             "constraint"
         )
 
-    def _corners(self) -> np.ndarray:
-        """The region's corners, between which every geometric property is monotone [m]."""
-        (low, high), (short, long) = zip(self.lower, self.upper, strict=True)
-        box = [(crank, rod) for crank in (low, high) for rod in (short, long)]
-        cut = [(crank, crank / self.ratio_limit) for crank in (low, high)]
-        cut += [(self.ratio_limit * rod, rod) for rod in (short, long)]
-        points = np.array([*box, *cut])
-        return points[self.contains(points, slack=1e-12)]
-
     def missed(self, lengths: ArrayLike) -> np.ndarray:
         """How far the constraints are from met, each in its scale, added; shape (...), for lengths (..., 2) [m]."""
         lengths = np.asarray(lengths)
@@ -264,25 +232,23 @@ class Region:
 
     def conditions(self) -> list[dict]:
         """Inequality and constraints as scipy's SLSQP takes them, on lengths scaled to the box."""
-        slope = -self._slope * self.size / self.size[0]
-        conditions = [
-            {
-                "type": "ineq",
-                "fun": lambda scaled: -self.inequality(self.unscaled(scaled)) / self.size[0],
-                "jac": lambda scaled: slope,
+        slope = np.array([-1.0, self.ratio_limit]) * self.size / self.size[0]
+
+        def condition(each: Constraint, kind: str, sign: float, end: float) -> dict:
+            return {
+                "type": kind,
+                "fun": lambda scaled: sign * (each.value(self.unscaled(scaled)) - end) / each.scale,
+                "jac": lambda scaled: sign * each.gradient(self.unscaled(scaled)) * self.size / each.scale,
             }
-        ]
+
+        def inequality(scaled: np.ndarray) -> float:
+            return -self.inequality(self.unscaled(scaled)) / self.size[0]
+
+        conditions = [{"type": "ineq", "fun": inequality, "jac": lambda scaled: slope}]
         for each in self.constraints:
             ends = [("eq", 1.0, each.low)] if each.is_fixed else [("ineq", 1.0, each.low), ("ineq", -1.0, each.high)]
-            conditions += [self._condition(each, *end) for end in ends if np.isfinite(end[2])]
+            conditions += [condition(each, *end) for end in ends if np.isfinite(end[2])]
         return conditions
-
-    def _condition(self, constraint: Constraint, kind: str, sign: float, end: float) -> dict:
-        return {
-            "type": kind,
-            "fun": lambda scaled: sign * (constraint.value(self.unscaled(scaled)) - end) / constraint.scale,
-            "jac": lambda scaled: sign * constraint.gradient(self.unscaled(scaled)) * self.size / constraint.scale,
-        }
 
     def unscaled(self, scaled: np.ndarray) -> np.ndarray:
         """Lengths [m] of `scaled` ones, which are 0 to 1 between the bounds."""
@@ -294,9 +260,7 @@ class Region:
         Newton's method with the shortest step, in widths of the box, that meets all that is missed to first order.
         Where no lengths meet all, or the way there leads over a hill, they come as near as such steps lead.
         """
-        ratio = Constraint(
-            "ratio_limit", "", "", self.size[0], -np.inf, 0.0, self.inequality, lambda at: at * 0.0 + self._slope
-        )
+        ratio = Constraint("ratio_limit", "", "mm", -np.inf, 0.0, self.inequality)
         asked = (ratio, *self.constraints)
         scaled = np.clip((np.asarray(lengths, dtype=float) - self.lower) / self.size, 0.0, 1.0)
         for _ in range(_MOST_STEPS):
@@ -312,29 +276,19 @@ class Region:
             scaled = np.clip(scaled + steps * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300)), 0.0, 1.0)
         return self.unscaled(scaled)
 
-    @property
-    def _slope(self) -> np.ndarray:
-        """Derivative of the inequality by the lengths, shape (2,)."""
-        return np.array([1.0, -self.ratio_limit])
-
     def nearest(self, lengths: ArrayLike) -> np.ndarray:
         """Lengths (n, 2) or (2,) moved a short way to such as meet the constraints, or near them where none do."""
         lengths = np.asarray(lengths, dtype=float)
-        if lengths.ndim == 1:
-            return self.nearest(lengths[None])[0]
-        moved = np.array([self.clip(each) for each in lengths])
+        moved = self.clip(lengths)
         if not self.constraints:
             return moved
-        wrong = self.missed(moved) > 0.0
-        moved[wrong] = self.onto(moved[wrong])
-        for number in np.flatnonzero(self.missed(moved) > MET) if len(self.samples) else ():
-            distances = np.linalg.norm((self.samples - lengths[number]) / self.size, axis=1)
-            moved[number] = self.samples[np.argmin(distances)]
-        return moved
-
-    def lowest(self, constraint: Constraint) -> np.ndarray:
-        """The lengths (2,) that meet all, of many, at which the property of a further `constraint` is smallest."""
-        return self.samples[np.argmin(constraint.value(self.samples))]
+        points, asked = np.atleast_2d(moved), np.atleast_2d(lengths)
+        wrong = self.missed(points) > 0.0
+        points[wrong] = self.onto(points[wrong])
+        for number in np.flatnonzero(self.missed(points) > MET) if len(self.samples) else ():
+            distances = np.linalg.norm((self.samples - asked[number]) / self.size, axis=1)
+            points[number] = self.samples[np.argmin(distances)]
+        return points.reshape(lengths.shape)
 
     def inequality(self, lengths: ArrayLike) -> np.ndarray:
         """g(x) [m], shape (...), for lengths of shape (..., 2); at most 0 where allowed."""
@@ -355,19 +309,20 @@ class Region:
             points = np.concatenate([points, drawn[self.contains(drawn)]])
         return points[:count]
 
-    def reach(self, start: ArrayLike, step: ArrayLike) -> float:
-        """The largest factor, at most 1, by which `step` (2,) can be taken from `start` (2,) without leaving."""
+    def reach(self, start: ArrayLike, step: ArrayLike) -> np.ndarray:
+        """The largest factor, at most 1, by which each step (..., 2) can be taken from `start` (..., 2)."""
         start, step = np.asarray(start), np.asarray(step)
-        room = np.append(np.where(step > 0.0, self.upper - start, start - self.lower), -self.inequality(start))
-        speed = np.append(np.abs(step), self.inequality(step))
-        limits = [room_ / speed_ for room_, speed_ in zip(room, speed, strict=True) if speed_ > 0.0]
-        return float(np.clip(min(limits, default=1.0), 0.0, 1.0))
+        room = np.where(step > 0.0, self.upper - start, start - self.lower)
+        room = np.concatenate([room, -self.inequality(start)[..., None]], axis=-1)
+        speed = np.concatenate([np.abs(step), self.inequality(step)[..., None]], axis=-1)
+        limits = np.divide(room, speed, out=np.ones_like(room), where=speed > 0.0)
+        return np.clip(limits.min(axis=-1), 0.0, 1.0)
 
     def clip(self, lengths: ArrayLike) -> np.ndarray:
-        """Lengths (2,) moved onto the bounds; then the crank shortened or the rod lengthened, to the inequality."""
-        crank, rod = np.clip(lengths, self.lower, self.upper)
-        crank = max(self.lower[0], min(crank, self.ratio_limit * rod))
-        return np.array([crank, max(rod, crank / self.ratio_limit)])
+        """Lengths (..., 2) moved onto the bounds; then the crank shortened or the rod lengthened, to the inequality."""
+        crank, rod = np.moveaxis(np.clip(lengths, self.lower, self.upper), -1, 0)
+        crank = np.maximum(self.lower[0], np.minimum(crank, self.ratio_limit * rod))
+        return np.stack([crank, np.maximum(rod, crank / self.ratio_limit)], axis=-1)
 
     def active(self, lengths: ArrayLike) -> str:
         """The bounds, inequality and constraints that `lengths` (2,) lie at, in words; ``'none'`` if none."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.interpolate import RectBivariateSpline
 
 from jointgap.config import Ensemble, Mechanism, Optimise, Simulate
 from jointgap.core.joints import FROM_FRAME, PINS
@@ -31,15 +32,6 @@ def spread(key: str, numbers: ArrayLike) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class JointLoad:
-    """What a joint carries over the settled revolution, each of shape (members,)."""
-
-    peak_force: np.ndarray  # Of the size of the force between its bodies at the samples [N]
-    rms_force: np.ndarray  # Of the size of the force between its bodies at the samples [N]
-    contact_share: np.ndarray | None  # Share of the time in which journal and bearing touch; None of an ideal joint
-
-
-@dataclass(frozen=True)
 class Resimulation:
     """An ensemble at one pair of lengths."""
 
@@ -48,7 +40,7 @@ class Resimulation:
     largest_departure: np.ndarray
     outer_dead_centre: np.ndarray
     inner_dead_centre: np.ndarray
-    loads: dict[str, JointLoad]  # By joint, from the frame to the slider
+    loads: dict[str, dict[str, np.ndarray]]  # Of `_load` by joint, from the frame to the slider
 
 
 def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
@@ -95,44 +87,41 @@ def resimulate(
     )
 
 
-def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> JointLoad:
+def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> dict[str, np.ndarray]:
+    """What a joint carries over the settled revolution, (members,) each: forces between its bodies [N], and the share
+    of the time in which journal and bearing touch; NaN of an ideal joint.
+    """
     force = ensemble.pin_force[joint][:, settled]
     times = np.diff(ensemble.times[:, np.append(settled, settled[-1] + 1)], axis=1)  # to the next sample
     weight = times / times.sum(axis=1, keepdims=True)
     touching = ensemble.normal_force[joint][:, settled] > 0.0
-    return JointLoad(
-        peak_force=force.max(axis=1),
-        rms_force=np.sqrt(np.sum(weight * force**2, axis=1)),
-        contact_share=np.sum(weight * touching, axis=1) if loose else None,
-    )
+    return {
+        "peak_force": force.max(axis=1),
+        "rms_force": np.sqrt(np.sum(weight * force**2, axis=1)),
+        "contact_share": np.sum(weight * touching, axis=1) if loose else np.full(len(force), np.nan),
+    }
 
 
-def reduction_pairs(new: Measures, original: Measures, name: str) -> np.ndarray:
+def reduction_pairs(new: np.ndarray, original: np.ndarray) -> np.ndarray:
     """The reduction of one measure that each pair of single runs would have shown, shape (members * members,)."""
-    return (1.0 - np.divide.outer(getattr(new, name), getattr(original, name))).ravel()
+    return (1.0 - np.divide.outer(new, original)).ravel()
 
 
 def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]]:
     """Per range of samples and measure: both errors and the reduction with their spreads."""
     rows = []
-    for range_name in new.errors:
-        for name in MEASURES:
-            pairs = reduction_pairs(new.errors[range_name], original.errors[range_name], name)
-            numbers = {
-                "original_error": getattr(original.errors[range_name], name),
-                "error": getattr(new.errors[range_name], name),
-                "reduction": pairs,
-            }
-            row: dict[str, object] = {"stretch": range_name, "measure": name}
-            for key, values in numbers.items():
-                row |= spread(key, values)
+    for stretch in new.errors:
+        for name, error, before in zip(MEASURES, new.errors[stretch], original.errors[stretch], strict=True):
+            pairs = reduction_pairs(error, before)
+            row = {"stretch": stretch, "measure": name}
+            row |= spread("original_error", before) | spread("error", error) | spread("reduction", pairs)
             rows.append(row | {"share_better": float(np.mean(pairs > 0.0))})
     return rows
 
 
 def peak_pin_force(resimulation: Resimulation) -> float:
     """The largest force in either pin over the settled revolution, median of the ensemble [N]."""
-    return max(float(np.median(resimulation.loads[joint].peak_force)) for joint in PINS)
+    return max(float(np.median(resimulation.loads[joint]["peak_force"])) for joint in PINS)
 
 
 def pin_force(mechanism: Mechanism, simulate: Simulate, optimise: Optimise, region: Region) -> PinForce:
@@ -151,4 +140,4 @@ def pin_force(mechanism: Mechanism, simulate: Simulate, optimise: Optimise, regi
         forces.append(
             max(np.hypot(observed[f"{pin}_force_x"], observed[f"{pin}_force_y"])[settled].max() for pin in PINS)
         )
-    return PinForce(cranks, rods, np.reshape(forces, FORCE_GRID))
+    return PinForce(RectBivariateSpline(cranks, rods, np.reshape(forces, FORCE_GRID)))

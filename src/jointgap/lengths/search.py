@@ -10,26 +10,20 @@ from scipy.optimize import minimize
 
 from jointgap.config import Genetic, Mechanism, Optimise, Simulate
 from jointgap.core.errors import needs
-from jointgap.lengths.objective import MEASURES, Objective, invariant, tolerance_effect
+from jointgap.lengths.objective import Objective, invariant, tolerance_effect
 from jointgap.lengths.region import MET, Region
 from jointgap.paper.printed import OPTIMA, departures
 
 with needs("optimising link lengths", "learn"):
-    from pymoo.algorithms.base.genetic import GeneticAlgorithm
-    from pymoo.core.infill import InfillCriterion
+    from pymoo.core.algorithm import Algorithm
     from pymoo.core.population import Population
     from pymoo.core.problem import Problem
-    from pymoo.core.repair import Repair
-    from pymoo.core.sampling import Sampling
-    from pymoo.core.survival import Survival
     from pymoo.optimize import minimize as run_algorithm
 
 
-def best_first(values: np.ndarray, violations: np.ndarray) -> np.ndarray:
-    """Indices of individuals in their order, shape (n,): what meets the constraints first, then by values to
-    minimise.
-    """
-    return np.lexsort((values, violations))
+def best_first(pop: "Population") -> np.ndarray:
+    """Indices of individuals, (n,): those that meet the constraints first, then by values to minimise."""
+    return np.lexsort((pop.get("F")[:, 0], pop.get("CV")[:, 0]))
 
 
 def rank_expectation(values: np.ndarray) -> np.ndarray:
@@ -61,8 +55,7 @@ def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Gen
     angle = 2.0 * np.pi * random.random(len(parents))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     moves = random.random((len(parents), 1)) * direction * region.size
-    moved = [parent + region.reach(parent, move) * move for parent, move in zip(parents, moves, strict=True)]
-    return np.clip(moved, region.lower, region.upper)
+    return np.clip(parents + region.reach(parents, moves)[:, None] * moves, region.lower, region.upper)
 
 
 @dataclass(frozen=True)
@@ -73,26 +66,14 @@ class Found:
     value: float  # Its sum of squares [rad^2]
     values: np.ndarray  # shape (evaluations,); every value in the order of evaluation, an elite's once [rad^2]
     status: str  # Why it stopped and what to make of it
+    population: pd.DataFrame | None = None  # Of the genetic algorithm: a row per individual and generation
+    path: np.ndarray | None = None  # shape (k, 2); of a local search: every iterate, the start first [m]
+    converged: bool = True  # Whether the stopping tolerance was met
 
     @property
     def evaluations(self) -> int:
         """Calls of the objective; those of its exact gradient are not counted."""
         return len(self.values)
-
-
-@dataclass(frozen=True)
-class GeneticResult(Found):
-    """One run of the genetic algorithm."""
-
-    population: pd.DataFrame  # A row per individual and generation
-
-
-@dataclass(frozen=True)
-class LocalResult(Found):
-    """One local search."""
-
-    path: np.ndarray  # shape (k, 2); every iterate, the start first [m]
-    converged: bool  # Whether the stopping tolerance was met
 
 
 class _Lengths(Problem):
@@ -110,97 +91,65 @@ class _Lengths(Problem):
             out["G"] = self.region.missed(x)[:, None] - MET
 
 
-class _RegionSampling(Sampling):
-    def _do(self, problem, n_samples, *args, random_state=None, **kwargs):
-        return problem.region.sample(n_samples, random_state)
+class _Evolution(Algorithm):
+    """The next generation: the best of the old one, then children by crossover and by mutation, their shares fixed."""
+
+    def __init__(self, options: Genetic):
+        super().__init__()
+        self.options = options
+
+    def _initialize_infill(self):
+        count = self.options.population
+        return self._individuals(self.problem.region.sample(count, self.random_state), ["first"] * count)
+
+    def _infill(self):
+        lengths, places = self.pop.get("X"), np.argsort(best_first(self.pop))
+        count, random = self.options.population - self.options.elites, self.random_state
+        crossed = round(self.options.crossover_fraction * count)
+        parents = lengths[stochastic_uniform(rank_expectation(places), crossed + count, random)]
+        children = intermediate_crossover(parents[:crossed], parents[crossed : 2 * crossed], random)
+        mutants = feasible_mutation(parents[2 * crossed :], self.problem.region, random)
+        origins = ["crossover"] * len(children) + ["mutation"] * len(mutants)
+        return self._individuals(np.concatenate([children, mutants]), origins)
+
+    def _individuals(self, lengths: np.ndarray, origins: list[str]) -> Population:
+        region = self.problem.region
+        return Population.new(X=region.nearest(lengths) if region.constraints else lengths, origin=origins)
+
+    def _advance(self, infills=None, **kwargs):
+        best = self.pop[best_first(self.pop)[: self.options.elites]]
+        best.set("origin", ["elite"] * len(best))
+        self.pop = Population.merge(best, infills)
 
 
-class _OntoConstraints(Repair):
-    def _do(self, problem, x, **kwargs):
-        return problem.region.nearest(x) if problem.region.constraints else x
-
-
-class _Mating(InfillCriterion):
-    """Children by crossover and by mutation, their shares fixed."""
-
-    def __init__(self, crossover_fraction: float):
-        super().__init__(repair=_OntoConstraints())
-        self.crossover_fraction = crossover_fraction
-
-    def _do(self, problem, pop, n_offsprings, random_state=None, **kwargs):
-        lengths, places = pop.get("X"), np.argsort(best_first(pop.get("F")[:, 0], pop.get("CV")[:, 0]))
-        crossed = round(self.crossover_fraction * n_offsprings)
-        mutated = n_offsprings - crossed
-        chosen = stochastic_uniform(rank_expectation(places), 2 * crossed + mutated, random_state)
-        parents = lengths[chosen]
-        children = np.concatenate(
-            [
-                intermediate_crossover(parents[:crossed], parents[crossed : 2 * crossed], random_state),
-                feasible_mutation(parents[2 * crossed :], problem.region, random_state),
-            ]
-        )
-        return Population.new(X=children, origin=["crossover"] * crossed + ["mutation"] * mutated)
-
-
-class _ElitesAndChildren(Survival):
-    """The next generation: the best of the old one, then all children."""
-
-    def __init__(self, elites: int):
-        super().__init__(filter_infeasible=False)
-        self.elites = elites
-
-    def _do(self, problem, pop, *args, n_survive=None, **kwargs):
-        children = n_survive - self.elites
-        old, new = pop[: len(pop) - children], pop[len(pop) - children :]
-        best = old[best_first(old.get("F")[:, 0], old.get("CV")[:, 0])[: self.elites]]
-        best.set("origin", ["elite"] * self.elites)
-        return Population.merge(best, new)
-
-
-def evolve(objective: Objective, region: Region, options: Genetic) -> GeneticResult:
+def evolve(objective: Objective, region: Region, options: Genetic) -> Found:
     """Run the genetic algorithm for the configured number of generations."""
-    problem = _Lengths(objective, region)
-    algorithm = GeneticAlgorithm(
-        pop_size=options.population,
-        n_offsprings=options.population - options.elites,
-        sampling=_RegionSampling(),
-        repair=_OntoConstraints(),
-        mating=_Mating(options.crossover_fraction),
-        survival=_ElitesAndChildren(options.elites),
-        eliminate_duplicates=False,
-    )
-    generations = []
-    run_algorithm(
-        problem,
-        algorithm,
-        ("n_gen", options.generations + 1),
-        seed=options.seed,
-        callback=lambda state: generations.append(_record(len(generations), state.pop, len(problem.values))),
-    )
+    problem, generations = _Lengths(objective, region), []
+
+    def record(state: Algorithm) -> None:
+        crank, rod = state.pop.get("X").T
+        generation = {
+            "generation": len(generations),
+            "individual": np.arange(len(state.pop)),
+            "origin": state.pop.get("origin"),
+            "crank_length": crank,
+            "rod_length": rod,
+            "sum_of_squares": state.pop.get("F")[:, 0],
+            "evaluations": len(problem.values),
+        }
+        generations.append(pd.DataFrame(generation))
+
+    count = options.generations
+    run_algorithm(problem, _Evolution(options), ("n_gen", count + 1), seed=options.seed, callback=record)
     population = pd.concat(generations, ignore_index=True)
     violations = np.maximum(region.missed(population[["crank_length", "rod_length"]].to_numpy()) - MET, 0.0)
-    best = population.iloc[best_first(population["sum_of_squares"].to_numpy(), violations)[0]]
-    return GeneticResult(
+    best = population.iloc[np.lexsort((population["sum_of_squares"], violations))[0]]
+    return Found(
         lengths=best[["crank_length", "rod_length"]].to_numpy(dtype=float),
         value=float(best["sum_of_squares"]),
         values=np.array(problem.values),
+        status=f"stopped: {count} generations of {options.population} done",
         population=population,
-        status=f"stopped: {options.generations} generations of {options.population} done",
-    )
-
-
-def _record(generation: int, pop: Population, evaluations: int) -> pd.DataFrame:
-    lengths = pop.get("X")
-    return pd.DataFrame(
-        {
-            "generation": generation,
-            "individual": np.arange(len(pop)),
-            "origin": ["first" if generation == 0 else origin for origin in pop.get("origin")],
-            "crank_length": lengths[:, 0],
-            "rod_length": lengths[:, 1],
-            "sum_of_squares": pop.get("F")[:, 0],
-            "evaluations": evaluations,
-        }
     )
 
 
@@ -218,10 +167,10 @@ def starting_points(region: Region) -> np.ndarray:
     all are moved to the nearest lengths that meet the constraints.
     """
     shares = [(crank, rod) for rod in (1 / 6, 1 / 2, 5 / 6) for crank in (1 / 4, 3 / 4)]
-    return np.array([region.nearest(region.unscaled(np.array(share))) for share in shares])
+    return region.nearest(region.unscaled(np.array(shares)))
 
 
-def search(objective: Objective, region: Region, start: ArrayLike, tolerance: float) -> LocalResult:
+def search(objective: Objective, region: Region, start: ArrayLike, tolerance: float) -> Found:
     """Follow the error downhill from `start`."""
     start = np.asarray(start, dtype=float)
     unit = float(objective.value(objective.original))
@@ -244,15 +193,13 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
     end = np.clip(region.unscaled(result.x), region.lower, region.upper)  # bounds met up to rounding are met
     if region.missed(end) > MET:  # a loose tolerance is one of constraints too
         end = region.nearest(end)
-    if result.success:
-        status = f"stopped: the sum of squares changes by less than {tolerance:g} of its value at the original lengths"
-    else:
-        status = (
-            f"not converged ({str(result.message).strip().lower()}): raise the tolerance {tolerance:g} or check the box"
-        )
+    status = f"stopped: the sum of squares changes by less than {tolerance:g} of its value at the original lengths"
+    if not result.success:
+        reason = str(result.message).strip().lower()
+        status = f"not converged ({reason}): raise the tolerance {tolerance:g} or check the box"
     if not np.array_equal(path[-1], end):
         path.append(end)
-    return LocalResult(
+    return Found(
         lengths=end,
         value=float(objective.value(end)),
         values=np.array(values),
@@ -262,19 +209,18 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
     )
 
 
-def search_from_all(objective: Objective, region: Region, tolerance: float) -> tuple[LocalResult, ...]:
+def search_from_all(objective: Objective, region: Region, tolerance: float) -> tuple[Found, ...]:
     """`search` from each of the six starting points."""
     return tuple(search(objective, region, start, tolerance) for start in starting_points(region))
 
 
 @dataclass(frozen=True)
 class Point:
-    """A pair of lengths with a name, and the search that found it."""
+    """A pair of lengths with a name."""
 
     name: str  # As in the table optimise_optima
-    method: str  # As in the table optimise_optima
+    method: str
     lengths: tuple[float, float]  # (L2, L3) [m]
-    source: str | None = None  # Of the search; None where no search here found the point
     box: str | None = None  # Of the search; None where no search here found the point
 
 
@@ -293,65 +239,55 @@ class Search:
     box: str
     objective: Objective
     region: Region
-    genetic: GeneticResult
-    local: tuple[LocalResult, ...]  # From the six starting points, at the configured tolerance
+    genetic: Found
+    local: tuple[Found, ...]  # From the six starting points, at the configured tolerance
 
     @property
-    def best_local(self) -> LocalResult:
-        """The local search that ended lowest."""
-        return min(self.local, key=lambda result: result.value)
-
-    @property
-    def points(self) -> tuple[Point, Point]:
+    def found(self) -> list[tuple[Point, Found]]:
         """What the genetic and the local optimiser found."""
-        results = {"genetic": self.genetic, "local": self.best_local}
-        return tuple(
-            Point(
-                f"{self.source}_{self.box}_{method}", method, tuple(map(float, result.lengths)), self.source, self.box
-            )
-            for method, result in results.items()
-        )
+        best = min(self.local, key=lambda result: result.value)
+        return [
+            (Point(f"{self.source}_{self.box}_{method}", method, tuple(map(float, result.lengths)), self.box), result)
+            for method, result in (("genetic", self.genetic), ("local", best))
+        ]
 
 
 def search_all(objectives: dict[str, Objective], regions: dict[str, Region], options: Optimise) -> list[Search]:
     """Run both optimisers for every objective (by source) in every configured box."""
-    return [
-        Search(
-            source,
-            box,
-            objective,
-            region,
-            evolve(objective, region, options.genetic),
-            search_from_all(objective, region, options.local_tolerance),
-        )
-        for source, objective in objectives.items()
-        for box, region in regions.items()
-    ]
+    searches = []
+    for source, objective in objectives.items():
+        for box, region in regions.items():
+            genetic = evolve(objective, region, options.genetic)
+            local = search_from_all(objective, region, options.local_tolerance)
+            searches.append(Search(source, box, objective, region, genetic, local))
+    return searches
 
 
 def optima(
-    objectives: dict[str, Objective], searches: list[Search], printed: list[Point], tolerance: float | None
+    objectives: dict[str, Objective], searches: list[Search], fixed: list[Point], tolerance: float | None
 ) -> pd.DataFrame:
-    """Frame of the table optimise_optima; with the points `printed` beside those found."""
+    """Frame of the table optimise_optima: of each source the `fixed` points and those found."""
     rows = []
     for source, objective in objectives.items():
-        fixed = [Point("original", "original", objective.original), *printed]
         rows += [_optimum(source, objective, point, tolerance) for point in fixed]
-        for search in (search for search in searches if search.source == source):
-            lowest = min(search.genetic.value, search.best_local.value)
-            for point, result in zip(search.points, (search.genetic, search.best_local), strict=True):
-                rows.append(
-                    _optimum(source, objective, point, tolerance)
-                    | {
-                        "active_bounds": search.region.active(result.lengths),
-                        "evaluations": result.evaluations,
-                        "evaluations_within_1_percent": evaluations_until(result.values, lowest, 1e-2),
-                        "evaluations_within_0_1_percent": evaluations_until(result.values, lowest, 1e-3),
-                        "status": result.status,
-                    }
-                )
-    counts = [name for name in rows[0] if name.startswith("evaluations")]
-    return pd.DataFrame(rows).astype(dict.fromkeys(counts, "Int64"))
+        for search in searches:
+            lowest = min(result.value for _, result in search.found)
+            rows += [
+                _optimum(source, objective, point, tolerance)
+                | {
+                    "active_bounds": search.region.active(result.lengths),
+                    "evaluations": result.evaluations,
+                    "evaluations_within_1_percent": evaluations_until(result.values, lowest, 1e-2),
+                    "evaluations_within_0_1_percent": evaluations_until(result.values, lowest, 1e-3),
+                    "status": result.status,
+                }
+                for point, result in search.found
+                if search.source == source
+            ]
+    return pd.DataFrame(rows).astype(dict.fromkeys(_COUNTS, "Int64"))
+
+
+_COUNTS = ("evaluations", "evaluations_within_1_percent", "evaluations_within_0_1_percent")
 
 
 def _optimum(source: str, objective: Objective, point: Point, tolerance: float | None) -> dict[str, object]:
@@ -365,16 +301,11 @@ def _optimum(source: str, objective: Objective, point: Point, tolerance: float |
         "crank_length": crank,
         "rod_length": rod,
         "ratio": crank / rod,
-        "active_bounds": None,
-        **{name: float(getattr(measures, name)) for name in MEASURES},
-        **{f"{name}_reduction": float(getattr(reductions, name)) for name in MEASURES},
+        **{name: float(value) for name, value in measures._asdict().items()},
+        **{f"{name}_reduction": float(value) for name, value in reductions._asdict().items()},
         **tolerance_effect(objective, point.lengths, tolerance),
         "invariant": float(invariant(reductions.rms, rod, "rms")),
-        "evaluations": None,
-        "evaluations_within_1_percent": None,
-        "evaluations_within_0_1_percent": None,
-        "status": None,
-    }
+    } | dict.fromkeys(("active_bounds", *_COUNTS, "status"))
 
 
 def labelled(searches: list[Search], make: Callable[[Search], pd.DataFrame]) -> pd.DataFrame:
@@ -385,19 +316,10 @@ def labelled(searches: list[Search], make: Callable[[Search], pd.DataFrame]) -> 
 
 def paths(search: Search) -> pd.DataFrame:
     """Rows of the table optimise_paths."""
-    frames = [
-        pd.DataFrame(
-            {
-                "start": number,
-                "iteration": np.arange(len(result.path)),
-                "crank_length": result.path[:, 0],
-                "rod_length": result.path[:, 1],
-                "sum_of_squares": search.objective.value(result.path),
-            }
-        )
-        for number, result in enumerate(search.local)
-    ]
-    return pd.concat(frames, ignore_index=True)
+    columns = ["crank_length", "rod_length"]
+    frames = {start: pd.DataFrame(result.path, columns=columns) for start, result in enumerate(search.local)}
+    squares = np.concatenate([search.objective.value(result.path) for result in search.local])
+    return pd.concat(frames, names=["start", "iteration"]).reset_index().assign(sum_of_squares=squares)
 
 
 def tolerances(search: Search) -> pd.DataFrame:

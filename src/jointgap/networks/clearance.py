@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from math import comb
 
@@ -13,63 +14,32 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from jointgap.config import Surrogate
 from jointgap.core import joints
-from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.networks.errors import Grid, Points, error_frame, error_rows, refined
 from jointgap.networks.network import BIAS, Scaling
 from jointgap.paper.printed import reference_mse
 
-
-@dataclass(frozen=True)
-class CrankSpeed:
-    """Speed of the crank as a smooth function of its angle."""
-
-    angle: np.ndarray  # shape (n,); crank angles [rad], rising
-    speed: np.ndarray  # shape (n,); speed there [rad/s] and its derivative by the angle [1/s]
-    slope: np.ndarray  # shape (n,); speed there [rad/s] and its derivative by the angle [1/s]
-
-    @classmethod
-    def constant(cls, speed: float) -> "CrankSpeed":
-        """One speed [rad/s] at every angle."""
-        return cls(np.array([0.0, 1.0]), np.full(2, speed), np.zeros(2))
-
-    @classmethod
-    def of(cls, trajectory: pd.DataFrame) -> "CrankSpeed":
-        """The speed that the columns crank_speed and crank_acceleration of a trajectory give."""
-        angle, speed, acceleration = (
-            trajectory[f"crank_{name}"].to_numpy(dtype=float) for name in ("angle", "speed", "acceleration")
-        )
-        if np.all(speed == speed[0]) and not acceleration.any():
-            return cls.constant(float(speed[0]))
-        return cls(angle, speed, acceleration / speed)
-
-    @property
-    def if_constant(self) -> float | None:
-        """The one speed [rad/s]; None where it changes."""
-        same = np.all(self.speed == self.speed[0]) and not self.slope.any()
-        return float(self.speed[0]) if same else None
-
-    @property
-    def mean(self) -> float:
-        """Mean over the angle [rad/s]."""
-        return float(np.trapezoid(self.speed, self.angle) / (self.angle[-1] - self.angle[0]))
-
-    def __call__(self, crank_angle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Speed and its first two derivatives by the angle, shape (n,) each, at crank angles (n,) [rad]."""
-        spline = CubicHermiteSpline(self.angle, self.speed, self.slope)
-        return spline(crank_angle), spline(crank_angle, 1), spline(crank_angle, 2)
-
-
-KINDS = ("r", "gamma", "gamma_dot", "gamma_ddot", "r_dot", "r_ddot")
-ORDERS = {"r": 0, "gamma": 0, "gamma_dot": 1, "gamma_ddot": 2, "r_dot": 1, "r_ddot": 2}
+KINDS = {"r": 0, "gamma": 0, "gamma_dot": 1, "gamma_ddot": 2, "r_dot": 1, "r_ddot": 2}
+"""What a joint's network learns: order of the derivative by kind."""
 PER_HELD_OUT = 2  # samples kept everywhere, per sample held out
 MISSED_OF_CLEARANCE = 0.3  # error of the interpolation, in errors allowed, that makes a sample be kept
 
 
+def crank_speed(trajectory: pd.DataFrame) -> CubicHermiteSpline:
+    """Speed of the crank [rad/s] over its angle [rad]."""
+    angle, speed, acceleration = (trajectory[f"crank_{name}"] for name in ("angle", "speed", "acceleration"))
+    return CubicHermiteSpline(angle, speed, acceleration / speed)
+
+
+def constant_speed(speed: float) -> CubicHermiteSpline:
+    """One speed [rad/s] at every angle."""
+    return CubicHermiteSpline([0.0, 1.0], [speed, speed], [0.0, 0.0])
+
+
 def column(kind: str, joint: int) -> str:
     """Column of the trajectory: r_dot of joint 2 is r2_dot."""
-    quantity, _, dots = kind.partition("_")
-    return f"{quantity}{joint}{'_' * bool(dots)}{dots}"
+    quantity, dot, dots = kind.partition("_")
+    return f"{quantity}{joint}{dot}{dots}"
 
 
 @dataclass(frozen=True)
@@ -91,46 +61,32 @@ class Samples:
     def of(cls, trajectory: pd.DataFrame, fine: pd.DataFrame, joint: int, training_points: int) -> "Samples":
         """Samples of the first revolution of `fine` that are none of `trajectory`'s."""
         angle = fine["crank_angle"].to_numpy()
-        angle = angle[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
-        held_out = trajectory["crank_angle"].to_numpy()
-        ratio = int(np.round((held_out[1] - held_out[0]) / (angle[1] - angle[0])))
-        if ratio < 2 * PER_HELD_OUT or not np.allclose(held_out[: len(angle[::ratio])], angle[::ratio], atol=1e-9):
-            raise InputError(
-                "the fine sampling must have a multiple of the trajectory's samples, "
-                f"{2 * PER_HELD_OUT} times as many at least"
-            )
-        part = {name: fine[name].to_numpy()[: len(angle)] for name in ("crank_speed", "crank_acceleration")}
-        speed, mean = part["crank_speed"], float(part["crank_speed"].mean())
-        simulated, scales = {}, {}
-        for kind in KINDS:
+        fine = fine[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
+        angle, speed, acceleration = (fine[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration"))
+        ratio = int(np.round(np.diff(trajectory["crank_angle"][:2])[0] / (angle[1] - angle[0])))
+        simulated = {kind: fine[column(kind, joint)].to_numpy() for kind in KINDS}
+        scales = {}
+        for kind, order in KINDS.items():
             name = column(kind, joint)
-            simulated[kind] = fine[name].to_numpy()[: len(angle)]
             spread = Scaling.of(Grid.of(trajectory, name, training_points).training.values).range
             allowed = reference_mse(name if name in joints.outputs(JOINT_NUMBERS) else f"r{joint}")
-            scales[kind] = spread * allowed**0.5 / mean ** ORDERS[kind]
+            scales[kind] = spread * allowed**0.5 / float(speed.mean()) ** order
         values = dict(simulated)
         for quantity in ("r", "gamma"):
-            rate = simulated[f"{quantity}_dot"] / speed
-            values[f"{quantity}_dot"] = rate
-            values[f"{quantity}_ddot"] = (simulated[f"{quantity}_ddot"] - rate * part["crank_acceleration"]) / speed**2
-        kept = _chosen(angle, values, scales, ratio)
+            rate = values[f"{quantity}_dot"] = simulated[f"{quantity}_dot"] / speed
+            values[f"{quantity}_ddot"] = (simulated[f"{quantity}_ddot"] - rate * acceleration) / speed**2
+        table = np.column_stack([values[kind] / scale for kind, scale in scales.items()])
+        usable = np.isfinite(table).all(axis=1)
+        usable[::ratio] = False
+        step = ratio // PER_HELD_OUT
+        first = np.arange(step // 2, len(angle), step)
+        kept = refined(angle, table, first[usable[first]], usable, MISSED_OF_CLEARANCE)
         chosen = ({kind: row[kept] for kind, row in rows.items()} for rows in (values, simulated))
         return cls(angle[kept], *chosen, scales)
 
 
-def _chosen(angle: np.ndarray, values: dict[str, np.ndarray], scales: dict[str, float], ratio: int) -> np.ndarray:
-    """Indices of the samples to keep, rising."""
-    table = np.column_stack([values[kind] / scale for kind, scale in scales.items()])
-    usable = np.isfinite(table).all(axis=1)
-    usable[::ratio] = False
-    step = ratio // PER_HELD_OUT
-    kept = np.arange(step // 2, len(angle), step)
-    return refined(angle, table, kept[usable[kept]], usable, MISSED_OF_CLEARANCE)
-
-
 REACH = 19.0  # widths from its centre at which tanh is 1 in double precision
 BLOCK = 16  # neurons' distances per block: short enough to skip zeros, long enough for fast products
-DERIVATIVES = 3
 
 
 @dataclass(frozen=True)
@@ -189,7 +145,7 @@ class Layer:
         for order, values in enumerate(tansig):
             end = np.full((len(points), 1), 0.0 if order else 1.0)
             sides = ([end] if low == 0 else []) + [values] + ([-end] if high == self.functions else [])
-            values = np.concatenate(sides, axis=1) if len(sides) > 1 else values
+            values = np.concatenate(sides, axis=1)
             differences.append((values[:, :-1] - values[:, 1:]) / 2.0)
         return differences
 
@@ -207,18 +163,22 @@ class ClearanceNetwork:
     bias: complex
     start_angle: float  # Crank angle at the start [rad]
     settling: float  # Width of the factor s [rad]; infinite where s is 1
-    speed: CrankSpeed  # Speed of the crank over its angle
+    speed: CubicHermiteSpline  # Speed of the crank over its angle
     turns: int = 0  # Whole turns to add to gamma, so that it continues the simulation's
 
-    def __post_init__(self):
-        object.__setattr__(self, "_basis_weights", self.layer.from_tansig(self.weights, self.bias))
+    @cached_property
+    def _basis_weights(self) -> np.ndarray:
+        return self.layer.from_tansig(self.weights, self.bias)
+
+    @cached_property
+    def _gamma(self) -> tuple[np.ndarray, np.ndarray]:
+        """Crank angles and gamma there, dense enough to tell its turns."""
         centres = self.layer.centres
         grid = np.linspace(centres[:-1], centres[1:], 4, endpoint=False, axis=-1).ravel()
         grid = np.concatenate([[self.start_angle], grid[grid > self.start_angle]])
-        gamma = np.unwrap(np.angle(self.vector(grid, 1)[0])) + 2.0 * np.pi * self.turns
-        object.__setattr__(self, "_gamma", (grid, gamma))
+        return grid, np.unwrap(np.angle(self.vector(grid, 1)[0])) + 2.0 * np.pi * self.turns
 
-    def vector(self, crank_angle: np.ndarray, orders: int = DERIVATIVES + 1) -> list[np.ndarray]:
+    def vector(self, crank_angle: np.ndarray, orders: int = 4) -> list[np.ndarray]:
         """w and its derivatives by the crank angle, complex arrays of shape (n,) for angles of shape (n,)."""
         order = np.argsort(crank_angle, kind="stable")
         derivatives = [np.empty(len(crank_angle), complex) for _ in range(orders)]
@@ -247,51 +207,47 @@ class ClearanceNetwork:
         return r, [gamma, q1.imag, q2.imag, q3.imag]
 
     def output(self, name: str, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """One of the joint's four outputs and its derivative by the crank angle, in SI, of the shape of
-        `crank_angle`.
+        """One of the joint's outputs r, gamma, gamma_dot, gamma_ddot and its derivative by the crank angle, in SI, of
+        the shape of `crank_angle`.
         """
-        names = {f"r{self.joint}": 0, **{f"gamma{self.joint}{dots}": n for n, dots in enumerate(("", "_dot", "_ddot"))}}
-        if name not in names:
-            raise ValueError(f"the network of joint {self.joint} has no output '{name}'; {did_you_mean(name, names)}")
         angle = np.asarray(crank_angle, dtype=float)
         r, gamma = self.polar(angle.ravel())
-        n = names[name]
-        value_and_slope = (r if name.startswith("r") else gamma)[:2]
-        if n > 0:
-            w, w1, w2 = self.speed(angle.ravel())
-            value_and_slope = [gamma[1] * w, gamma[2] * w + gamma[1] * w1]
-        if n > 1:
-            second = gamma[3] * w**2 + 3.0 * gamma[2] * w * w1 + gamma[1] * (w1**2 + w * w2)
-            value_and_slope = [gamma[2] * w**2 + gamma[1] * w * w1, second]
-        return tuple(values.reshape(angle.shape) for values in value_and_slope)
+        w, w1, w2 = (self.speed(angle.ravel(), order) for order in range(3))
+        by_kind = {
+            "r": lambda: (r[0], r[1]),
+            "gamma": lambda: (gamma[0], gamma[1]),
+            "gamma_dot": lambda: (gamma[1] * w, gamma[2] * w + gamma[1] * w1),
+            "gamma_ddot": lambda: (
+                gamma[2] * w**2 + gamma[1] * w * w1,
+                gamma[3] * w**2 + 3.0 * gamma[2] * w * w1 + gamma[1] * (w1**2 + w * w2),
+            ),
+        }
+        return tuple(values.reshape(angle.shape) for values in by_kind[name.replace(str(self.joint), "")]())
 
     def to_frame(self) -> pd.DataFrame:
         """Long form, one row per neuron and one for the bias: rows of the table clearance_fit."""
-        neurons = len(self.weights)
-        weights = np.append(self.weights, self.bias)
+        weights, is_constant = np.append(self.weights, self.bias), not self.speed.c[:-1].any()
         return pd.DataFrame(
             {
                 "joint": self.joint,
-                "neuron": [*range(neurons), BIAS],
+                "neuron": [*range(len(self.weights)), BIAS],
                 "centre": np.append(self.layer.centres, np.nan),
                 "width": np.append(self.layer.widths, np.nan),
                 "weight_x": weights.real,
                 "weight_y": weights.imag,
                 "start_angle": self.start_angle,
                 "settling": self.settling if np.isfinite(self.settling) else np.nan,
-                "speed": np.nan if self.speed.if_constant is None else self.speed.if_constant,
+                "speed": self.speed.c[-1, 0] if is_constant else np.nan,
                 "turns": self.turns,
             }
         )
 
     @classmethod
-    def from_frame(cls, frame: pd.DataFrame, joint: int, speed: CrankSpeed | None = None) -> "ClearanceNetwork":
+    def from_frame(cls, frame: pd.DataFrame, joint: int, speed: CubicHermiteSpline | None = None) -> "ClearanceNetwork":
         """The network of a joint from the long form; `speed` is needed where it is not constant."""
         rows = frame[frame["joint"] == joint]
-        neurons, bias = rows[rows["neuron"] != BIAS].sort_values("neuron"), rows[rows["neuron"] == BIAS]
-        if neurons.empty or len(bias) != 1:
-            raise ValueError(f"no network of joint {joint} in the table")
-        (last,) = bias.itertuples()
+        *_, last = rows.itertuples()
+        neurons = rows[:-1]
         return cls(
             joint,
             Layer(neurons["centre"].to_numpy(), neurons["width"].to_numpy()),
@@ -299,7 +255,7 @@ class ClearanceNetwork:
             complex(last.weight_x, last.weight_y),
             float(last.start_angle),
             np.inf if np.isnan(last.settling) else float(last.settling),
-            speed if np.isnan(last.speed) else CrankSpeed.constant(float(last.speed)),
+            speed if np.isnan(last.speed) else constant_speed(float(last.speed)),
             int(last.turns),
         )
 
@@ -353,22 +309,13 @@ class ClearanceFit:
         rows = []
         for joint, fit in self.joints.items():
             network, samples = fit.network, fit.samples
-            weights = 2 * network.layer.functions
-            trained = {
-                "model": "clearance",
-                "seed": None,
-                "weights": weights,
-                "iterations": fit.rounds,
-                "stop": fit.stop,
-            }
+            trained = {"model": "clearance", "seed": None, "weights": 2 * network.layer.functions}
+            trained |= {"iterations": fit.rounds, "stop": fit.stop}
             for kind in ("r", "gamma", "gamma_dot", "gamma_ddot"):
                 name = column(kind, joint)
-                rows += error_rows(
-                    Grid.of(self.trajectory, name, self.training_points),
-                    lambda angle, name=name, network=network: network.output(name, angle)[0],
-                    Points(samples.crank_angle, samples.simulated[kind], 0),
-                    trained,
-                )
+                grid = Grid.of(self.trajectory, name, self.training_points)
+                points = Points(samples.crank_angle, samples.simulated[kind])
+                rows += error_rows(grid, lambda at, of=network, name=name: of.output(name, at)[0], points, trained)
         return error_frame(rows)
 
 
@@ -376,30 +323,31 @@ def train_clearance(
     trajectory: pd.DataFrame, fine: pd.DataFrame, options: Surrogate, loose: Iterable[str]
 ) -> ClearanceFit:
     """Train the second surrogate."""
-    start, speed, joints = float(fine["crank_angle"].iloc[0]), CrankSpeed.of(trajectory), {}
+    start, speed, joints = float(fine["crank_angle"].iloc[0]), crank_speed(trajectory), {}
     for joint in (JOINT_NUMBERS[name] for name in loose):
-        samples = Samples.of(trajectory, fine, joint, options.training_points)
         r = fine[f"r{joint}"].to_numpy()
         settling = SETTLING if r[0] < 1e-9 * r.max() else np.inf
+        samples = Samples.of(trajectory, fine, joint, options.training_points)
         joints[joint] = grow(samples, joint, start, speed, settling)
     return ClearanceFit(joints, trajectory, options.training_points)
 
 
-def grow(samples: Samples, joint: int, start_angle: float, speed: CrankSpeed, settling: float) -> JointFit:
+def grow(samples: Samples, joint: int, start_angle: float, speed: CubicHermiteSpline, settling: float) -> JointFit:
     """Train the network of one joint, adding neurons."""
-    angle = samples.crank_angle
-    centres = np.arange(angle[0] - MARGIN * FIRST_DISTANCE, angle[-1] + MARGIN * FIRST_DISTANCE, FIRST_DISTANCE)
-    for round_ in range(1, ROUNDS + 1):
+    angle, gamma, margin = samples.crank_angle, samples.values["gamma"], MARGIN * FIRST_DISTANCE
+    centres = np.arange(angle[0] - margin, angle[-1] + margin, FIRST_DISTANCE)
+    for rounds in range(1, ROUNDS + 1):
         layer = Layer(centres, WIDTH * np.gradient(centres))
         weights = _solve(layer, samples, start_factor(angle, start_angle, settling))
         network = ClearanceNetwork(joint, layer, *Layer.to_tansig(weights), start_angle, settling, speed)
-        network = _on_the_same_turn(network, samples)
+        last = network.polar(angle[-1:])[1][0][0]
+        network = replace(network, turns=int(np.round((gamma[-1] - last) / (2.0 * np.pi))))
         squares = _squared_errors(network, samples)
         if all(np.sum(samples.shares * square) <= SHARE for square in squares):
-            return JointFit(network, samples, round_, f"training errors at {SHARE:g} of the paper's or below")
+            return JointFit(network, samples, rounds, f"training errors at {SHARE:g} of the paper's or below")
         finer = _finer(centres, samples, squares)
         if len(finer) == len(centres):
-            return JointFit(network, samples, round_, "neurons as close as the samples; sample more finely")
+            return JointFit(network, samples, rounds, "neurons as close as the samples; sample more finely")
         centres = finer
     return JointFit(network, samples, ROUNDS, f"{ROUNDS} rounds done while training errors still fell")
 
@@ -433,58 +381,48 @@ class _Rows:
     """Rows of the least-squares problem; unknowns: real and imaginary part of each basis function's weight in turn."""
 
     def __init__(self, layer: Layer, samples: Samples, start: list[np.ndarray]):
-        values = samples.values
+        self._values = values = samples.values
         s, s1, s2, _ = start
-        ratio = values["r_dot"] / values["r"]
-        curvature = values["r_ddot"] / values["r"]
-        self._w = values["r"] / s * np.exp(1j * values["gamma"])
-        self._q1 = ratio + 1j * values["gamma_dot"] - s1 / s
+        ratio, curvature = values["r_dot"] / values["r"], values["r_ddot"] / values["r"]
+        w = values["r"] / s * np.exp(1j * values["gamma"])
+        q1 = ratio + 1j * values["gamma_dot"] - s1 / s
         q2 = curvature - ratio**2 + 1j * values["gamma_ddot"] - s2 / s + (s1 / s) ** 2
-        self._w2 = q2 + self._q1**2
-        self._r, self._ratio, self._curvature = values["r"], ratio, curvature
-        self._values = values
+        self._columns = [each[:, None] for each in (w, q1, q2 + q1**2, values["r"], ratio, curvature)]
         # Position and rate are asked for at least as precisely as the second derivative between two neurons implies:
         # without that the fine neurons' common shift would hardly be seen, and the problem ill-conditioned.
         distance = np.interp(samples.crank_angle, layer.centres, np.gradient(layer.centres))
         self._precision = {}
         for kind, scale in samples.scales.items():
             second = samples.scales["r_ddot" if kind.startswith("r") else "gamma_ddot"]
-            implied = distance ** (ORDERS[kind] - 2) / second
+            implied = distance ** (KINDS[kind] - 2) / second
             self._precision[kind] = np.maximum(1.0 / scale, implied) * np.sqrt(samples.shares)
 
     def of(self, block: Block) -> tuple[np.ndarray, np.ndarray]:
         """Matrix (6 points, 2 functions) and targets (6 points,)."""
         at = block.points
         value, first, second = block.values
-        r, ratio, curvature = (array[at, None] for array in (self._r, self._ratio, self._curvature))
-        q1 = self._q1[at, None]
-        log0 = value / self._w[at, None]  # changes of log w and of its derivatives by each weight
-        log1 = first / self._w[at, None] - q1 * log0
-        log2 = second / self._w[at, None] - self._w2[at, None] * log0 - 2.0 * q1 * log1
+        w, q1, w2, r, ratio, curvature = (column[at] for column in self._columns)
+        log0 = value / w  # changes of log w and of its derivatives by each weight
+        log1 = first / w - q1 * log0
+        log2 = second / w - w2 * log0 - 2.0 * q1 * log1
         parts = {
-            "r": (r * log0, True),
-            "r_dot": (r * (ratio * log0 + log1), True),
-            "r_ddot": (r * (curvature * log0 + 2.0 * ratio * log1 + log2), True),
-            "gamma": (log0, False),
-            "gamma_dot": (log1, False),
-            "gamma_ddot": (log2, False),
+            "r": r * log0,
+            "r_dot": r * (ratio * log0 + log1),
+            "r_ddot": r * (curvature * log0 + 2.0 * ratio * log1 + log2),
+            "gamma": log0,
+            "gamma_dot": log1,
+            "gamma_ddot": log2,
         }
         points, functions = value.shape
         matrix = np.empty((len(parts), points, functions, 2))
         targets = np.zeros((len(parts), points))
-        for index, (kind, (change, is_real)) in enumerate(parts.items()):
-            precision = self._precision[kind][at, None]
+        for index, (kind, change) in enumerate(parts.items()):
+            precision, is_real = self._precision[kind][at, None], kind.startswith("r")
             matrix[index, :, :, 0] = precision * (change.real if is_real else change.imag)
             matrix[index, :, :, 1] = precision * (-change.imag if is_real else change.real)
             if is_real:  # the imaginary changes of the true w are 0
                 targets[index] = precision[:, 0] * self._values[kind][at]
         return matrix.reshape(-1, 2 * functions), targets.ravel()
-
-
-def _on_the_same_turn(network: ClearanceNetwork, samples: Samples) -> ClearanceNetwork:
-    gamma = network.polar(samples.crank_angle[-1:])[1][0]
-    turns = network.turns + int(np.round((samples.values["gamma"][-1] - gamma[0]) / (2.0 * np.pi)))
-    return replace(network, turns=turns)
 
 
 def _squared_errors(network: ClearanceNetwork, samples: Samples) -> list[np.ndarray]:

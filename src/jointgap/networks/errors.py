@@ -32,12 +32,16 @@ class Points:
 
     crank_angle: np.ndarray
     values: np.ndarray
-    undefined: int
+    undefined: int = 0
     shares: np.ndarray | None = None
 
     def mean(self, quantity: np.ndarray) -> float:
         """Mean over the revolution of a quantity (n,) at the points."""
         return float(np.average(quantity, weights=self.shares))
+
+    def square(self, fit: Callable[[np.ndarray], np.ndarray]) -> float:
+        """Mean square error of a fit at the points."""
+        return self.mean((fit(self.crank_angle) - self.values) ** 2)
 
     @property
     def variance(self) -> float:
@@ -48,6 +52,12 @@ class Points:
         """Points of the samples that are defined."""
         defined = np.isfinite(values)
         return cls(crank_angle[defined], values[defined], int(np.sum(~defined)))
+
+    def past(self, angle: float) -> "Points":
+        """The points from an angle [rad] on, of which none is undefined."""
+        inside = self.crank_angle >= angle
+        shares = None if self.shares is None else self.shares[inside]
+        return Points(self.crank_angle[inside], self.values[inside], 0, shares)
 
 
 @dataclass(frozen=True)
@@ -72,12 +82,8 @@ class Grid:
                 f"make samples_per_revolution a multiple, at least twice, of {training_points - 1}"
             )
         trains = np.arange(len(angle)) % stride == 0
-        return cls(
-            output,
-            float(angle[0]),
-            Points.of(angle[trains], values[trains]),
-            Points.of(angle[~trains], values[~trains]),
-        )
+        split = (Points.of(angle[part], values[part]) for part in (trains, ~trains))
+        return cls(output, float(angle[0]), *split)
 
 
 def error_rows(
@@ -96,14 +102,12 @@ def error_rows(
     smoothing = None if trained["seed"] is None else smoothing_spline(training)
     rows = []
     for region, first in REGIONS.items():
-        within, outside = _region(training, grid, first), _region(grid.held_out, grid, first)
+        within, outside = training, grid.held_out
+        if first > 0.0:
+            within, outside = (points.past(grid.start_angle + first) for points in (within, outside))
         unseen = predict(outside.crank_angle) - outside.values
-        squares = {
-            "training": within.mean((predict(within.crank_angle) - within.values) ** 2),
-            "held_out": outside.mean(unseen**2),
-            "spline_held_out": outside.mean((spline(outside.crank_angle) - outside.values) ** 2),
-        }
-        row = {
+        row = {"iterations_to_paper": None} | trained
+        row |= {
             "output": grid.output,
             "unit": UNITS[grid.output],
             "region": region,
@@ -114,13 +118,17 @@ def error_rows(
             "paper_mse": TRAINING_MSE.get(grid.output),
             "held_out_peak": float(np.max(np.abs(unseen))) / scale,
         }
-        for name, square in squares.items():
+        for name, points, square in (
+            ("training", within, within.square(predict)),
+            ("held_out", outside, outside.mean(unseen**2)),
+            ("spline_held_out", outside, outside.square(spline)),
+        ):
             row[f"{name}_mse"] = square / scale**2
             row[f"{name}_rms"] = square**0.5
-            row[f"{name}_mse_over_variance"] = square / (within if name == "training" else outside).variance
+            row[f"{name}_mse_over_variance"] = square / points.variance
         for name, other in (("smoothing_spline_held_out_mse", smoothing), ("held_out_mse_at_paper", at_paper)):
-            row[name] = other and outside.mean((other(outside.crank_angle) - outside.values) ** 2) / scale**2
-        rows.append({"iterations_to_paper": None} | trained | row)
+            row[name] = other and outside.square(other) / scale**2
+        rows.append(row)
     return rows
 
 
@@ -141,20 +149,12 @@ def smoothing_spline(training: Points) -> Callable[[np.ndarray], np.ndarray] | N
     if len(x) < 5 * _LEFT_OUT:
         return None
     left_out = np.arange(len(x)) % _LEFT_OUT == 1
-    judged = Points(x[left_out], y[left_out], 0, np.gradient(x)[left_out])
+    judged = Points(x[left_out], y[left_out], shares=np.gradient(x)[left_out])
 
     def missed(strength: float) -> float:
-        spline = make_smoothing_spline(x[~left_out], y[~left_out], lam=strength)
-        return judged.mean((spline(judged.crank_angle) - judged.values) ** 2)
+        return judged.square(make_smoothing_spline(x[~left_out], y[~left_out], lam=strength))
 
     return make_smoothing_spline(x, y, lam=min(_SMOOTHING * np.diff(x).mean() ** 3, key=missed))
-
-
-def _region(points: Points, grid: Grid, first: float) -> Points:
-    """The points past `first` after the start; undefined ones (at the start) belong to the whole alone."""
-    inside = points.crank_angle - grid.start_angle >= first
-    shares = None if points.shares is None else points.shares[inside]
-    return Points(points.crank_angle[inside], points.values[inside], points.undefined if first == 0.0 else 0, shares)
 
 
 def refined(angle: np.ndarray, table: np.ndarray, kept: np.ndarray, usable: np.ndarray, missed: float) -> np.ndarray:

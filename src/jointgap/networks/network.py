@@ -7,7 +7,7 @@ import io
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -33,42 +33,29 @@ class Layout:
         """Number of parameters; 361 for the paper's network."""
         return sum(rows * columns for rows, columns in self.shapes)
 
-    def split(self, parameters) -> list:
-        """Matrices of the layers, each of shape (..., neurons, sources + 1), as views of parameters (..., size).
-
-        Works on numpy arrays and on torch tensors.
-        """
-        matrices, first = [], 0
-        for rows, columns in self.shapes:
-            last = first + rows * columns
-            matrices.append(parameters[..., first:last].reshape(*parameters.shape[:-1], rows, columns))
-            first = last
-        return matrices
+    def split(self, parameters: np.ndarray) -> list[np.ndarray]:
+        """Matrices of the layers as views of parameters (size,)."""
+        ends = accumulate(rows * columns for rows, columns in self.shapes)
+        shapes = zip(ends, self.shapes, strict=True)
+        return [parameters[end - rows * columns : end].reshape(rows, columns) for end, (rows, columns) in shapes]
 
 
 def activations_and_outputs(
-    matrices: list, inputs, multiply: Callable = np.matmul
+    matrices: list[np.ndarray], inputs: np.ndarray, product: Callable = np.matmul
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Forward propagation: the activations of every layer but the last, and the outputs.
-
-    A single network or a batch of them, in numpy or with the products of another library: its arrays must be readable
-    as numpy arrays without a copy.
-    """
-    activations = [np.asarray(inputs)]
+    """Forward propagation: the activations of every layer but the last, and the outputs (N,)."""
+    activations = [inputs]
     for matrix in matrices[:-1]:
-        sums = np.asarray(multiply(matrix, activations[-1]))
-        layer = np.ones((*sums.shape[:-2], sums.shape[-2] + 1, sums.shape[-1]))
-        np.tanh(sums, out=layer[..., :-1, :])  # five times as fast as torch's
+        sums = product(matrix, activations[-1])
+        layer = np.ones((len(sums) + 1, sums.shape[1]))
+        np.tanh(sums, out=layer[:-1])
         activations.append(layer)
-    return activations, np.matmul(np.asarray(matrices[-1]), activations[-1])[..., 0, :]
+    return activations, (matrices[-1] @ activations[-1])[0]
 
 
-def tansig_slope(layer: Any) -> Any:
-    """Derivative of tansig by its argument, shape (..., neurons, N), from a hidden layer's activations.
-
-    Works on numpy arrays and on torch tensors.
-    """
-    values = layer[..., :-1, :]
+def tansig_slope(layer: np.ndarray) -> np.ndarray:
+    """Derivative of tansig by its argument, (neurons, N), from a hidden layer's activations."""
+    values = layer[:-1]
     return 1.0 - values * values
 
 
@@ -100,15 +87,14 @@ class Scaling:
         return self.low + self.range * np.asarray(scaled)
 
 
-def nguyen_widrow(layout: Layout, seed: int, input_range: tuple[float, float] = (0.0, 1.0)) -> np.ndarray:
+def nguyen_widrow(layout: Layout, seed: int) -> np.ndarray:
     """Parameters to start from, shape (layout.size,), by the rule of Nguyen and Widrow (IJCNN 1990).
 
     Each tansig layer of S neurons gets weight vectors of random direction and of length beta = 0.7 S^(1/R) over its R
     inputs, and biases spread evenly over [-beta, beta], with the sign of the neuron's first weight: the neurons' active
     regions, |z| < about 1, then cover the range of the inputs evenly and overlap a little. The rule is for inputs in
-    [-1, 1]. That is the range of tansig, hence of every layer but the first; the first layer's weights and biases are
-    transformed for inputs in `input_range`, so that it covers exactly the range of the data. The linear output starts
-    with weights and bias uniform in [-1, 1]. All this is what MATLAB's initnw does.
+    [-1, 1]. That is the range of tansig, hence of every layer but the first, which is transformed for inputs in [0, 1].
+    The linear output starts with weights and bias uniform in [-1, 1]. All this is what MATLAB's initnw does.
     """
     random = np.random.default_rng(seed)
     matrices = []
@@ -121,10 +107,9 @@ def nguyen_widrow(layout: Layout, seed: int, input_range: tuple[float, float] = 
         biases = length * places * np.sign(weights[:, 0])
         matrices.append(np.column_stack([weights, biases]))
     matrices.append(random.uniform(-1.0, 1.0, layout.shapes[-1]))
-    low, high = input_range
     first = matrices[0]
-    first[:, -1] -= first[:, 0] * (high + low) / (high - low)
-    first[:, 0] *= 2.0 / (high - low)
+    first[:, -1] -= first[:, 0]
+    first[:, 0] *= 2.0
     return np.concatenate([matrix.ravel() for matrix in matrices])
 
 
@@ -134,19 +119,15 @@ class Network:
 
     layout: Layout
     parameters: np.ndarray  # shape (layout.size,)
-    input: Scaling  # Scaling of the crank angle and of the output
-    output: Scaling  # Scaling of the crank angle and of the output
+    input: Scaling  # Of the crank angle
+    output: Scaling
 
     def values(self, crank_angle: ArrayLike) -> np.ndarray:
         """The output at crank angles of any shape [rad], in its SI unit; same shape."""
         return self.values_and_slopes(crank_angle)[0]
 
     def values_and_slopes(self, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """The output and its exact derivative with respect to the crank angle [output's unit / rad].
-
-        Times the crank's speed the derivative is the time derivative: d(gamma)/dt of one network can be held against
-        the network of gamma_dot.
-        """
+        """The output and its exact derivative with respect to the crank angle [output's unit / rad]."""
         angle = np.asarray(crank_angle, dtype=float)
         scaled = self.input.shrink(angle.ravel())
         *hidden, last = matrices = self.layout.split(self.parameters)
@@ -159,12 +140,14 @@ class Network:
 
     def to_frame(self, seed: int, model: str = "network") -> pd.DataFrame:
         """Long form, one row per weight: the columns of the table `fit`."""
-        rows = []
-        for layer, (neurons, columns) in enumerate(self.layout.shapes):
-            sources = [*range(columns - 1), BIAS]
-            rows += [(seed, layer, neuron, source) for neuron in range(neurons) for source in sources]
-        frame = pd.DataFrame(rows, columns=["seed", "layer", "neuron", "source"])
-        return frame.assign(
+        places = [
+            (layer, neuron, source)
+            for layer, (neurons, columns) in enumerate(self.layout.shapes)
+            for neuron in range(neurons)
+            for source in (*range(columns - 1), BIAS)
+        ]
+        return pd.DataFrame(places, columns=["layer", "neuron", "source"]).assign(
+            seed=seed,
             model=model,
             weight=self.parameters,
             input_min=self.input.low,
@@ -175,30 +158,17 @@ class Network:
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, seed: int | None = None, model: str = "network") -> "Network":
-        """The network in a long form, whatever the order of its rows."""
+        """The network of a model and a seed (the first one when absent) in a long form."""
         frame = frame[frame["model"] == model]
-        if frame.empty:
-            raise ValueError(f"no {model} in the table")
-        seed = int(frame["seed"].iloc[0]) if seed is None else seed
-        rows = frame[frame["seed"] == seed]
-        if rows.empty:
-            raise ValueError(f"no network of seed {seed}; the seeds here are {sorted(set(frame['seed']))}")
-        rows = rows.assign(last=rows["source"] == BIAS).sort_values(["layer", "neuron", "last", "source"])
-        layout = Layout(tuple(int(n) + 1 for n in rows.groupby("layer")["neuron"].max())[:-1])
+        rows = frame[frame["seed"] == (frame["seed"].iloc[0] if seed is None else seed)]
+        *hidden, _ = rows.groupby("layer")["neuron"].max() + 1
         scale = rows.iloc[0]
-        network = cls(
-            layout,
+        return cls(
+            Layout(tuple(map(int, hidden))),
             rows["weight"].to_numpy(),
             Scaling(float(scale["input_min"]), float(scale["input_max"])),
             Scaling(float(scale["output_min"]), float(scale["output_max"])),
         )
-        keys = ["layer", "neuron", "source"]
-        expected = network.to_frame(seed)[keys].to_numpy() if len(rows) == layout.size else None
-        if expected is None or not np.array_equal(rows[keys].to_numpy(), expected):
-            raise ValueError(
-                f"the weights of seed {seed} are not one network of layers {layout.hidden}: rows missing or doubled"
-            )
-        return network
 
 
 # A network as two files that anyone can read, without pickle: arrays in `weights.npz`, the rest in `network.json`. The
@@ -209,52 +179,53 @@ class Network:
 def to_files(network: Network, output: str) -> dict[str, bytes]:
     """The `network` of one `output` (its name) as the contents of `network.json` and `weights.npz`."""
     matrices = network.layout.split(network.parameters)
-    description = {
-        "input": "crank_angle [rad]",
-        "output": output,
-        "input_range": (network.input.low, network.input.high),
-        "output_range": (network.output.low, network.output.high),
-        "scaling": "scaled = (value - range[0]) / (range[1] - range[0]), for input and output",
-    }
-    return _pack([(matrix[:, :-1], matrix[:, -1]) for matrix in matrices], description)
+    return _pack(
+        [(matrix[:, :-1], matrix[:, -1]) for matrix in matrices],
+        input="crank_angle [rad]",
+        output=output,
+        input_range=(network.input.low, network.input.high),
+        output_range=(network.output.low, network.output.high),
+        scaling="scaled = (value - range[0]) / (range[1] - range[0]), for input and output",
+    )
 
 
 def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
     """The network of a joint's clearance vector as the same two files."""
     rows = fit[fit["joint"] == joint]
-    neurons, bias = rows[rows["neuron"] >= 0].sort_values("neuron"), rows[rows["neuron"] < 0].iloc[0]
+    neurons, bias = rows[rows["neuron"] != BIAS], rows[rows["neuron"] == BIAS].iloc[0]
     slope = 1.0 / neurons["width"].to_numpy()
-    layers = [
-        (slope[:, None], -neurons["centre"].to_numpy() * slope),
-        (neurons[["weight_x", "weight_y"]].to_numpy().T, bias[["weight_x", "weight_y"]].to_numpy(dtype=float)),
-    ]
-    description = {
-        "input": "crank_angle [rad]",
-        "output": "clearance vector of the joint, less the factor s: w_x, w_y [m]",
-        "joint": joint,
-        "start_angle": float(bias["start_angle"]),
-        "settling": None if pd.isna(bias["settling"]) else float(bias["settling"]),
-        "speed": None if pd.isna(bias["speed"]) else float(bias["speed"]),
-        "turns": int(bias["turns"]),
-        "use": "s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s |w|; gamma = "
+    numbers = {name: None if pd.isna(bias[name]) else float(bias[name]) for name in ("settling", "speed")}
+    return _pack(
+        [
+            (slope[:, None], -neurons["centre"].to_numpy() * slope),
+            (neurons[["weight_x", "weight_y"]].to_numpy().T, bias[["weight_x", "weight_y"]].to_numpy(dtype=float)),
+        ],
+        input="crank_angle [rad]",
+        output="clearance vector of the joint, less the factor s: w_x, w_y [m]",
+        joint=joint,
+        start_angle=float(bias["start_angle"]),
+        **numbers,
+        turns=int(bias["turns"]),
+        use="s = tanh^2((crank_angle - start_angle) / settling), 1 where settling is null; r = s |w|; gamma = "
         "direction of w, unwrapped, plus turns; rates by calculus, times speed; null: the speed of the crank is not "
         "constant",
-    }
-    return _pack(layers, description)
+    )
 
 
-def _pack(layers: list[tuple[np.ndarray, np.ndarray]], description: dict) -> dict[str, bytes]:
-    """Both files: weights and biases of the layers by their names in torch, and what there is to know beside."""
+def _pack(layers: list[tuple[np.ndarray, np.ndarray]], **description: Any) -> dict[str, bytes]:
+    """Both files: weights and biases of the layers by their names in torch, and their description."""
     arrays = {}
     for layer, (weight, bias) in enumerate(layers):
         arrays |= {f"{2 * layer}.weight": weight, f"{2 * layer}.bias": bias}  # a Tanh takes each odd number
     packed = io.BytesIO()
     np.savez(packed, **arrays)
-    shape = {
+    description |= {
         "neurons": [layers[0][0].shape[1], *(len(bias) for _, bias in layers)],
         "hidden_activation": "tanh",
         "output_activation": "linear",
         "weights": "weights.npz, named as the state dict of torch.nn.Sequential(Linear, Tanh, ..., Linear)",
     }
-    text = json.dumps(description | shape, indent=2) + "\n"
-    return {"network.json": text.encode(), "weights.npz": packed.getvalue()}
+    return {
+        "network.json": (json.dumps(description, indent=2) + "\n").encode(),
+        "weights.npz": packed.getvalue(),
+    }

@@ -5,7 +5,7 @@ from functools import partial
 from jointgap.core import schema
 from jointgap.core.joints import JOINT_NUMBERS, number_of
 from jointgap.dynamics.kinematics import Fit
-from jointgap.networks.clearance import ClearanceNetwork, CrankSpeed
+from jointgap.networks.clearance import ClearanceNetwork, crank_speed
 from jointgap.networks.network import Network
 from jointgap.scenario.results import CLEARANCE, ScenarioResults, outputs_of
 
@@ -17,7 +17,7 @@ def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
     fits = results.read(schema.FIT)
     networks = {output: Network.from_frame(fit) for output, fit in fits.groupby("output", sort=False)}
     fit = results.read(schema.CLEARANCE_FIT)
-    speed = CrankSpeed.of(results.read(schema.TRAJECTORY)) if fit["speed"].isna().any() else None
+    speed = crank_speed(results.read(schema.TRAJECTORY)) if fit["speed"].isna().any() else None
     mechanism = results.scenario.mechanism
     numbers = [JOINT_NUMBERS[joint] for joint in mechanism.applied().loose]
     joints = {number: ClearanceNetwork.from_frame(fit, number, speed) for number in numbers}
