@@ -199,7 +199,7 @@ def test_other_lengths_keep_the_mass_centres_share():
             ["mechanism.joints.crank_pin", "journal_radius 0.009 m is not smaller than bearing_radius 0.008 m"],
         ),
         ({"mechanism": {"joints": {"crank_pin": {"contact": "steal"}}}}, ["'steal'", "did you mean 'steel'"]),
-        ({"mechanism": {"contacts": 7}}, ["contacts = 7 must map names to contacts"]),
+        ({"mechanism": {"contacts": 7}}, ["mechanism.contacts = 7: must be a mapping"]),
         ({"mechanism": {"joints": {"crank_pin": {"journal": "slider"}}}}, ["journal must be 'crank' or 'rod'"]),
         ({"mechanism": {"contacts": {"steel": {"law": "hertz"}}}}, ["contacts.steel.law = 'hertz'"]),
         ({"mechanism": {"contacts": {"steel": {"restitution": 1.4}}}}, ["contacts.steel.restitution = 1.4"]),
@@ -228,7 +228,7 @@ def test_other_lengths_keep_the_mass_centres_share():
         ({"simulate": {"revolutions": 10**400}}, ["simulate.revolutions = 1000", "20000000"]),
         ({"study": {"members": 4}}, ["key 'study' is gone", "design: grid"]),
         ({"ensemble": {"vary": {"speed": {"from": "0,1 rpm", "to": 9, "number": 3}}}}, ["is not a number with a unit"]),
-        ({"ensemble": {"vary": {"speed": {"from": 1, "to": "1e999 rpm", "number": 3}}}}, ["to = '1e999 rpm' must be"]),
+        ({"ensemble": {"vary": {"speed": {"from": 1, "to": "1e999", "number": 3}}}}, ["to = '1e999' must be"]),
         (
             {
                 "ensemble": {
@@ -243,7 +243,7 @@ def test_other_lengths_keep_the_mass_centres_share():
             {"ensemble": {"vary": {key: {"from": 0, "to": 1, "number": 200} for key in ("speed", "friction")}}},
             ["ensemble", "200 of speed x 200 of friction are 40000 combinations, more than 10000"],
         ),
-        ({"ensemble": {"vary": {"speed": {"from": 1, "to": 2, "number": 10**8}}}}, ["number = 100000000 must be"]),
+        ({"ensemble": {"vary": {"speed": {"from": 1, "to": 2, "number": 10**8}}}}, ["number = 100000000: must be"]),
         (
             {"optimise": {"ensemble": {"members": 10**9}}},
             ["optimise.ensemble.members", "must be less than or equal to 10000"],
@@ -271,7 +271,7 @@ def test_other_lengths_keep_the_mass_centres_share():
         ({"simulate": {"revolutions": "many"}}, ["simulate.revolutions = 'many'", "must be a whole number"]),
         ({"simulate": {"revolutions": 2}}, ["settled_revolution 4", "simulate.revolutions"]),
         ({"simulate": {"samples_per_revolution": 720}}, ["samples_per_revolution 720", "five times"]),
-        ({"surrogate": {"seeds": [1, 1]}}, ["seeds [1, 1]", "give each once"]),
+        ({"surrogate": {"seeds": [1, 1]}}, ["seeds = [1, 1]", "give each once"]),
         ({"mechanism": {"effects": [{"name": "gravty"}]}}, ["mechanism.effects.0.name = 'gravty'", "'gravity'"]),
     ],
 )
@@ -365,12 +365,12 @@ def test_every_mistake_is_told_in_one_go():
     ("config", "words"),
     [
         (SHIPPED | {"run": ["papr"]}, "did you mean 'paper'"),
-        (SHIPPED | {"scenarios": {}}, "scenarios must map"),
+        (SHIPPED | {"scenarios": {}}, "scenarios: must have at least 1 item"),
         (SHIPPED | {"run": "paper"}, "must be a list"),
         (SHIPPED | {"mechanism": "nowhere.yaml"}, "no file 'nowhere.yaml'"),
         ({"scenarios": {"a": {}}}, "'mechanism' is missing"),
         ({"scenarios": {"a": 5}}, "must be a mapping"),
-        (SHIPPED | {"run": [["paper"]]}, "run names"),
+        (SHIPPED | {"run": [["paper"]]}, "run.0 = .*must be text"),
         (SHIPPED | {"run": ["a/b"], "scenarios": {"a/b": {}}}, "files or folders are called so"),
         (SHIPPED | {"run": ["a" * 61], "scenarios": {"a" * 61: {}}}, "60 letters at most, not 61"),
         (SHIPPED | {"run": ["campaigns"], "scenarios": {"campaigns": {}}}, "another kind have that folder"),

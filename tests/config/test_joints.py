@@ -56,7 +56,7 @@ def test_joints_survive_the_command_line():
     [
         ({"crank_pin": "idela"}, ["joints.crank_pin = 'idela'", "'ideal' or a mapping"]),
         ({"crank_pivot": PIVOT | {"journal": "rod"}}, ["joints.crank_pivot", "'frame' or 'crank'"]),
-        ({"crank_pivot": PIVOT | {"contact": "brass"}}, ["joints.crank_pivot.contact", "'brass'"]),
+        ({"crank_pivot": PIVOT | {"contact": "brass"}}, ["joints: crank_pivot.contact names 'brass'"]),
         ({"crank_pivot": {"journal_radius": None}}, ["joints.crank_pivot.journal_radius"]),
         ({"crank_pin": {"lose": False}}, ["joints.crank_pin.lose", "did you mean 'loose'"]),
         ({"crank_pni": "ideal"}, ["joints.crank_pni", "did you mean 'crank_pin'"]),

@@ -40,7 +40,7 @@ def test_the_campaign_without_a_mistake_is_accepted():
         ),
         ({"folder": None}, "folder = None: must be a path, written as text"),
         ({"csv": 3}, "csv = 3: must be a mapping of keys to values"),
-        ({"motor": 3}, "motor = 3: must be a mapping with the keys stall_torque and no_load_speed"),
+        ({"motor": 3}, "motor = 3: must be a mapping of keys to values"),
         ({"drive": 3}, "drive = 3: must be 'constant_speed', 'measured_angle' or 'motor'"),
         (
             {"name": "a b"},
@@ -74,5 +74,5 @@ def test_the_only_run_is_not_called_absent_where_one_of_its_keys_is_wrong():
 @pytest.mark.parametrize("name", RESERVED_IDS)
 def test_no_run_takes_the_name_of_another_result(name):
     assert told(runs=[RUN | {"id": name}]) == [
-        f"rig.yaml: runs.0.id = '{name}': would be taken for another result of that name; choose another id"
+        f"rig.yaml: runs.0: id '{name}' would be taken for another result of that name; choose another id"
     ]

@@ -76,7 +76,7 @@ def test_the_same_frame_gives_the_same_bytes(tmp_path, frame):
     [
         (lambda frame: frame.drop(columns="angle"), "missing columns"),
         (lambda frame: frame.assign(more=1), "unknown columns"),
-        (lambda frame: frame.assign(angle=np.nan), "angle has no value in row 0"),
+        (lambda frame: frame.assign(angle=np.nan), "angle.*non-nullable"),
         (lambda frame: frame.assign(angle=[0.0, 1.0, np.inf]), "angle holds an infinite value"),
     ],
 )
@@ -120,7 +120,7 @@ def test_a_missing_a_damaged_and_a_wrong_file_are_told_apart(tmp_path):
 def test_a_table_of_another_version_is_refused_by_the_columns_that_differ(tmp_path, frame):
     other = Table("small", "as it was", (*SMALL.columns[1:], Column("old", "1", "a column that is gone")))
     parquet.write(other, frame.drop(columns="angle").assign(old=1.0), tmp_path / "small.parquet")
-    with pytest.raises(InputError, match=r"lacks the columns \['angle'\] and has the unknown columns \['old'\]"):
+    with pytest.raises(InputError, match=r"other columns than this version's, angle \(double\), old \(double\); run"):
         parquet.read(SMALL, tmp_path / "small.parquet")
 
 
@@ -130,28 +130,8 @@ def test_a_column_of_another_type_is_named(tmp_path, frame):
     torn = arrow.set_column(0, text, pa.array(["0.1", "x", "0.3"])).replace_schema_metadata(arrow.schema.metadata)
     with parquet.writer(tmp_path / "small.parquet", torn.schema) as file:
         file.write_table(torn)
-    with pytest.raises(InputError, match="column angle holds string, not double"):
+    with pytest.raises(InputError, match=r"angle \(double\), angle \(string\)"):
         parquet.read(SMALL, tmp_path / "small.parquet")
-
-
-def test_no_flipped_byte_of_a_file_is_read_as_a_value_a_name_or_a_unit(tmp_path, frame):
-    place = tmp_path / "small.parquet"
-    parquet.write(SMALL, frame, place)
-    whole = place.read_bytes()
-    for number in range(len(whole)):
-        torn = bytearray(whole)
-        torn[number] ^= 1 << number % 8
-        place.write_bytes(torn)
-        for read in (lambda path: parquet.read(SMALL, path), parquet.describe):
-            try:
-                read(place)
-            except InputError as error:
-                assert str(place) in str(error)
-                assert "again" in str(error)
-            else:
-                # the digest's own entry is hurt beyond finding, and a file without one may be shown
-                assert read is parquet.describe
-                assert b"jointgap_sha256" not in torn
 
 
 def test_a_file_that_lost_its_end_or_a_block_in_the_middle_is_refused(tmp_path, frame):
@@ -160,14 +140,8 @@ def test_a_file_that_lost_its_end_or_a_block_in_the_middle_is_refused(tmp_path, 
     whole = place.read_bytes()
     for torn in (whole[:-1], whole[: len(whole) // 2], whole[:100] + bytes(50) + whole[150:], bytes(len(whole))):
         place.write_bytes(torn)
-        with pytest.raises(InputError, match="again"):
+        with pytest.raises(InputError, match="cannot be read as Parquet"):
             parquet.read(SMALL, place)
-
-
-def test_a_table_without_a_digest_is_another_versions(tmp_path, frame):
-    pq.write_table(parquet.to_arrow(SMALL, frame), tmp_path / "small.parquet")
-    with pytest.raises(InputError, match="no digest of its bytes; another version wrote it"):
-        parquet.read(SMALL, tmp_path / "small.parquet")
 
 
 def test_what_is_no_parquet_file_cannot_be_described(tmp_path):

@@ -11,7 +11,6 @@ from jointgap.core.plot import (
     COLOURS,
     CRANK_ANGLE,
     INK,
-    LOOK,
     WIDTH,
     Drawing,
     Figures,
@@ -529,9 +528,10 @@ def _gap_label(row) -> str:
 
 def _width_of(label: str) -> float:
     """Width [pt] of a tick's label; a blank has none by itself."""
+    from matplotlib import rcParams
     from matplotlib.textpath import TextPath
 
-    size = LOOK["ytick.labelsize"]
+    size = rcParams["ytick.labelsize"]
     ends = (TextPath((0, 0), f"{text}|", size=size).get_extents().x1 for text in (label, ""))
     return next(ends) - next(ends)
 

@@ -1,20 +1,28 @@
 """The campaign file: a mechanism, the runs measured on its rig, their columns, and what is known within bounds."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator
 from datetime import date as Date
 from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, WithJsonSchema, field_serializer, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ValidationInfo,
+    WithJsonSchema,
+    field_serializer,
+    field_validator,
+    model_validator,
+)
 
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
-from jointgap.core.section import Name, Section, Word, text_of
+from jointgap.core.section import Name, Section, Word, checked, text_of
 from jointgap.core.units import (
     Angle,
     PositiveAngle,
@@ -59,7 +67,6 @@ UNITS = {
 }
 """Units, by the SI unit, that are proposed where none is stated or the stated one does not fit."""
 
-
 FILTER_ORDER = 4
 """Of the Butterworth low-pass by which a campaign file describes a sensor's bandwidth."""
 
@@ -76,32 +83,25 @@ _UNIT_HINTS = {
 _COUNTED = {"counts_per_turn": ("turn", ""), "rate": ("s", "Hz")}
 """Keys that make a column of whole numbers one of parts of a unit: that unit, and the unit of the key."""
 
-
-_AMOUNT = [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}, {"type": "null"}]
-_AMOUNTS = [*_AMOUNT, {"type": "object", "additionalProperties": {"anyOf": _AMOUNT[:2]}}]
+_AMOUNT = [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}]
+_BY_RUN = {"type": "object", "additionalProperties": {"anyOf": _AMOUNT}}
+_NULL = {"type": "null"}
 
 
 class Channel(Section):
     """A column of the runs' files, and what is known of its sensor."""
 
     column: Name = Field(description="heading of the column in every run's file")
-    unit: str = Field(
-        description="unit of the column, by its pint name, such as deg, g_n, N*m or rpm; not needed with "
-        "counts_per_turn or rate"
-    )
-    scale: Annotated[str | None, WithJsonSchema({"anyOf": _AMOUNT})] = Field(
+    unit: str = Field(description="pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate")
+    scale: Annotated[str | None, WithJsonSchema({"anyOf": [*_AMOUNT, _NULL]})] = Field(
         None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A; null: none"
     )
-    counts_per_turn: quantity("", gt=0) | None = Field(
-        None, description="of an angle whose column has an encoder's counts: how many are a turn"
-    )
-    rate: quantity("Hz", gt=0) | None = Field(
-        None, description="of time whose column has sample numbers: how many are a second, such as 2 kHz"
-    )
-    noise: Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": _AMOUNTS})] = Field(
+    counts_per_turn: quantity("", gt=0) | None = Field(None, description="of an angle in an encoder's counts")
+    rate: quantity("Hz", gt=0) | None = Field(None, description="of time in sample numbers: how many a second, 2 kHz")
+    noise: Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": [*_AMOUNT, _NULL, _BY_RUN]})] = Field(
         None, description="standard deviation of the noise in the column's unit, one or by run; null: estimated"
     )
-    resolution: Annotated[float | None, WithJsonSchema({"anyOf": _AMOUNT})] = Field(
+    resolution: Annotated[float | None, WithJsonSchema({"anyOf": [*_AMOUNT, _NULL]})] = Field(
         None, description="step of an encoder in the column's unit; null: not known"
     )
     bandwidth: quantity("Hz", gt=0) | None = Field(
@@ -113,9 +113,7 @@ class Channel(Section):
         None, description="of time: standard deviation of its stamps; null: estimated where samples tell"
     )
     repeated: Literal["first", "last"] | None = Field(
-        None,
-        description="of time: which of several rows of one time is kept, such as a solver writes at its events; null: "
-        "rows that are the same are kept once, others refused",
+        None, description="of time: which of several rows of one time is kept; null: they must be the same"
     )
     reads_gravity: bool = Field(False, description="whether an accelerometer's reading has gravity in it")
 
@@ -126,12 +124,9 @@ class Channel(Section):
             if not isinstance(given, dict) or given.get(key) is None:
                 continue
             try:
-                parts = to_si(given[key], own)
+                unit = f"{whole}/{checked(quantity(own, gt=0), given[key]):.17g}"
             except ValueError:
-                parts = 0.0
-            if not parts > 0:
                 return {"unit": whole} | given  # its own check says what is wrong
-            unit = f"{whole}/{parts:.17g}"
             if given.get("unit", "count") not in ("count", "counts", unit):
                 raise ValueError(f"unit = {given['unit']!r} and {key} are both given; remove one of them")
             given = ({"resolution": 1} if key == "counts_per_turn" else {}) | given | {"unit": unit}
@@ -151,9 +146,8 @@ class Channel(Section):
             whole, _ = split_share(unit)
             unit_factor(whole, whole)
         except Exception as error:  # what pint makes of text that is no unit is of a dozen kinds
-            raise ValueError(
-                _UNIT_HINTS.get(unit, "is not a unit; write one such as s, deg, mm, g_n, N*m or rpm")
-            ) from error
+            hint = "is not a unit; write one such as s, deg, mm, g_n, N*m or rpm"
+            raise ValueError(_UNIT_HINTS.get(unit, hint)) from error
         return unit
 
     @field_validator("noise", "resolution", mode="before")
@@ -198,25 +192,39 @@ def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
         raise ValueError(f"{name}.unit = '{unit}' {error}; {hint}") from error
 
 
-class _Range(NamedTuple):
-    """Unit of a nuisance, and what it can be in a simulation: the least, the most, and both in words."""
-
-    unit: str
-    least: float
-    most: float
-    words: str
-
-
-def _above_0(unit: str) -> _Range:
-    return _Range(unit, math.nextafter(0.0, 1.0), math.inf, f"more than 0 {unit}")
+_ANGLES = {"crank_angle", "rod_angle"}
+_NEEDS_CHANNEL = (
+    (("counts_per_turn", "resolution"), _ANGLES, "only crank_angle and rod_angle are read in steps"),
+    (("rate", "repeated", "jitter"), {"time"}, "it is of time alone"),
+    (("noise", "bandwidth", "filter", "sign"), CHANNELS.keys() - {"time"}, "time is taken as exact but for its jitter"),
+    (("reads_gravity",), {name for name in CHANNELS if "acceleration" in name}, "only accelerations can have gravity"),
+)
+"""Keys, the channels that can have them, and why others cannot."""
 
 
-_CLEARANCE = _Range("m", LEAST_CLEARANCE, math.inf, f"{LEAST_CLEARANCE:g} m or more")
+def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
+    columns: dict[str, str] = {}
+    for name, channel in channels.items():
+        for keys, allowed, why in _NEEDS_CHANNEL:
+            given = [key for key in keys if getattr(channel, key) != Channel.model_fields[key].default]
+            if given and name not in allowed:
+                yield f"{name}.{given[0]} has no meaning, for {why}; remove it"
+        if channel.filter != "zero_phase" and channel.bandwidth is None:
+            yield f"{name}.filter has no meaning, for it needs the bandwidth that is filtered to; remove it"
+        try:
+            channel_factor(name, channel.unit, channel.scale)
+        except ValueError as error:
+            yield str(error)
+        if channel.column in columns:
+            yield f"{columns[channel.column]} and {name} both read column '{channel.column}'; give two columns"
+        columns.setdefault(channel.column, name)
 
-SHARED = {
-    "joint_friction": _Range("", 0.0, 0.6, "0 to 0.6"),
-    "restitution": _Range("", 1e-3, math.nextafter(1.0, 0.0), "0.001 to below 1"),
-}
+
+_POSITIVE = {"gt": 0}
+_CLEARANCE = ("m", {"ge": LEAST_CLEARANCE})
+_TURN = ("rad", {"ge": -math.tau, "le": math.tau})
+
+SHARED = {"joint_friction": ("", {"ge": 0, "le": 0.6}), "restitution": ("", {"ge": 1e-3, "lt": 1})}
 """Quantities that both pins share unless they are listed for each."""
 
 MOTOR_LINE = ("stall_torque", "no_load_speed")
@@ -230,139 +238,88 @@ NEEDED_CHANNELS = {
     "slider_position_zero": ("slider_position",),
     "encoder_lag": ("time", "crank_angle"),
 }
-"""Channels without which a nuisance of a sensor has nothing to act on."""
+"""Nuisances of sensors, nominally 0 where the bounds do not say otherwise, and the channels that they act on."""
 
-_RANGES = {
-    "slider_mass": _above_0("kg"),
-    "rod_mass": _above_0("kg"),
-    "rod_inertia": _above_0("kg*m^2"),
-    "crank_length": _above_0("m"),
-    "rod_length": _above_0("m"),
+_LIMITS: dict[str, tuple[str, dict[str, float]]] = {
+    "slider_mass": ("kg", _POSITIVE),
+    "rod_mass": ("kg", _POSITIVE),
+    "rod_inertia": ("kg*m^2", _POSITIVE),
+    "crank_length": ("m", _POSITIVE),
+    "rod_length": ("m", _POSITIVE),
     "crank_pin_clearance": _CLEARANCE,
     "piston_pin_clearance": _CLEARANCE,
     **SHARED,
     **{f"{key}_{pin}": own for key, own in SHARED.items() for pin in PINS},
-    "speed": _above_0("rad/s"),
-    "stall_torque": _above_0("N*m"),
-    "no_load_speed": _above_0("rad/s"),
-    "slider_offset": _Range("m", -math.inf, math.inf, "any length"),
-    "encoder_zero": _Range("rad", -math.tau, math.tau, "a turn either way"),
-    "encoder_lag": _Range("s", -math.inf, math.inf, "any time"),
-    "slider_position_zero": _Range("m", -math.inf, math.inf, "any length"),
+    "speed": ("rad/s", _POSITIVE),
+    "stall_torque": ("N*m", _POSITIVE),
+    "no_load_speed": ("rad/s", _POSITIVE),
+    "slider_offset": ("m", {}),
+    "encoder_zero": _TURN,
+    "encoder_lag": ("s", {}),
+    "slider_position_zero": ("m", {}),
 }
+"""Unit of a nuisance, and its limits in a simulation."""
 
-NUISANCES = {key: limits.unit for key, limits in _RANGES.items()}
+NUISANCES = {key: unit for key, (unit, _) in _LIMITS.items()}
 """SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
-
-
-NOMINALLY_0 = ("encoder_zero", "encoder_lag", "slider_position_zero")
-"""Of sensors: 0 where the bounds do not say otherwise."""
 
 _AMOUNT_EXAMPLES = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'"}
 """By which a quantity of the unit may differ from nominal either way, for example."""
 
 
-def share_or_bounds(key: str, value: Any, nominals: tuple[float, ...] = ()) -> float | tuple[float, float]:
-    """The `value` of the nuisance `key` in a campaign file: a share of its nominal value, or its bounds [SI]."""
-    unit = NUISANCES[key]
-    if isinstance(value, str) and (amount := _amount_around(value, unit)) is not None:
-        if len(set(nominals)) != 1 or not amount > 0:
-            raise ValueError(
-                f"{key} = '{value}' must be more than 0 {unit} either way of one nominal value; write bounds such as "
-                "[low, high]"
-            )
-        low, high = nominals[0] - amount, nominals[0] + amount
-        check_possible(key, low, high, f"{key} = '{value}'")
-        return low, high
-    if isinstance(value, str):
-        share = _percent(key, value)
-        if not 0 < share < 1:
-            raise ValueError(f"{key} = '{value}' must be more than 0 % and less than 100 %")
-        return share
-    if not isinstance(value, list | tuple) or len(value) != 2:
-        raise ValueError(f"{key} = {value!r} must be a percentage such as '5 %' or bounds such as [low, high]")
+def _share_or_bounds(key: str, value: Any, nominals: tuple[float, ...]) -> float | tuple[float, float]:
+    """The `value` of a nuisance in a campaign file: a share of its nominal value, or its bounds [SI]."""
+    unit, what = NUISANCES[key], " is no range"
     try:
-        low, high = (to_si(bound, unit) for bound in value)
+        if isinstance(value, list | tuple) and len(value) == 2:
+            low, high = (_possible(key, bound) for bound in value)
+            if low >= high:
+                raise ValueError("is upside down or empty; write the lower bound first")
+            return low, high
+        if isinstance(value, str):
+            number, own = split_quantity(value.strip().removeprefix("+-"))
+            if own in ("%", "percent"):
+                share = Decimal(number) / 100
+                if not 0 < share < 1:
+                    raise ValueError("must be more than 0 % and less than 100 %")
+                return float(share)
+            if own and unit in _AMOUNT_EXAMPLES:
+                amount = checked(quantity(unit, gt=0), value)
+                if len(set(nominals)) != 1:
+                    raise ValueError("lies around one nominal value, and there are several or none")
+                return _possible(key, nominals[0] - amount), _possible(key, nominals[0] + amount)
     except ValueError as error:
-        raise ValueError(f"{key} = {list(value)!r} {error}") from error
-    if low >= high:
-        raise ValueError(f"{key} = {list(value)!r} is upside down or empty; write the lower bound first")
-    check_possible(key, low, high, f"{key} = {list(value)!r}")
-    return low, high
-
-
-def check_possible(key: str, low: float, high: float, source: str) -> None:
-    """ValueError, beginning with the `source`, where `low` or `high` [SI] of the nuisance `key` cannot be simulated."""
-    _, least, most, words = _RANGES[key]
-    if low < least or high > most:
-        raise ValueError(f"{source} reaches from {low:g} to {high:g} and leaves what is possible, {words}; narrow it")
-
-
-def _amount_around(text: str, unit: str) -> float | None:
-    """A length, angle or time with a unit of its own as a number in `unit`; None of any other text."""
-    try:
-        return to_si(text, unit) if unit in _AMOUNT_EXAMPLES and split_quantity(text)[1] else None
-    except ValueError:
-        return None
-
-
-def _percent(key: str, text: str) -> float:
-    try:
-        number, own = split_quantity(text.strip().removeprefix("+-"))
-    except ValueError as error:
-        own, mistake = "", f" {error};"
-    else:
-        mistake = ""
-    if own in ("%", "percent"):
-        return float(Decimal(number) / 100)
-    unit = NUISANCES[key]
+        what = f": {error}"
     # of what is nominally 0 a percentage is no range
-    instead = [] if key in NOMINALLY_0 else ["a percentage such as '5 %'"]
+    instead = [] if key in NEEDED_CHANNELS else ["a percentage such as '5 %'"]
     instead += [f"an amount such as {_AMOUNT_EXAMPLES[unit]}"] if unit in _AMOUNT_EXAMPLES else []
-    raise ValueError(f"{key} = '{text}'{mistake} must be {' or '.join(instead)}, or bounds such as [low, high]")
+    raise ValueError(f"{key} = {value!r}{what}; give {' or '.join(instead)} or bounds such as [low, high]")
 
 
-def as_written(value: float | tuple[float, float]) -> str | list[float]:
-    """What `share_or_bounds` reads as `value`, to the last digit."""
+def _possible(key: str, value: Any) -> float:
+    """The `value` [SI] of a nuisance, which can be simulated."""
+    unit, limits = _LIMITS[key]
+    return checked(quantity(unit, **limits), value)
+
+
+def _as_written(value: float | tuple[float, float]) -> str | list[float]:
+    """What `_share_or_bounds` reads as `value`, to the last digit."""
     return list(value) if isinstance(value, tuple) else f"{Decimal(repr(value)) * 100} %"
 
 
-def check_keys(given: Mapping[str, Any]) -> None:
-    """ValueError on unknown keys, and on a quantity given for both pins and for one."""
-    for key in given:
-        if key not in _RANGES:
-            raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(key, _RANGES)}")
-    for shared in SHARED:
-        own = [f"{shared}_{pin}" for pin in PINS if f"{shared}_{pin}" in given]
-        if shared in given and own:
-            raise ValueError(f"{shared} of both pins and {own[0]} are listed; give one of them")
-
-
-def nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
-    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has nothing to act on.
-
-    Not of the speed, which the runs have, and not of a motor. Zeros and lags of sensors are nominally 0.
-    """
-    plain = dict.fromkeys(NEEDED_CHANNELS, 0.0) | {
-        "slider_offset": mechanism.slider.offset,
-        "slider_mass": mechanism.slider.mass,
-        "rod_mass": mechanism.rod.mass,
-        "rod_inertia": mechanism.rod.inertia,
-        "crank_length": mechanism.crank.length,
-        "rod_length": mechanism.rod.length,
-    }
-    if key in plain:
-        return (plain[key],)
-    pins = [pin for pin in PINS if pin in key] or PINS
+def _nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
+    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has nothing to act on."""
+    if key in NEEDED_CHANNELS:
+        return (0.0,)
+    part, _, name = key.partition("_")
+    if hasattr(getattr(mechanism, part, None), name):  # such as slider_mass
+        return (getattr(getattr(mechanism, part), name),)
+    joints = [mechanism.joint(pin) for pin in ([pin for pin in PINS if pin in key] or PINS) if pin in mechanism.loose]
     if key.endswith("clearance"):
-        return tuple(mechanism.clearance(pin) for pin in pins if pin in mechanism.loose)
-    contacts = [mechanism.joint(pin).contact for pin in pins if pin in mechanism.loose]
-    if key.startswith("joint_friction"):
-        return tuple(contact.friction for contact in contacts)
-    return tuple(contact.restitution for contact in contacts if contact.restitution is not None)
+        return tuple(joint.clearance for joint in joints)
+    values = [joint.contact.friction if "friction" in key else joint.contact.restitution for joint in joints]
+    return tuple(value for value in values if value is not None)
 
-
-_STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
 RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_snapshot")
 """No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
@@ -381,13 +338,14 @@ class Start(Section):
     turned: PositiveAngle | None = Field(None, description="how far the crank had turned by the first sample: 3 turn")
     ran: PositiveTime | None = Field(None, description="how long it had run by the first sample: 0.5 s")
 
-    @model_validator(mode="after")
-    def _says_one_thing(self):
+    def errors(self) -> Iterator[str]:
         if self.turned is not None and self.ran is not None:
-            raise ValueError("how far it had turned and how long it ran are both given; remove turned or ran")
+            yield "how far it had turned and how long it ran are both given; remove turned or ran"
         if self.angle is None and self.turned is None and self.ran is None:
-            raise ValueError("says nothing; give angle, turned or ran, such as {angle: 40 deg, turned: 3 turn}")
-        return self
+            yield "says nothing; give angle, turned or ran, such as {angle: 40 deg, turned: 3 turn}"
+
+
+_STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
 
 class CampaignRun(Section):
@@ -397,12 +355,9 @@ class CampaignRun(Section):
     file: str = Field(min_length=1, description="table of samples, CSV or Parquet, from the campaign file's folder")
     speed: PositiveAngularSpeed = Field(description="nominal speed of the crank")
     role: Literal["identify", "confirm", "split"] = Field(
-        description="identify: for fitting and choosing; confirm: takes no part in either; split: its last third "
-        "does not"
+        description="identify: for fitting and choosing; confirm: for neither; split: its last third for neither"
     )
-    start: Literal["settled", "at_rest", "dead_centre", "unknown"] | Start = Field(
-        "settled", description="how the motion began before the first sample, or where and how long before"
-    )
+    start: Literal[_STARTS] | Start = Field("settled", description="how the motion began, or where and how long before")
     first_angle: Angle | None = Field(
         None, description="crank angle at the first sample, where no channel has it; null: found with the nuisances"
     )
@@ -414,9 +369,7 @@ class CampaignRun(Section):
     @classmethod
     def _has_no_sign(cls, given: Any) -> Any:
         if str(given).lstrip().startswith("-"):
-            raise ValueError(
-                "must be greater than 0; of a crank that turns clockwise give 'direction: clockwise' beside it"
-            )
+            raise ValueError("must be greater than 0; of a crank that turns clockwise give 'direction: clockwise'")
         return given
 
     @field_validator("start", mode="before")
@@ -425,82 +378,47 @@ class CampaignRun(Section):
         if isinstance(given, dict | Start):
             return Start.model_validate(given)
         if given not in _STARTS:
-            known = ", ".join(_STARTS)
-            raise ValueError(f"is {given!r}; give {known}, or a mapping such as {{angle: 40 deg, turned: 3 turn}}")
+            raise ValueError(f"give {', '.join(_STARTS)}, or a mapping such as {{angle: 40 deg, turned: 3 turn}}")
         return given
 
-    @field_validator("id")
-    @classmethod
-    def _is_free(cls, name: str) -> str:
-        if name in RESERVED_IDS:
-            raise ValueError("would be taken for another result of that name; choose another id")
-        return name
+    def errors(self) -> Iterator[str]:
+        if self.id in RESERVED_IDS:
+            yield f"id '{self.id}' would be taken for another result of that name; choose another id"
+
+
+def _day(given: Any) -> Any:
+    try:
+        return given if given is None or type(given) is Date else Date.fromisoformat(given)
+    except (TypeError, ValueError):
+        raise ValueError("is no day; write year, month and day, such as 2026-03-01") from None
 
 
 class Campaign(Section):
     """Everything that the naming of effects knows of a rig but the samples."""
 
     name: Word = Field(description="name of the campaign, and of its folder of results")
-    date: Date | None = Field(None, description="day of the measurement, for trends: 2026-03-01")
+    date: Annotated[Date | None, BeforeValidator(_day)] = Field(
+        None, description="day of the measurement, for trends: 2026-03-01"
+    )
     mechanism: Mechanism = Field(description="the mechanism as it is simulated so far")
     drive: Literal["constant_speed", "measured_angle", "motor"] = Field(
         "constant_speed", description="what turns the crank: a constant speed, the measured angle, or a motor"
     )
     motor: MotorDrive | None = Field(None, description="torque-speed line of the motor")
     runs: Annotated[tuple[CampaignRun, ...], Field(min_length=1)] = Field(description="the runs, a file each")
-    channels: dict[str, Channel] = Field(description="what was measured, by the channel's name")
+    channels: Annotated[dict[Literal[tuple(CHANNELS)], Channel], Field(min_length=1)] = Field(
+        description="what was measured, by the channel's name"
+    )
     nuisance: dict[str, float | tuple[float, float]] = Field(
         {}, description="what is known within bounds only: a percentage of nominal, an amount, or [low, high]"
     )
     csv: Csv = Field(Csv(), description="how text files are written")
     folder: Path = Field(Path(), description="folder of the runs' files, from the campaign file's own")
 
-    @field_validator("date", mode="before")
-    @classmethod
-    def _is_a_day(cls, given: Any) -> Any:
-        if given is None or type(given) is Date:
-            return given
-        try:
-            return Date.fromisoformat(given)
-        except (TypeError, ValueError):
-            raise ValueError("is no day; write year, month and day, such as 2026-03-01") from None
-
-    @field_validator("motor", mode="before")
-    @classmethod
-    def _is_a_motor(cls, value: Any) -> Any:
-        if value is not None and not isinstance(value, dict | MotorDrive):
-            raise ValueError("must be a mapping with the keys stall_torque and no_load_speed")
-        return {"kind": "motor"} | value if isinstance(value, dict) else value
-
-    @field_validator("channels", mode="before")
-    @classmethod
-    def _are_known(cls, given: Any) -> Any:
-        if not isinstance(given, dict) or not given:
-            raise ValueError("must map channels to their columns, e.g. 'crank_angle: {column: theta, unit: deg}'")
-        for name in given:
-            if name not in CHANNELS:
-                raise ValueError(f"unknown channel '{name}'; {did_you_mean(name, CHANNELS)}")
-            unit = given[name].get("unit") if isinstance(given[name], dict) else None
-            if isinstance(unit, str) and not unit.strip():
-                raise ValueError(f"{name}.unit is empty; write that of the column: {', '.join(UNITS[CHANNELS[name]])}")
-        return given
-
     @field_validator("channels")
     @classmethod
     def _fit_their_columns(cls, channels: dict[str, Channel]) -> dict[str, Channel]:
-        wrong, columns = [], {}
-        for name, channel in channels.items():
-            try:
-                _check_sensor(name, channel)
-                channel_factor(name, channel.unit, channel.scale)
-            except ValueError as error:
-                wrong.append(str(error))
-            if channel.column in columns:
-                wrong.append(
-                    f"{columns[channel.column]} and {name} both read column '{channel.column}'; give two columns"
-                )
-            columns.setdefault(channel.column, name)
-        if wrong:
+        if wrong := list(_errors_of_channels(channels)):
             raise ValueError("; ".join(wrong))
         return channels
 
@@ -509,100 +427,90 @@ class Campaign(Section):
     def _are_shares_or_bounds(cls, given: Any, info: ValidationInfo) -> Any:
         if not isinstance(given, dict):
             raise ValueError("must map quantities to bounds, e.g. 'slider_mass: 5 %'")
-        check_keys(given)
+        for key in given:
+            if key not in NUISANCES:
+                raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(key, NUISANCES)}")
+            shared = next((shared for shared in SHARED if key.startswith(f"{shared}_")), None)
+            if shared in given:
+                raise ValueError(f"{shared} of both pins and {key} are listed; give one of them")
         mechanism = info.data.get("mechanism")  # absent where it is refused itself
         if mechanism is None:
             return {}
-        nominals = {key: () if key in ("speed", *MOTOR_LINE) else nominal_values(mechanism, key) for key in given}
-        return {key: share_or_bounds(key, value, nominals[key]) for key, value in given.items()}
+        nominals = {key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key) for key in given}
+        return {key: _share_or_bounds(key, value, nominals[key]) for key, value in given.items()}
 
     @field_serializer("nuisance")
     def _bounds_as_written(self, nuisance: dict) -> dict:
-        return {key: as_written(value) for key, value in nuisance.items()}
+        return {key: _as_written(value) for key, value in nuisance.items()}
 
-    @model_validator(mode="after")
-    def _runs_can_be_told_apart(self):
-        for index, run in enumerate(self.runs):
-            for other in self.runs[:index]:
-                if other.id == run.id:
-                    raise ValueError(f"runs: two have the id '{run.id}'; give each its own")
-                if other.file == run.file:
-                    raise ValueError(
-                        f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or one run with "
-                        "role split"
-                    )
-        roles = {run.role for run in self.runs}
-        for needed, purpose in (("identify", "fitting"), ("confirm", "confirming what is found")):
-            if not roles & {needed, "split"}:
-                raise ValueError(f"runs: none is for {purpose}; give one the role {needed} (or split, for both)")
-        return self
-
-    @model_validator(mode="after")
-    def _contacts_are_firm_at_the_speeds_of_the_runs(self):
+    def errors(self) -> Iterator[str]:
+        yield from self._errors_of_runs()
         self.mechanism.applied().check_contacts(max(run.speed for run in self.runs))
-        return self
-
-    @model_validator(mode="after")
-    def _drive_has_what_it_needs(self):
-        has = self.channels.keys()
-        if (self.drive == "motor") != (self.motor is not None):
-            raise ValueError(
-                "drive motor needs the key 'motor'; add 'motor: {stall_torque: 12 N*m, no_load_speed: 700 rpm}'"
-                if self.motor is None
-                else f"motor is given, but drive is {self.drive}; set 'drive: motor' or remove it"
-            )
-        if not has & {"time", "crank_angle"}:
-            raise ValueError("channels: neither time nor crank_angle is given; add one of them")
-        needed = {"constant_speed": set(), "measured_angle": {"time", "crank_angle"}, "motor": {"time"}}[self.drive]
-        if missing := sorted(needed - has):
-            raise ValueError(f"channels: drive {self.drive} needs the channel {' and '.join(missing)}; add it")
-        for run in self.runs:
-            if self.drive == "measured_angle" and isinstance(run.start, Start):
-                raise ValueError(
-                    f"runs: '{run.id}' has a start before its record, through which no measured angle leads; give "
-                    "settled or dead_centre, or drive constant_speed"
-                )
-        inputs = {"time"} if self.drive != "measured_angle" and "time" in has else {"time", "crank_angle"}
-        if not has - inputs:
-            raise ValueError("channels: there is nothing to compare; add a channel such as crank_torque")
-        for run in self.runs:
-            if run.first_angle is not None and "crank_angle" in has:
-                raise ValueError(f"runs: '{run.id}' has a first_angle, which the channel crank_angle gives; remove it")
-        return self
-
-    @model_validator(mode="after")
-    def _noise_is_of_runs(self):
+        yield from self._errors_of_drive()
         ids = [run.id for run in self.runs]
         for name, channel in self.channels.items():
             for run in channel.noise if isinstance(channel.noise, dict) else ():
                 if run not in ids:
-                    raise ValueError(f"channels.{name}.noise: there is no run '{run}'; {did_you_mean(run, ids)}")
-        return self
-
-    @model_validator(mode="after")
-    def _nominal_is_within_bounds(self):
+                    yield f"channels.{name}.noise: there is no run '{run}'; {did_you_mean(run, ids)}"
         for key in self.nuisance:
-            nominals = self.nominals(key)
-            if key in SHARED and len(set(nominals)) > 1:
-                raise ValueError(
-                    f"nuisance: {key} of both pins would be one number, but is {nominals[0]:g} in {PINS[0]} and "
-                    f"{nominals[1]:g} in "
-                    f"{PINS[1]}; list {key}_{PINS[0]} and {key}_{PINS[1]}"
+            yield from self._errors_of_nuisance(key)
+
+    def _errors_of_runs(self) -> Iterator[str]:
+        for index, run in enumerate(self.runs):
+            for other in self.runs[:index]:
+                if other.id == run.id:
+                    yield f"runs: two have the id '{run.id}'; give each its own"
+                if other.file == run.file:
+                    yield (
+                        f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or one run with role "
+                        "split"
+                    )
+        roles = {run.role for run in self.runs}
+        for needed, purpose in (("identify", "fitting"), ("confirm", "confirming what is found")):
+            if not roles & {needed, "split"}:
+                yield f"runs: none is for {purpose}; give one the role {needed} (or split, for both)"
+
+    def _errors_of_drive(self) -> Iterator[str]:
+        has = self.channels.keys()
+        if self.drive == "motor" and self.motor is None:
+            yield "drive motor needs the key 'motor'; add 'motor: {stall_torque: 12 N*m, no_load_speed: 700 rpm}'"
+        if self.drive != "motor" and self.motor is not None:
+            yield f"motor is given, but drive is {self.drive}; set 'drive: motor' or remove it"
+        if not has & {"time", "crank_angle"}:
+            yield "channels: neither time nor crank_angle is given; add one of them"
+        needed = {"constant_speed": set(), "measured_angle": {"time", "crank_angle"}, "motor": {"time"}}[self.drive]
+        if missing := sorted(needed - has):
+            yield f"channels: drive {self.drive} needs the channel {' and '.join(missing)}; add it"
+        inputs = {"time"} if self.drive != "measured_angle" and "time" in has else {"time", "crank_angle"}
+        if not has - inputs:
+            yield "channels: there is nothing to compare; add a channel such as crank_torque"
+        for run in self.runs:
+            if self.drive == "measured_angle" and isinstance(run.start, Start):
+                yield (
+                    f"runs: '{run.id}' starts before its record, where no angle was measured; give settled or "
+                    "dead_centre, or drive constant_speed"
                 )
-            for nominal in nominals:
-                low, high = self.bounds(key, nominal)
-                if low == high:
-                    raise ValueError(
-                        f"nuisance: {key} is {nominal:g}, of which a percentage is no range; give [low, high]"
-                    )
-                if not low <= nominal <= high:
-                    raise ValueError(
-                        f"nuisance: {key} is {nominal:g}, outside of [{low:g}, {high:g}]; widen them or correct the "
-                        "value"
-                    )
-                source = f"nuisance: {key} = {as_written(self.nuisance[key])} of {nominal:g}"
-                check_possible(key, low, high, source)
-        return self
+            if run.first_angle is not None and "crank_angle" in has:
+                yield f"runs: '{run.id}' has a first_angle, which the channel crank_angle gives; remove it"
+
+    def _errors_of_nuisance(self, key: str) -> Iterator[str]:
+        nominals = self.nominals(key)
+        if key in SHARED and len(set(nominals)) > 1:
+            values = " and ".join(f"{value:g} in {pin}" for value, pin in zip(nominals, PINS, strict=True))
+            own = " and ".join(f"{key}_{pin}" for pin in PINS)
+            yield f"nuisance: {key} of both pins would be one number, but is {values}; list {own}"
+        for nominal in nominals:
+            low, high = self.bounds(key, nominal)
+            where = f"nuisance: {key} is {nominal:g}"
+            if low == high:
+                yield f"{where}, of which a percentage is no range; give [low, high]"
+            if not low <= nominal <= high:
+                yield f"{where}, outside of [{low:g}, {high:g}]; widen them or correct the value"
+            for bound in (low, high):
+                try:
+                    _possible(key, bound)
+                except ValueError as error:
+                    yield f"{where}, and {bound:g} at {_as_written(self.nuisance[key])} {error}; narrow it"
 
     def nominals(self, key: str) -> tuple[float, ...]:
         """Nominal values [SI] of the nuisance `key`, one or one for each pin or run; () where it is of nothing here."""
@@ -611,9 +519,9 @@ class Campaign(Section):
         if key in MOTOR_LINE:
             return () if self.motor is None else (getattr(self.motor, key),)
         given = self.nuisance.get(key)
-        if key in NOMINALLY_0 and isinstance(given, tuple) and not given[0] <= 0.0 <= given[1]:
+        if key in NEEDED_CHANNELS and isinstance(given, tuple) and not given[0] <= 0.0 <= given[1]:
             return (0.5 * (given[0] + given[1]),)  # [170 deg, 190 deg]: an encoder mounted the other way round
-        return nominal_values(self.mechanism, key)
+        return _nominal_values(self.mechanism, key)
 
     def bounds(self, key: str, nominal: float) -> tuple[float, float]:
         """Lowest and highest value of the nuisance `key` [SI] around its `nominal` value [SI]."""
@@ -650,26 +558,3 @@ class Campaign(Section):
     def jitter(self) -> float | None:
         """Standard deviation of the time stamps [s] as stated; None where it is not."""
         return self.channels["time"].jitter if "time" in self.channels else None
-
-
-def _check_sensor(name: str, channel: Channel) -> None:
-    """ValueError where a key is given that means nothing for the channel `name`."""
-    given = {key for key in Channel.model_fields if getattr(channel, key) != Channel.model_fields[key].default}
-    if "counts_per_turn" in given and name not in ("crank_angle", "rod_angle"):
-        spare, why = {"counts_per_turn"}, "only crank_angle and rod_angle are counted in parts of a turn"
-    elif given & {"rate", "repeated"} and name != "time":
-        spare, why = given & {"rate", "repeated"}, "it is of time alone"
-    elif name == "time":
-        allowed = {"column", "unit", "scale", "rate", "repeated", "jitter"}
-        spare, why = given - allowed, "time is taken as exact but for its jitter"
-    elif "jitter" in given:
-        spare, why = {"jitter"}, "time alone has stamps; write it there"
-    else:
-        spare = set() if name in ("crank_angle", "rod_angle") else given & {"resolution"}
-        why = "only crank_angle and rod_angle are read in steps"
-    if not spare and "reads_gravity" in given and "acceleration" not in name:
-        spare, why = {"reads_gravity"}, "only accelerations can have gravity in them"
-    if not spare and "filter" in given and channel.bandwidth is None:
-        spare, why = {"filter"}, "it needs the bandwidth that is filtered to"
-    if spare:
-        raise ValueError(f"{name}.{min(spare)} has no meaning, for {why}; remove it")

@@ -3,30 +3,29 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
-from jointgap.config.campaign import CHANNELS, NUISANCES, Campaign
+from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import Scenario
 from jointgap.config.yaml_files import (
     BASE,
     Layer,
-    existing_file,
     leaves,
     mechanism_layers,
     merged,
     parse_json,
     read_yaml,
     sources,
+    with_file,
 )
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import MOST_PARTS
-from jointgap.core.section import complaints, word
+from jointgap.core.section import Name, Section, Word, complaints, whole_number
 
-_MOST_LINES = 20
-"""Of an error: who has mended these sees the others."""
+_MOST_LINES = 20  # of an error: who has corrected these sees the others
 
 
 def validate(model: type[BaseModel], data: Any, source: str) -> Any:
@@ -68,7 +67,7 @@ def load_mechanism(path: Path | str) -> Mechanism:
 
 def _mechanism(mechanism: Any, folders: tuple[Path, ...], key: str) -> Any:
     """The whole content of a mechanism: of its file, and of what it is laid over."""
-    return merged(mechanism_layers(mechanism, folders, "", read_yaml, key))["mechanism"]
+    return merged(mechanism_layers(mechanism, folders, "", key))["mechanism"]
 
 
 def _with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str = "") -> dict[str, Any]:
@@ -80,22 +79,31 @@ def _with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str
 
 def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...], source: str) -> dict[str, Any]:
     """`data` of a `source` with the file of a measured drive looked for in `folders`."""
-    simulate = data.get("simulate")
-    drive = simulate.get("drive") if isinstance(simulate, Mapping) else None
-    file = drive.get("file") if isinstance(drive, Mapping) else None
-    if not isinstance(file, str):
+    if not isinstance(data.get("simulate"), Mapping):
         return data
-    path = str(existing_file(file, folders, f"{source}: simulate.drive.file"))
-    return data | {"simulate": dict(simulate) | {"drive": dict(drive) | {"file": path}}}
+    return data | {"simulate": with_file(data["simulate"], "drive", folders, f"{source}: simulate.drive.file")}
 
 
 _DEFAULT_SECTIONS: dict[str, Any] = {
     name: {} for name, field in Scenario.model_fields.items() if isinstance(field.default, BaseModel)
 }
-RESERVED_SCENARIOS = ("campaigns", "blind", "logs", "mlflow-artifacts")
-"""Folders of results that are no scenario's."""
+_RESERVED = ("campaigns", "blind", "logs", "mlflow-artifacts")  # folders of results that are no scenario's
 
-_NOT_OF_SCENARIOS = ("run", "scenarios", "campaigns", "fit_parts", "anyway")
+
+class Configuration(Section):
+    """What a configuration holds beside the sections that its scenarios share."""
+
+    run: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
+        None, description="scenarios to run; all when absent"
+    )
+    scenarios: Annotated[dict[Word, dict[str, Any] | None], Field(min_length=1)] = Field(
+        description="scenarios by name; each holds the keys in which it differs from the sections beside"
+    )
+    campaigns: tuple[str, ...] = Field((), description="paths of the campaign files to analyse; none when absent")
+    fit_parts: whole_number(ge=1, le=MOST_PARTS) | None = Field(
+        None, description="jobs that share the fits of a campaign; null: two where joints are loose, else one"
+    )
+    anyway: bool = Field(False, description="analyse campaigns whose channels contradict each other too")
 
 
 def resolve(
@@ -108,59 +116,41 @@ def resolve(
     defaults = _DEFAULT_SECTIONS if whole else {}
     found = {}
     for name, layers in scenario_layers(config, folders, source).items():
-        where = _where(source, name)
+        where = f"{source}, scenario {name}"
         found[name] = validate(Scenario, defaults | _with_drive_file(merged(layers), folders, where), where)
     return found
 
 
 def check_whole(scenario: Scenario, name: str, source: str = "configuration") -> None:
     """Whether all sections of a scenario go together, those that it leaves to their defaults too."""
-    validate(Scenario, scenario.model_dump(by_alias=True), _where(source, name))
-
-
-def _where(source: str, name: str) -> str:
-    return f"{source}, scenario {name}"
+    validate(Scenario, scenario.model_dump(by_alias=True), f"{source}, scenario {name}")
 
 
 def scenario_layers(
     config: Mapping[str, Any], folders: tuple[Path, ...] = (Path(),), source: str = "configuration"
 ) -> dict[str, list[Layer]]:
     """What the scenarios of a configuration are made of, by name; parameters as those of `resolve`."""
-    allowed = {*_NOT_OF_SCENARIOS, *Scenario.model_fields}
+    allowed = {*Configuration.model_fields, *Scenario.model_fields}
     for key in config:
         if key in Scenario.removed:
             raise InputError(f"{source}: key '{key}' is gone; {Scenario.removed[key]}")
         if key not in allowed:
             raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(key, allowed)}")
-    scenarios = config.get("scenarios") or {}
-    if not isinstance(scenarios, Mapping) or not scenarios:
-        raise InputError(
-            f"{source}: scenarios must map at least one name to its overrides, e.g. 'scenarios: {{mine: {{}}}}'"
-        )
-    names = config.get("run", list(scenarios))
-    if not isinstance(names, list | tuple) or not names:
-        raise InputError(f"{source}: run = {names!r} must be a list of scenario names")
-    base = {key: value for key, value in config.items() if key not in _NOT_OF_SCENARIOS}
+    base = {key: value for key, value in config.items() if key not in Configuration.model_fields}
+    asked = validate(Configuration, {key: value for key, value in config.items() if key not in base}, source)
     layers = {}
-    for name in names:
-        if not isinstance(name, str | int) or name not in scenarios:
-            raise InputError(f"{source}: run names '{name}'; {did_you_mean(name, scenarios)}")
-        over = scenarios[name] or {}
-        where = _where(source, name)
-        if not isinstance(over, Mapping):
-            raise InputError(f"{where}: = {over!r} must be a mapping of overrides")
-        try:
-            word(str(name))
-        except ValueError as error:
-            raise InputError(f"{where}: {error}") from None
-        if str(name) in RESERVED_SCENARIOS:
+    for name in asked.run or asked.scenarios:
+        where = f"{source}, scenario {name}"
+        if name not in asked.scenarios:
+            raise InputError(f"{source}: run names '{name}'; {did_you_mean(name, asked.scenarios)}")
+        if name in _RESERVED:
             raise InputError(f"{where}: results of another kind have that folder; choose another name")
-        given = [Layer(source, base), Layer(where, over)]
-        whole = next((layer for layer in reversed(given) if "mechanism" in layer.data), None)
-        if whole is None:
+        given = [Layer(source, base), Layer(where, asked.scenarios[name] or {})]
+        lowest = next((layer for layer in reversed(given) if "mechanism" in layer.data), None)
+        if lowest is None:
             raise InputError(f"{where}: key 'mechanism' is missing; give the path of a mechanism file")
-        layers[str(name)] = [
-            *mechanism_layers(whole.data["mechanism"], folders, whole.source, read_yaml, f"{where}: mechanism"),
+        layers[name] = [
+            *mechanism_layers(lowest.data["mechanism"], folders, lowest.source, f"{where}: mechanism"),
             *(Layer(each.source, {k: v for k, v in each.data.items() if k != "mechanism"}) for each in given),
         ]
     return layers
@@ -175,8 +165,7 @@ def stands_alone(config: Mapping[str, Any]) -> bool:
     if not isinstance(scenarios, Mapping) or not scenarios:
         return False
     names = config.get("run", list(scenarios))
-    known = isinstance(names, list | tuple) and all(isinstance(n, str | int) and n in scenarios for n in names)
-    if not known:
+    if not isinstance(names, list | tuple) or not all(isinstance(n, str | int) and n in scenarios for n in names):
         return False
     own = [scenarios[name] for name in names]
     return "mechanism" in config or all(isinstance(each, Mapping) and "mechanism" in each for each in own)
@@ -195,9 +184,8 @@ def sources_of(
     for path, value in leaves(scenario.model_dump(mode="json")):
         if not any(path[: len(known)] == known for known in found):
             found[path] = (value, "default")
-    return sorted(
-        (".".join(path), source, json.dumps(value, ensure_ascii=False)) for path, (value, source) in found.items()
-    )
+    rows = ((".".join(path), source, json.dumps(value, ensure_ascii=False)) for path, (value, source) in found.items())
+    return sorted(rows)
 
 
 def load_campaign(path: Path | str) -> Campaign:
@@ -231,82 +219,35 @@ def parse_options(options: str) -> Scenario:
 
 def json_schema() -> dict[str, Any]:
     """The JSON schema of a configuration: base sections, ``scenarios`` and ``run``."""
-    schema = Scenario.model_json_schema()
-    sections = schema.pop("properties")
-    sections["mechanism"] = _mechanism_schema(sections["mechanism"])
-    contact = schema["$defs"]["Joint"]["properties"]["contact"]
-    schema["$defs"]["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
+    schema, sections = _schema(Scenario), Configuration.model_json_schema()["properties"]
     boxes = schema["$defs"]["Optimise"]["properties"]["boxes"]
     boxes["additionalProperties"] = {"anyOf": [boxes["additionalProperties"], {"type": "null"}]}
-    names = {"type": "array", "items": {"type": "string"}, "description": "scenarios to run; all when absent"}
-    campaigns = {
-        "type": "array",
-        "items": {"type": "string"},
-        "description": "paths of the campaign files to analyse; none when absent",
-    }
-    fit_parts = {
-        "type": ["integer", "null"],
-        "minimum": 1,
-        "maximum": MOST_PARTS,
-        "description": "jobs that share the fits of a campaign; null: two where joints are loose, else one",
-    }
-    overrides = {
-        "type": "object",
-        "minProperties": 1,
-        "description": "scenarios by name; each holds the keys in which it differs from the sections beside",
-        "additionalProperties": {"type": ["object", "null"], "propertyNames": {"enum": sorted(sections)}},
-    }
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "jointgap configuration",
-        "type": "object",
-        "additionalProperties": False,
-        "required": ["scenarios"],
-        "properties": {
-            "run": names,
-            "scenarios": overrides,
-            "campaigns": campaigns,
-            "fit_parts": fit_parts,
-            "anyway": {"type": "boolean", "description": "analyse campaigns whose channels contradict each other too"},
-            **sections,
-        },
-        "$defs": schema["$defs"],
-    }
-
-
-def _mechanism_schema(content: dict[str, Any]) -> dict[str, Any]:
-    """Of a mechanism with its whole `content`, or its path, or what it is laid over."""
-    path = {"type": "string", "description": "path of a mechanism file, or name of one that comes with jointgap"}
-    base = {"type": "string", "description": "path or name of the mechanism over which the other keys are laid"}
-    over = {"type": "object", "required": [BASE], "properties": {BASE: base}}
-    return {"anyOf": [path, over, content]}
+    names = {"propertyNames": {"enum": sorted(schema["properties"])}}
+    sections["scenarios"]["additionalProperties"] = {"type": ["object", "null"], **names}
+    schema["properties"] = sections | schema["properties"]
+    return schema | {"title": "jointgap configuration", "required": ["scenarios"]}
 
 
 def campaign_json_schema() -> dict[str, Any]:
     """The JSON schema of a campaign file."""
-    schema = Campaign.model_json_schema()
-    sections, parts = schema["properties"], schema["$defs"]
-    sections["mechanism"] = _mechanism_schema(sections["mechanism"])
-    parts["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, parts["Joint"]["properties"]["contact"]]}
-    parts["Channel"]["required"].remove("unit")  # counts_per_turn and rate say it
-    parts["MotorDrive"]["required"].remove("kind")  # there is no other under `motor`
-    sections["channels"] |= {"propertyNames": {"enum": list(CHANNELS)}, "minProperties": 1}
-    bound = {"type": ["number", "string"]}
-    sections["nuisance"] |= {
+    schema = _schema(Campaign)
+    schema["$defs"]["Channel"]["required"].remove("unit")  # counts_per_turn and rate say it
+    bounds = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 2}
+    share = {"type": "string", "description": "percentage of nominal, or amount, either way"}
+    schema["properties"]["nuisance"] |= {
         "propertyNames": {"enum": list(NUISANCES)},
-        "additionalProperties": {
-            "anyOf": [
-                {"type": "string", "description": "percentage of nominal, either way"},
-                {"type": "array", "items": bound, "minItems": 2, "maxItems": 2},
-            ]
-        },
+        "additionalProperties": {"anyOf": [share, bounds]},
     }
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "jointgap campaign",
-        "type": "object",
-        "additionalProperties": False,
-        "required": ["name", "mechanism", "runs", "channels"],
-        "properties": sections,
-        "$defs": parts,
-    }
+    return schema | {"title": "jointgap campaign"}
+
+
+def _schema(model: type[Section]) -> dict[str, Any]:
+    """The schema of a file, whose mechanism may be named or laid over another one, and its contacts named."""
+    schema = model.model_json_schema()
+    contact = schema["$defs"]["Joint"]["properties"]["contact"]
+    schema["$defs"]["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
+    path = {"type": "string", "description": "path of a mechanism file, or name of one that comes with jointgap"}
+    base = {"type": "string", "description": "path or name of the mechanism over which the other keys are laid"}
+    over = {"type": "object", "required": [BASE], "properties": {BASE: base}}
+    schema["properties"]["mechanism"] = {"anyOf": [path, over, schema["properties"]["mechanism"]]}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,12 +1,13 @@
 """The mechanism file: bodies, joints with their contacts, and effects of one slider-crank."""
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, WrapValidator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, WrapValidator, field_validator
 
-from jointgap.config.friction_laws import FRICTION_LAWS, FRICTION_PARAMETERS, described, laws_reading
+from jointgap.config.friction_laws import FRICTION_KEYS, FRICTION_LAWS
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT, REFERENCE_APPROACH_SPEED
 from jointgap.core.section import Section, complaints
@@ -15,8 +16,6 @@ from jointgap.core.units import (
     FrictionCoefficient,
     Length,
     NonNegativeNumber,
-    PoissonRatio,
-    PositiveInertia,
     PositiveLength,
     PositiveMass,
     PositiveNumber,
@@ -39,104 +38,74 @@ Law = Literal[
     "penalty",
 ]
 
-FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9
-"""A force [N] that must press a journal into its bearing by more than this [m].
+FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9  # [N] must press a journal in by more than this [m], a few atoms
 
-Atoms are a fifth of it apart: a contact that yields less is rigid for all that continuum mechanics can say."""
+BRISTLE_ACCELERATION = 1e4
+"""[m/s^2] Default bristle_damping is critical for a body pressed on with this force per mass (1 kN on 0.1 kg)."""
 
 
 class Contact(Section):
     """Material, restitution and friction of one pair of journal and bearing."""
 
-    law: Law = Field(
-        "lankarani_nikravesh", description="how damping follows from the restitution asked for; or penalty"
-    )
-    youngs_modulus: quantity("Pa", gt=0, le=1e13) = Field(
-        207e9, description="Young's modulus of journal and bearing; diamond has 1.2e12 Pa, more than 1e13 Pa is refused"
-    )
-    poisson_ratio: PoissonRatio = Field(0.3, description="Poisson's ratio of journal and bearing")
-    restitution: quantity("", ge=1e-3, lt=1) | None = Field(
-        None, description="coefficient of restitution asked for; needed unless the law is penalty, which has none"
-    )
-    least_approach_speed: PositiveSpeed = Field(
-        0.001,
-        description="a slower impact is damped as one at this speed, for the laws' damping has no bound as the speed "
-        "goes to zero",
-    )
+    law: Law = Field("lankarani_nikravesh", description="how damping follows from the restitution; or penalty")
+    youngs_modulus: quantity("Pa", gt=0, le=1e13) = Field(207e9, description="of journal and bearing")
+    poisson_ratio: quantity("", ge=0, lt=0.5) = Field(0.3, description="of journal and bearing")
+    restitution: quantity("", ge=1e-3, lt=1) | None = Field(None, description="asked for; law penalty has none")
+    least_approach_speed: PositiveSpeed = Field(0.001, description="a slower impact is damped as one at this speed")
     memory: Literal["fading", "published"] | None = Field(
         None,
-        description="what damps a contact that lasts; fading: once a free impact would be over (with exponent 1.5 and "
-        "a restitution of 0.1 or more), its damping goes over from that of its own impact to that of one at "
-        "reference_approach_speed; published: it keeps the approach speed of its last impact for good, as the laws are "
-        "printed. null: fading; law penalty has no memory",
+        description="damping of a lasting contact; fading: from that of its own impact to that of one at "
+        "reference_approach_speed, once a free impact would be over; published: that of its own impact for good. "
+        "null: fading",
     )
-    reference_approach_speed: PositiveSpeed | None = Field(
-        None,
-        description="memory fading: approach speed as whose impact a lasting contact is damped; null: "
-        f"{REFERENCE_APPROACH_SPEED:g} m/s",
+    reference_approach_speed: PositiveSpeed | None = Field(None, description="of memory: fading; null: 0.05 m/s")
+    penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(None, description="law penalty: largest damping")
+    penalty_depth: PositiveLength | None = Field(None, description="law penalty: from it on the damping is largest")
+    stiffness: PositiveNumber | None = Field(None, description="in N/m^exponent; null: Hertz, from material and radii")
+    exponent: quantity("", ge=1, le=10) = Field(1.5, description="of the penetration; another than 3/2 needs stiffness")
+    friction_law: Literal[tuple(FRICTION_LAWS)] = Field("coulomb", description="friction over the sliding speed")
+    friction: FrictionCoefficient = Field(0.0, description="coefficient of kinetic friction; 0: none with any law")
+    friction_speed: PositiveSpeed = Field(0.001, description="sliding speed over which friction rises from zero")
+    dead_band_speed: quantity("m/s", ge=0) | None = Field(
+        None, description="ambrosio: no friction below it, all above friction_speed; null: a tenth of friction_speed"
     )
-    penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(
-        None,
-        description="law penalty: largest damping c_max, reached at penalty_depth; 1e9 N s/m stop 1 kg within 1 ns",
+    static_friction: quantity("", ge=0, le=1) | None = Field(
+        None, description="bengisu_akay, lugre: coefficient of static friction; null: as friction"
     )
-    penalty_depth: quantity("m", gt=0) | None = Field(
-        None, description="law penalty: penetration d_max from which on the damping is c_max"
+    stribeck_speed: PositiveSpeed | None = Field(
+        None, description="bengisu_akay, lugre: speed over which static friction falls to kinetic; null: 0.01 m/s"
     )
-    stiffness: PositiveNumber | None = Field(
-        None, description="contact stiffness in N/m^exponent; null: Hertz, from material and radii"
-    )
-    exponent: quantity("", ge=1, le=10) = Field(
-        1.5, description="exponent of the penetration; 3/2 for Hertz, another needs a stiffness"
-    )
-    friction_law: Literal[tuple(FRICTION_LAWS)] = Field(
-        "coulomb", description="how friction depends on the sliding speed"
-    )
-    friction: FrictionCoefficient = Field(
-        0.0, description="coefficient of kinetic friction; 0: no friction, whatever the law"
-    )
-    friction_speed: PositiveSpeed = Field(
-        0.001,
-        description="sliding speed over which friction is regularised around zero, e.g. friction * tanh(v / "
-        "friction_speed)",
-    )
-    dead_band_speed: quantity("m/s", ge=0) | None = Field(None, description=described("dead_band_speed"))
-    static_friction: quantity("", ge=0, le=1) | None = Field(None, description=described("static_friction"))
-    stribeck_speed: PositiveSpeed | None = Field(None, description=described("stribeck_speed"))
-    viscous_friction: NonNegativeNumber | None = Field(None, description=described("viscous_friction"))
-    bristle_stiffness: PositiveNumber | None = Field(None, description=described("bristle_stiffness"))
-    bristle_damping: NonNegativeNumber | None = Field(None, description=described("bristle_damping"))
+    viscous_friction: NonNegativeNumber | None = Field(None, description="lugre: sigma_2 in s/m; null: 0")
+    bristle_stiffness: PositiveNumber | None = Field(None, description="lugre: sigma_0 in 1/m; null: 1e5 1/m")
+    bristle_damping: NonNegativeNumber | None = Field(None, description="lugre: sigma_1 in s/m; null: critical")
 
-    @model_validator(mode="after")
-    def _law_has_what_it_needs(self):
-        penalty = {"penalty_damping": self.penalty_damping, "penalty_depth": self.penalty_depth}
-        needed, spare = penalty, {"restitution": self.restitution}
-        if self.law != "penalty":
-            needed, spare = spare, needed
-        if missing := [key for key, value in needed.items() if value is None]:
-            raise ValueError(
-                f"law {self.law} needs {' and '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}"
-            )
-        if given := [key for key, value in spare.items() if value is not None]:
-            raise ValueError(
-                f"law {self.law} does not read {' and '.join(given)}; leave out or set to null, or choose another law"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _only_what_fades_has_a_reference(self):
+    def errors(self) -> Iterator[str]:
+        needed, spare = ("restitution",), ("penalty_damping", "penalty_depth")
         if self.law == "penalty":
-            for key in ("memory", "reference_approach_speed"):
-                if getattr(self, key) is not None:
-                    raise ValueError(
-                        f"law penalty does not read {key}, for its damping knows no approach speed; leave it out or "
-                        "set it to null, or choose another law"
-                    )
-        elif self.memory == "published" and self.reference_approach_speed is not None:
-            raise ValueError(
-                "memory published does not read reference_approach_speed, for a contact keeps that of its last impact; "
-                "leave it out or set it to null, or choose memory fading"
-            )
-        return self
+            needed, spare = spare, ("restitution", "memory", "reference_approach_speed")
+        if missing := [key for key in needed if getattr(self, key) is None]:
+            yield f"law {self.law} needs {' and '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}"
+        for key in self._given(spare):
+            yield f"law {self.law} does not read {key}; leave it out or set it to null, or choose another law"
+        if self.memory == "published" and self.reference_approach_speed is not None:
+            yield "memory published does not read reference_approach_speed; leave it out, or choose memory fading"
+        for key in self._given(FRICTION_KEYS):
+            readers = [name for name, law in FRICTION_LAWS.items() if key in law.reads]
+            if self.friction_law not in readers:
+                yield f"{key} is read by friction_law {' and '.join(readers)}, not by {self.friction_law}; leave it out"
+        if self.static_friction is not None and self.static_friction < self.friction:
+            yield f"static_friction {self.static_friction:g} is less than friction {self.friction:g}; raise it"
+        if self.dead_band_speed is not None and self.dead_band_speed >= self.friction_speed:
+            yield f"dead_band_speed {self.dead_band_speed:g} is not below friction_speed {self.friction_speed:g} m/s"
+        unit = f"N/m^{self.exponent:g}"
+        if self.stiffness is None and self.exponent != 1.5:
+            yield f"exponent {self.exponent:g} needs stiffness in {unit}; Hertz's holds for exponent 1.5 alone"
+        stiffest = FIRM_FORCE / FIRM_PENETRATION**self.exponent
+        if self.stiffness is not None and self.stiffness > stiffest:
+            yield f"stiffness {self.stiffness:g} {unit} is infinitely stiff; give {stiffest:.3g} {unit} at most"
+
+    def _given(self, keys: tuple[str, ...]) -> list[str]:
+        return [key for key in keys if getattr(self, key) is not None]
 
     @property
     def reference_speed(self) -> float | None:
@@ -145,55 +114,20 @@ class Contact(Section):
             return None
         return self.reference_approach_speed or REFERENCE_APPROACH_SPEED
 
-    @model_validator(mode="after")
-    def _friction_law_reads_what_is_given(self):
-        for key in FRICTION_PARAMETERS:
-            if getattr(self, key) is not None and key not in FRICTION_LAWS[self.friction_law].reads:
-                raise ValueError(
-                    f"{key} is read by friction_law {' and '.join(laws_reading(key))} alone, not by "
-                    f"{self.friction_law}; leave it out or set it to null"
-                )
-        if self.static_friction is not None and self.static_friction < self.friction:
-            raise ValueError(
-                f"static_friction {self.static_friction:g} is less than friction {self.friction:g}; raise it"
-            )
-        if self.dead_band_speed is not None and self.dead_band_speed >= self.friction_speed:
-            raise ValueError(
-                f"dead_band_speed {self.dead_band_speed:g} m/s is not below friction_speed {self.friction_speed:g} "
-                "m/s; lower it"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _hertz_has_one_exponent(self):
-        if self.stiffness is None and self.exponent != 1.5:
-            raise ValueError(
-                f"exponent {self.exponent:g} needs stiffness in N/m^{self.exponent:g}; Hertz's, which is taken where "
-                "stiffness is "
-                "null, holds for exponent 1.5 alone"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _it_yields(self):
-        stiffest = FIRM_FORCE / FIRM_PENETRATION**self.exponent
-        if self.stiffness is not None and self.stiffness > stiffest:
-            raise ValueError(
-                f"stiffness {self.stiffness:g} N/m^{self.exponent:g} makes the contact infinitely stiff: "
-                f"{FIRM_FORCE:g} N would "
-                f"press it in by less than {FIRM_PENETRATION:g} m, a few atoms; give {stiffest:.3g} "
-                f"N/m^{self.exponent:g} at most "
-                "(Hertz for steel pins has some 1e10 N/m^1.5)"
-            )
-        return self
-
     def friction_parameters(self) -> dict[str, float]:
         """Every key of the friction laws in SI, defaults filled in."""
-        values = {"friction": self.friction, "friction_speed": self.friction_speed}
-        for key, parameter in FRICTION_PARAMETERS.items():
-            given = getattr(self, key)
-            values[key] = parameter.default(values) if given is None else given
-        return values
+        values = {
+            "friction": self.friction,
+            "friction_speed": self.friction_speed,
+            "dead_band_speed": 0.1 * self.friction_speed,
+            "static_friction": self.friction,
+            "stribeck_speed": 0.01,  # friction has fallen from its static to its kinetic value some times above it
+            "viscous_friction": 0.0,
+            "bristle_stiffness": 1e5,  # friction 0.1 is reached after a micrometre, the size of asperities
+        }
+        values |= {key: getattr(self, key) for key in self._given(FRICTION_KEYS)}
+        critical = 2 * math.sqrt(values["bristle_stiffness"] / BRISTLE_ACCELERATION)
+        return {"bristle_damping": critical} | values
 
 
 SOFT_SHARE = 0.5
@@ -209,15 +143,10 @@ class Joint(Section):
     bearing_radius: PositiveLength = Field(description="radius of the bearing")
     contact: Contact = Field(description="name of an entry of the mechanism's contacts, or its content")
 
-    @model_validator(mode="after")
-    def _journal_fits_its_bearing(self):
+    def errors(self) -> Iterator[str]:
         if self.loose and self.journal_radius >= self.bearing_radius:
-            raise ValueError(
-                f"journal_radius {self.journal_radius:g} m is not smaller than bearing_radius "
-                f"{self.bearing_radius:g} m; "
-                "a loose joint needs a journal smaller than its bearing"
-            )
-        return self
+            radii = f"journal_radius {self.journal_radius:g} m is not smaller than bearing_radius"
+            yield f"{radii} {self.bearing_radius:g} m; a loose joint needs a clearance"
 
     def too_soft_for(self, load: float) -> str:
         """Why its contact is too soft for a force of `load` [N], and what to do; empty where it is not."""
@@ -255,13 +184,11 @@ def _joint(name: str) -> Any:
         if joint == "ideal":
             return joint
         if not isinstance(joint, dict | Joint):
-            raise ValueError(
-                "must be the word 'ideal' or a mapping with journal, journal_radius, bearing_radius and contact"
-            )
-        journal = joint.get("journal") if isinstance(joint, dict) else joint.journal
-        if journal is not None and journal not in carriers:
+            raise ValueError("must be 'ideal' or a mapping with journal, journal_radius, bearing_radius and contact")
+        made = Joint.model_validate(joint)
+        if made.journal not in carriers:
             raise ValueError(f"journal must be '{carriers[0]}' or '{carriers[1]}', the bodies that meet in this joint")
-        return Joint.model_validate(joint)
+        return made
 
     return Annotated[Literal["ideal"] | Joint, WrapValidator(read)]
 
@@ -283,38 +210,21 @@ class Link(Section):
 
     length: PositiveLength = Field(description="distance between the link's two joints")
     mass: PositiveMass = Field(description="mass")
-    inertia: PositiveInertia = Field(description="moment of inertia about the mass centre")
-    mass_centre: Length = Field(
-        description="distance of the mass centre from the joint nearer the crank pivot, along the link; negative "
-        "beyond that joint"
-    )
-    mass_centre_across: Length = Field(
-        0.0,
-        description="distance of the crank's mass centre from the line of the link, positive 90 deg ahead of it; "
-        "0 for the rod",
-    )
+    inertia: quantity("kg*m^2", gt=0) = Field(description="moment of inertia about the mass centre")
+    mass_centre: Length = Field(description="its distance along the link from the joint nearer the crank pivot")
+    mass_centre_across: Length = Field(0.0, description="of a crank: its distance from the line, 90 deg ahead")
 
-    @model_validator(mode="after")
-    def _mass_centre_lies_near_the_link(self):
+    def errors(self) -> Iterator[str]:
         for name in ("mass_centre", "mass_centre_across"):
             distance = getattr(self, name)
             if abs(distance) > self.length:
-                raise ValueError(
-                    f"{name} {distance:g} m lies beyond the link's length {self.length:g} m; "
-                    "measure it from the joint nearer the crank pivot"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _inertia_fits_mass_and_length(self):
+                yield f"{name} {distance:g} m lies beyond the link's length {self.length:g} m; correct one of them"
         most = self.mass * (_INERTIA_ARM * self.length) ** 2
         if self.inertia > most:
-            raise ValueError(
-                f"inertia {self.inertia:g} kg*m^2 is more than mass {self.mass:g} kg at a distance of "
-                f"{_INERTIA_ARM:g} lengths ({self.length:g} m) from the mass centre has; give {most:.3g} kg*m^2 at "
-                "most (check the units of all three), and a flywheel's as the motor's inertia"
+            yield (
+                f"inertia {self.inertia:g} kg*m^2 is too large for mass {self.mass:g} kg and length {self.length:g} m; "
+                f"give {most:.3g} kg*m^2 at most (check the units), and a flywheel's as the motor's inertia"
             )
-        return self
 
     def with_length(self, length: float) -> "Link":
         """The link at another length [m]: `mass_centre` keeps its share, all else stays."""
@@ -334,63 +244,49 @@ class Mechanism(Section):
     crank: Link
     rod: Link
     slider: Slider
-    joints: Joints
     contacts: dict[str, Contact] = Field({}, description="contacts by name, for the joints to refer to")
+    joints: Joints
     gravity_direction: Angle = Field(-math.pi / 2, description="direction of gravity in the plane, from +x")
     effects: tuple[AnyEffect, ...] = Field((), description="physical effects beyond contact and friction in the joints")
 
-    @model_validator(mode="before")
+    @field_validator("joints", mode="before")
     @classmethod
-    def _joints_get_their_contact(cls, data: Any) -> Any:
-        if not (isinstance(data, dict) and isinstance(data.get("joints"), dict)):
-            return data
-        contacts = data.get("contacts") or {}
-        if not isinstance(contacts, dict):
-            raise ValueError(f"contacts = {contacts!r} must map names to contacts, e.g. 'contacts: {{steel: {{...}}}}'")
-        joints = dict(data["joints"])
+    def _joints_get_their_contact(cls, joints: Any, info: ValidationInfo) -> Any:
+        contacts = info.data.get("contacts")
+        if not isinstance(joints, dict):
+            return joints
+        joints = dict(joints)
         for name, joint in joints.items():
-            if isinstance(joint, dict) and isinstance(joint.get("contact"), str):
-                if joint["contact"] not in contacts:
-                    hint = did_you_mean(joint["contact"], contacts) if contacts else "there is no section contacts"
-                    raise ValueError(
-                        f"joints.{name}.contact names '{joint['contact']}', which is not under contacts; {hint}"
-                    )
-                joints[name] = joint | {"contact": contacts[joint["contact"]]}
-        return data | {"joints": joints}
+            key = joint.get("contact") if isinstance(joint, dict) else None
+            if not isinstance(key, str):
+                continue
+            if contacts is None:  # they are refused themselves
+                joints[name] = joint | {"contact": Contact.model_construct(restitution=0.5)}
+            elif key in contacts:
+                joints[name] = joint | {"contact": contacts[key]}
+            else:
+                hint = did_you_mean(key, contacts) if contacts else "there is no section contacts"
+                raise ValueError(f"{name}.contact names '{key}', which is not under contacts; {hint}")
+        return joints
 
-    @model_validator(mode="after")
-    def _rods_mass_centre_lies_on_its_line(self):
+    def errors(self) -> Iterator[str]:
         if self.rod.mass_centre_across != 0:
-            raise ValueError(
-                f"rod.mass_centre_across is {self.rod.mass_centre_across:g} m, but only a crank's mass centre may lie "
-                "beside its line; leave it out"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _crank_can_turn(self):
+            yield "rod.mass_centre_across is not 0: only a crank's mass centre may lie off its line; leave it out"
         clearances = sum(self.clearance(name) for name in self.loose)
         if self.crank.length + abs(self.slider.offset) + clearances >= self.rod.length:
-            raise ValueError(
+            yield (
                 f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m plus clearances "
-                f"{clearances:g} m "
-                f"is not shorter than rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank or "
-                "lengthen the rod"
+                f"{clearances:g} m reach rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _effects_fit(self):
         places = [(effect.name, effect.place) for effect in self.effects]
         for name, place in places:
             if places.count((name, place)) > 1:
-                raise ValueError(f"effects: {name} at {place} is listed more than once; add its parameters up in one")
+                yield f"effects: {name} at {place} is listed more than once; add its parameters up in one"
         if any(effect.changes_data(self) for effect in self.effects):
             self.applied()  # complains itself, and checks the rest
-            return self
+            return
         for effect in self.effects:
             effect.check(self)
-        return self
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -414,10 +310,8 @@ class Mechanism(Section):
 
     def effect(self, name: str, site: str | None = None) -> Any:
         """Parameters of the effect `name`, at `site` where it has a choice; None where it is not listed."""
-        for effect in self.effects:
-            if effect.name == name and site in (None, effect.place):
-                return effect.parameters
-        return None
+        found = (one.parameters for one in self.effects if one.name == name and site in (None, one.place))
+        return next(found, None)
 
     @property
     def gravity(self) -> np.ndarray:
@@ -427,40 +321,29 @@ class Mechanism(Section):
         return size * np.array([math.cos(self.gravity_direction), math.sin(self.gravity_direction)])
 
     def mirrored(self) -> "Mechanism":
-        """The mechanism as seen from behind, where a clockwise crank turns counter-clockwise: its mirror image in the
-        line y = 0.
-        """
-        slider = self.slider.model_copy(update={"offset": -self.slider.offset})
-        effects = tuple(effect.mirrored() for effect in self.effects)
-        crank = self.crank.model_copy(update={"mass_centre_across": -self.crank.mass_centre_across})
-        update = {"crank": crank, "slider": slider, "gravity_direction": -self.gravity_direction, "effects": effects}
-        return self.model_copy(update=update)
+        """The mechanism as seen from behind, where a clockwise crank turns counter-clockwise: mirrored in y = 0."""
+        return self.model_copy(
+            update={
+                "crank": self.crank.model_copy(update={"mass_centre_across": -self.crank.mass_centre_across}),
+                "slider": self.slider.model_copy(update={"offset": -self.slider.offset}),
+                "gravity_direction": -self.gravity_direction,
+                "effects": tuple(effect.mirrored() for effect in self.effects),
+            }
+        )
 
-    def joint_loads(self, speed: float) -> dict[str, float]:
-        """About the largest force [N] in each joint without clearance, from the frame to the slider.
+    def check_contacts(self, speed: float) -> None:
+        """InputError where a loose joint's contact is too soft for its loads at a crank speed of `speed` [rad/s].
 
-        It adds up the inertia forces of what the joint moves at a crank speed of `speed` [rad/s], its weight, and the
-        loads that effects state.
+        The loads are about the largest in a joint without clearance: inertia of what it moves, weight and effects.
         """
         crank, rod = self.crank, self.rod
         swing = crank.length * speed**2 * (1 + crank.length / rod.length)  # of the slider at its outer dead centre
         acceleration = swing + float(np.hypot(*self.gravity))
-        beyond = {"piston_pin": self.slider.mass, "crank_pin": rod.mass + self.slider.mass}
-        beyond["crank_pivot"] = crank.mass + beyond["crank_pin"]
+        moved = {"piston_pin": self.slider.mass, "crank_pin": rod.mass + self.slider.mass}
+        moved["crank_pivot"] = crank.mass + moved["crank_pin"]
         stated = sum(effect.largest_force(2 * crank.length) for effect in self.effects)
-        return {name: beyond[name] * acceleration + stated for name in FROM_FRAME}
-
-    def check_contacts(self, speed: float) -> None:
-        """Whether the contacts of loose joints are firm enough for the loads at a crank speed of `speed` [rad/s].
-
-        Raises
-        ------
-        InputError
-            One that is too soft, with the least value.
-        """
-        loads = self.joint_loads(speed)
         for name in self.loose:
-            if why := self.joint(name).too_soft_for(loads[name]):
+            if why := self.joint(name).too_soft_for(moved[name] * acceleration + stated):
                 raise InputError(
                     f"mechanism.joints.{name}: {why} (load: inertia at {speed * 30 / math.pi:.4g} rpm, weight and the "
                     "forces of effects)"
@@ -469,10 +352,7 @@ class Mechanism(Section):
     def applied(self) -> "Mechanism":
         """The mechanism with all effects that merely change its data folded into them; `effects` keeps the others.
 
-        Raises
-        ------
-        InputError
-            The changed data are impossible; the message names the effects.
+        An InputError names the effects where the changed data are impossible.
         """
         folded = [effect for effect in self.effects if effect.changes_data(self)]
         if not folded:
@@ -488,8 +368,6 @@ class Mechanism(Section):
             raise InputError(f"with the effects {names}: {'; '.join(complaints(error, data))}") from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
-        """The mechanism with other `crank_length` and `rod_length` [m]; mass centres keep their share, all else
-        stays.
-        """
+        """The mechanism with other lengths [m]; mass centres keep their share, all else stays."""
         links = {"crank": self.crank.with_length(crank_length), "rod": self.rod.with_length(rod_length)}
         return self.model_copy(update=links)

@@ -14,49 +14,35 @@ from jointgap.core.units import to_si
 AnySection = TypeVar("AnySection", bound=Section)
 
 OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1", "stiffness": "1"}
-"""Words that stand for a value of every loose joint, with its unit: the radial clearance, and three of the contact (the
-stiffness in N/m^exponent).
-"""
+"""Words that stand for a value of every loose joint, with its unit (of the stiffness N/m^exponent)."""
 
 _LINKS = {"crank_length": "crank", "rod_length": "rod"}
 
 VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS | dict.fromkeys(_LINKS, "m")
-"""What can be varied by a word, with its unit: the crank's speed, the data of every loose joint, and lengths of links,
-whose mass centres keep their share of the length.
-"""
+"""What can be varied by a word, with its unit; the mass centres of links keep their share of the length."""
 
 
-def set_at(data: Any, path: Sequence[str], value: Any, named: str) -> None:
-    """Set the `value` at a `path` in `data`, whose sections become mappings on the way, copies all; `named` is what
-    errors call it.
+def set_at(data: Any, path: Sequence[str], value: Any, named: str) -> Any:
+    """A copy of `data`, sections or mappings, with a `value` at a `path`; `named` is what errors call it.
 
     Effects go by their name, or by name@site where one is listed twice. A mapping is laid key by key on what is there,
     unless that is of another kind.
     """
+    if not path:
+        inner = _entries(data)
+        if not isinstance(value, Mapping) or not inner or value.get("kind") not in (None, inner.get("kind")):
+            return value
+        for key, own in value.items():
+            data = set_at(data, str(key).split("."), own, named)
+        return data
     step, *rest = path
-    place: Any = step
-    if isinstance(data, list):
+    entries = _entries(data)
+    if isinstance(data, list | tuple):
         entry(data, step, named, "effects")
-        place = list(_entries(data)).index(step)
         if not rest and not isinstance(value, Mapping):
             raise InputError(f"{named}: names a whole effect; go on to a number, such as {step}.parameters.<name>")
-    elif not rest and not isinstance(value, Mapping):
-        data[place] = value
-        return
-    inner = data[place] if isinstance(data, list) else data.get(place)
-    if isinstance(inner, Section | Mapping):
-        inner = data[place] = dict(inner)
-    elif isinstance(inner, list | tuple) and all(isinstance(each, Section | Mapping) for each in inner):
-        inner = data[place] = [dict(each) for each in inner]
-    elif rest:
-        inner = data[place] = {}
-    if rest:
-        set_at(inner, rest, value, named)
-    elif isinstance(inner, list) or (isinstance(inner, dict) and value.get("kind") in (None, inner.get("kind"))):
-        for key, own in value.items():
-            set_at(inner, str(key).split("."), own, named)
-    else:
-        data[place] = value
+    entries[step] = set_at(entries.get(step), rest, value, named)
+    return list(entries.values()) if isinstance(data, list | tuple) else entries
 
 
 def value_at(data: Any, path: Sequence[str], named: str) -> Any:
@@ -78,14 +64,15 @@ def entry(data: Any, step: str, named: str, place: str) -> Any:
 
 
 def _entries(data: Any) -> dict[str, Any]:
-    if isinstance(data, list | tuple) and all(isinstance(each, Section | Mapping) for each in data):
-        effects = [dict(each) for each in data]
-        names = [effect.get("name") for effect in effects]
-        return {
-            name if names.count(name) == 1 else f"{name}@{effect.get('site')}": each
-            for name, effect, each in zip(names, effects, data, strict=True)
-        }
-    return dict(data) if isinstance(data, Section | Mapping) else {}
+    """What is in `data` by its key, or by its name where it is a list of effects; a copy."""
+    if not isinstance(data, list | tuple):
+        return dict(data) if isinstance(data, Section | Mapping) else {}
+    if not all(isinstance(each, Section | Mapping) for each in data):
+        return {}
+    effects = [dict(each) for each in data]
+    names = [effect.get("name") for effect in effects]
+    keys = (n if names.count(n) == 1 else f"{n}@{one.get('site')}" for n, one in zip(names, effects, strict=True))
+    return dict(zip(keys, data, strict=True))
 
 
 def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
@@ -126,13 +113,11 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
     words = OF_LOOSE_JOINTS if isinstance(section, Mechanism) else ()
     # joints follow the contacts that they refer to, before they change themselves
     for key, value in sorted(changes.items(), key=lambda change: not str(change[0]).startswith("contacts")):
-        if key in words:
-            for path in _of_loose_joints(section.loose, key, f"{name}: {key}"):
-                set_at(data, path, value, name)
-        else:
-            set_at(data, str(key).split("."), value, name)
-            if isinstance(section, Mechanism) and str(key).startswith("contacts"):
-                _copy_contacts(section, data, name)
+        paths = _of_loose_joints(section.loose, key, f"{name}: {key}") if key in words else [str(key).split(".")]
+        for path in paths:
+            data = set_at(data, path, value, name)
+        if isinstance(section, Mechanism) and str(key).startswith("contacts"):
+            data = _with_contacts(section, data, name)
     if isinstance(section, Mechanism):
         _clearances_to_radii(data["joints"], name)
     return validate(type(section), data, name)
@@ -146,22 +131,21 @@ def _of_loose_joints(joints: Sequence[str], word: str, named: str) -> list[tuple
     return [("joints", joint, *inside) for joint in joints]
 
 
-def _copy_contacts(mechanism: Mechanism, data: dict[str, Any], name: str) -> None:
-    """Let joints follow the entries of contacts that they refer to: their contacts are copies, once read."""
+def _with_contacts(mechanism: Mechanism, data: dict[str, Any], name: str) -> dict[str, Any]:
+    """`data` whose joints follow the entries of contacts that they refer to: their contacts are copies, once read."""
+    joints = {joint: mechanism.joint(joint) for joint in JOINTS}
     for key, old in mechanism.contacts.items():
-        new = data["contacts"].get(key)
-        if not isinstance(new, Mapping):
+        following = [joint for joint, own in joints.items() if own is not None and own.contact == old]
+        if not following or not isinstance(data["contacts"].get(key), Mapping):
             continue
-        own = {joint: mechanism.joint(joint) for joint in JOINTS}
-        following = [joint for joint, loose in own.items() if loose is not None and loose.contact == old]
-        alike = [other for other, contact in mechanism.contacts.items() if contact == old]
-        if len(alike) > 1 and following:
+        if alike := [other for other, contact in mechanism.contacts.items() if contact == old and other != key]:
             raise InputError(
-                f"{name}: contacts.{key} is the same as contacts.{next(other for other in alike if other != key)}, so "
-                f"it cannot be told which joints refer to it; change joints.{following[0]}.contact and so on instead"
+                f"{name}: contacts.{key} is the same as contacts.{alike[0]}, so it cannot be told which joints refer "
+                f"to it; change joints.{following[0]}.contact and so on instead"
             )
         for joint in following:
-            set_at(data, ("joints", joint, "contact"), new, name)
+            data = set_at(data, ("joints", joint, "contact"), data["contacts"][key], name)
+    return data
 
 
 def _clearances_to_radii(joints: Any, name: str) -> None:
@@ -188,12 +172,14 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
         named = f"{source}.{key}"
         for path in _paths(data, key, named):
             if key in _LINKS:
-                link = dict(value_at(data, path[:-1], named))
-                share = _metres(value, named) / link["length"]
-                set_at(data, (*path[:-1], "mass_centre"), link["mass_centre"] * share, named)
-            elif key != "clearance":
+                link, value = dict(value_at(data, path[:-1], named)), _metres(value, named)
+                centre = link["mass_centre"] * (value / link["length"])
+                data = set_at(data, (*path[:-1], "mass_centre"), centre, named)
+            elif key == "clearance":
+                value = _metres(value, named)
+            else:
                 value_at(data, path, named)  # complains where there is no such key
-            set_at(data, path, _metres(value, named) if key in (*_LINKS, "clearance") else value, named)
+            data = set_at(data, path, value, named)
     if isinstance(data["mechanism"], dict):
         _clearances_to_radii(data["mechanism"]["joints"], source)
     words = ", ".join(f"{key} = {value}" for key, value in changes.items())

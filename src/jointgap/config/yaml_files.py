@@ -8,8 +8,9 @@ laid over another one says so: ``base``, the path or name of that one, beside th
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -30,43 +31,30 @@ class _StrictLoader(yaml.SafeLoader):
     """YAML whose every value means one thing, and whose keys stand once; days are text."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
-        event = self.peek_event()
-        if tag := getattr(event, "tag", None):
-            self._refuse(f"the tag {tag} is not read; take it away", event)
-        if isinstance(event, yaml.ScalarEvent) and event.implicit[0] and _TWO_MEANINGS.fullmatch(event.value):
-            self._refuse(
-                f"{event.value} is one thing to some programs and another to others; write a plain decimal number, "
-                f'true or false, or "{event.value}" in quotation marks where a text is meant',
-                event,
+        node = super().compose_node(parent, index)
+        if isinstance(node, yaml.ScalarNode) and node.style is None and _TWO_MEANINGS.fullmatch(node.value):
+            problem = (
+                f"{node.value} is one thing to some programs and another to others; write a plain decimal number, true "
+                f'or false, or "{node.value}" in quotation marks where a text is meant'
             )
-        return super().compose_node(parent, index)
-
-    def compose_mapping_node(self, anchor: str | None) -> yaml.MappingNode:
-        node = super().compose_mapping_node(anchor)
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
         lines: dict[str, int] = {}
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                line = key.start_mark.line + 1
-                if before := lines.get(key.value):
-                    self._refuse(
-                        f"the key '{key.value}' is given twice, in line {before} and in line {line}; remove one", key
-                    )
-                lines[key.value] = line
+        for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+            name, line = str(key.value), key.start_mark.line + 1
+            if name in lines:
+                problem = f"the key '{name}' is given twice, in line {lines[name]} and in line {line}; remove one"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+            lines[name] = line
         return node
-
-    @staticmethod
-    def _refuse(problem: str, where: yaml.Node | yaml.Event) -> None:
-        raise yaml.MarkedYAMLError(problem=problem, problem_mark=where.start_mark)
 
 
 def _day(loader: _StrictLoader, node: yaml.ScalarNode) -> str:
     """The text of a day that there is: Snakemake's reader ends in a traceback on one that there is not."""
     loader.construct_yaml_timestamp(node)
-    return loader.construct_yaml_str(node)
+    return node.value
 
 
 _StrictLoader.add_constructor("tag:yaml.org,2002:timestamp", _day)
-_StrictLoader.add_constructor("tag:yaml.org,2002:value", yaml.SafeLoader.construct_yaml_str)
 
 
 def read_yaml(path: Path | str) -> dict[str, Any]:
@@ -112,10 +100,12 @@ def parse_json(text: str, source: str) -> Any:
         raise InputError(f"{source}: holds {constant}, which is not a number; remove it")
 
     def without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        keys = [key for key, _ in pairs]
-        if double := next((key for key in keys if keys.count(key) > 1), None):
-            raise InputError(f"{source}: the key '{double}' is given twice in one mapping; remove one")
-        return dict(pairs)
+        content: dict[str, Any] = {}
+        for key, value in pairs:
+            if key in content:
+                raise InputError(f"{source}: the key '{key}' is given twice in one mapping; remove one")
+            content[key] = value
+        return content
 
     try:
         return json.loads(text, parse_constant=refuse, object_pairs_hook=without_doubles)
@@ -144,10 +134,7 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 def merged(layers: Iterable[Layer]) -> dict[str, Any]:
     """All `layers` laid on one another, the first one lowest."""
-    whole: dict[str, Any] = {}
-    for layer in layers:
-        whole = merge(whole, layer.data)
-    return whole
+    return reduce(merge, (layer.data for layer in layers), {})
 
 
 def sources(layers: Iterable[Layer]) -> dict[tuple[str, ...], tuple[Any, str]]:
@@ -155,29 +142,25 @@ def sources(layers: Iterable[Layer]) -> dict[tuple[str, ...], tuple[Any, str]]:
     known: dict[tuple[str, ...], tuple[Any, str]] = {}
     for layer in layers:
         for path, value in leaves(layer.data):
-            known = {other: entry for other, entry in known.items() if not (_holds(path, other) or _holds(other, path))}
+            replaced = [other for other in known if path[: len(other)] == other or other[: len(path)] == path]
+            for other in replaced:
+                del known[other]
             known[path] = (value, layer.source)
     return known
 
 
 def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
     """The path of each key in nested mappings `data` that holds no further keys, after a `path`, and its value."""
-    if isinstance(data, Mapping):
-        for key, value in data.items():
-            yield from leaves(value, (*path, str(key)))
-    else:
+    if not isinstance(data, Mapping):
         yield path, data
+        return
+    for key, value in data.items():
+        yield from leaves(value, (*path, str(key)))
 
 
-def _holds(outer: tuple[str, ...], inner: tuple[str, ...]) -> bool:
-    return inner[: len(outer)] == outer
-
-
-def mechanism_layers(
-    mechanism: Any, folders: Sequence[Path], source: str, read: Callable[[Path], Mapping[str, Any]], key: str
-) -> list[Layer]:
+def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: str) -> list[Layer]:
     """The layers of a mechanism, the lowest first: one, and one for each ``base``."""
-    found: list[Layer] = []
+    layers: list[Layer] = []
     passed: list[Path] = []
     while True:
         if isinstance(mechanism, str):
@@ -185,32 +168,37 @@ def mechanism_layers(
             if file.resolve() in passed:
                 raise InputError(f"{key}: '{mechanism}' is laid over itself; take it away where it is given last")
             passed.append(file.resolve())
-            mechanism, source, folders, key = read(file), str(file), (file.parent, *folders), f"{file}: {BASE}"
-        elif isinstance(mechanism, Mapping) and BASE in mechanism:
-            own = {name: value for name, value in mechanism.items() if name != BASE}
-            own = _with_files(own, folders, key.removesuffix(f": {BASE}"))
-            found.append(Layer(source, {"mechanism": own}))
-            mechanism, key = mechanism[BASE], key if key.endswith(BASE) else f"{key}.{BASE}"
-            if not isinstance(mechanism, str):
-                raise InputError(f"{key} = {mechanism!r}: must be the path of a mechanism file")
-        else:
-            mechanism = _with_files(mechanism, folders, key.removesuffix(f": {BASE}"))
-            return [Layer(source, {"mechanism": mechanism}), *reversed(found)]
+            mechanism, source, folders, key = read_yaml(file), str(file), (file.parent, *folders), f"{file}: {BASE}"
+        own = _with_files(mechanism, folders, key.removesuffix(f": {BASE}"))
+        if not isinstance(mechanism, Mapping) or BASE not in mechanism:
+            return [Layer(source, {"mechanism": own}), *reversed(layers)]
+        mechanism, key = own.pop(BASE), key if key.endswith(BASE) else f"{key}.{BASE}"
+        layers.append(Layer(source, {"mechanism": own}))
+        if not isinstance(mechanism, str):
+            raise InputError(f"{key} = {mechanism!r}: must be the path of a mechanism file")
 
 
 def _with_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
     """The content of a `mechanism` with the files of its effects looked for in `folders`."""
-    effects = mechanism.get("effects") if isinstance(mechanism, Mapping) else None
-    if not isinstance(effects, list | tuple):
+    if not isinstance(mechanism, Mapping):
         return mechanism
-    looked = []
-    for effect in effects:
-        given = effect.get("parameters") if isinstance(effect, Mapping) else None
-        if isinstance(given, Mapping) and isinstance(given.get("file"), str):
-            file = existing_file(given["file"], folders, f"{key}: effects.{effect.get('name')}.parameters.file")
-            effect = {**effect, "parameters": {**given, "file": str(file)}}
-        looked.append(effect)
-    return {**mechanism, "effects": looked}
+    mechanism = dict(mechanism)
+    if isinstance(effects := mechanism.get("effects"), list | tuple):
+        mechanism["effects"] = [
+            with_file(effect, "parameters", folders, f"{key}: effects.{effect.get('name')}.parameters.file")
+            if isinstance(effect, Mapping)
+            else effect
+            for effect in effects
+        ]
+    return mechanism
+
+
+def with_file(data: Mapping[str, Any], section: str, folders: Sequence[Path], key: str) -> dict[str, Any]:
+    """`data` with the ``file`` in a `section`, if there is one, looked for in `folders`; `key` is where it is given."""
+    inner = data.get(section)
+    if not isinstance(inner, Mapping) or not isinstance(inner.get("file"), str):
+        return dict(data)
+    return {**data, section: {**inner, "file": str(existing_file(inner["file"], folders, key))}}
 
 
 def shipped_mechanisms() -> dict[str, Path]:
@@ -220,21 +208,16 @@ def shipped_mechanisms() -> dict[str, Path]:
 
 def mechanism_file(mechanism: str, folders: Sequence[Path], key: str) -> Path:
     """The file of a mechanism: the one at this path in `folders`, else the shipped one of this name."""
-    shipped = shipped_mechanisms()
-    if mechanism in shipped and _found(mechanism, folders) is None:
-        return shipped[mechanism]
-    return existing_file(mechanism, folders, key, f", or one of the names {', '.join(shipped)}")
+    return existing_file(mechanism, folders, key, shipped_mechanisms())
 
 
-def existing_file(path: str, folders: Sequence[Path], key: str, more: str = "") -> Path:
-    """The file at `path`, looked for in `folders`; `key` is where it is given, `more` what else could be given."""
-    file = _found(path, folders)
-    if file is None:
-        places = ", ".join(dict.fromkeys(map(str, folders)))
-        raise InputError(f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these{more}")
-    return file
-
-
-def _found(path: str, folders: Sequence[Path]) -> Path | None:
-    # a Path's own is_file fails on a name that is too long
-    return next((folder / path for folder in folders if os.path.isfile(folder / path)), None)
+def existing_file(path: str, folders: Sequence[Path], key: str, named: Mapping[str, Path] | None = None) -> Path:
+    """The file at `path`, looked for in `folders`, or one that is `named` so; `key` is where it is given."""
+    for folder in folders:
+        if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
+            return folder / path
+    if named and path in named:
+        return named[path]
+    places = ", ".join(dict.fromkeys(map(str, folders)))
+    more = f", or one of the names {', '.join(named)}" if named else ""
+    raise InputError(f"{key}: no file '{path}' (looked in {places}); give a path relative to one of these{more}")

@@ -1,12 +1,9 @@
-"""Tables to and from Parquet, files written whole or not at all."""
+"""Tables to and from Parquet."""
 
-import hashlib
-import os
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,53 +13,6 @@ import pyarrow.parquet as pq
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.files import check_writable, write_atomically, write_text  # noqa: F401  written from here too
 from jointgap.core.schema import Table
-
-_KEY, _LENGTH = "jointgap_sha256", 64
-_CHUNK = 1 << 20  # [bytes]
-_TAIL = 8  # [bytes], the length of the footer and Parquet's mark, which end a file
-_ENTRY = re.compile(_KEY.encode() + rb"..(.{%d})" % _LENGTH, re.DOTALL)
-"""The entry in the footer: between key and value stand the value's type and length, a byte each."""
-
-BLANK = {_KEY: "0" * _LENGTH}
-"""Metadata that a file needs before `write_digest` can fill it in; a value of the same length for any content."""
-
-
-def write_digest(path: Path | str) -> None:
-    """Fill the digest of all other bytes in, in a file that holds `BLANK`."""
-    with open(path, "r+b") as file:
-        place, _ = _entry(file)
-        digest = _digest(file, place)
-        file.seek(place)
-        file.write(digest)
-
-
-def is_as_written(path: Path | str) -> bool | None:
-    """Whether all bytes of a file are those that were written; None where no digest is found in it."""
-    with open(path, "rb") as file:
-        entry = _entry(file)
-        return _digest(file, entry[0]) == entry[1] if entry else None
-
-
-def _entry(file: BinaryIO) -> tuple[int, bytes] | None:
-    """Place of the digest in the file, and the digest."""
-    size = file.seek(0, os.SEEK_END)
-    file.seek(max(size - _TAIL, 0))
-    start = max(size - _TAIL - int.from_bytes(file.read(4), "little"), 0)
-    file.seek(start)
-    found = list(_ENTRY.finditer(file.read()))
-    return (start + found[-1].start(1), found[-1][1]) if found else None
-
-
-def _digest(file: BinaryIO, place: int) -> bytes:
-    """Digest of the file but for the digest at `place`."""
-    digest = hashlib.sha256()
-    file.seek(0)
-    while file.tell() < place:
-        digest.update(file.read(min(_CHUNK, place - file.tell())))
-    file.seek(place + _LENGTH)
-    digest.update(file.read())
-    return digest.hexdigest().encode()
-
 
 _TYPES = {
     "float": pa.float64(),
@@ -91,98 +41,67 @@ def schema(table: Table) -> pa.Schema:
     )
 
 
+writer = partial(pq.ParquetWriter, write_page_checksum=True)
+"""A Parquet file of a schema, to be filled."""
+
+_read_checked = partial(pq.read_table, page_checksum_verification=True)
+
+
 def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
     """`frame` as an Arrow table of exactly the columns that `table` names."""
     wanted = table.names
     if sorted(frame.columns) != sorted(wanted):
         missing, extra = sorted(set(wanted) - set(frame.columns)), sorted(set(frame.columns) - set(wanted))
         raise ValueError(f"table {table.name}: missing columns {missing}, unknown columns {extra}")
-    arrays = []
     for column in table.columns:
-        values = frame[column.name]
-        absent = values.isna().to_numpy()
-        if column.kind == "float" and np.isinf(values.to_numpy(dtype=float, na_value=np.nan)).any():
+        if column.kind == "float" and np.isinf(frame[column.name].to_numpy(dtype=float, na_value=np.nan)).any():
             raise ValueError(f"table {table.name}: column {column.name} holds an infinite value")
-        if absent.any() and not column.nullable:
-            row = int(np.flatnonzero(absent)[0])
-            raise ValueError(f"table {table.name}: column {column.name} has no value in row {row}")
-        arrays.append(pa.Array.from_pandas(values, type=_TYPES[column.kind]))
-    return pa.Table.from_arrays(arrays, schema=schema(table))
+    columns = schema(table)
+    arrow = pa.Table.from_pandas(frame[wanted], columns, preserve_index=False)
+    return arrow.replace_schema_metadata(columns.metadata)
 
 
 def write(table: Table, frame: pd.DataFrame, path: Path | str, told: Mapping[str, str] | None = None) -> None:
-    """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each
-    column, and with the digest of the file.
+    """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each column.
+
+    `told` is further metadata.
     """
     arrow = to_arrow(table, frame)
     arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(told or {})})
     floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
     others = [column.name for column in table.columns if column.kind != "float"]
-
-    def save(temporary: str) -> None:
-        with writer(
-            temporary, arrow.schema, compression="zstd", use_dictionary=others, column_encoding=floats or None
-        ) as file:
-            file.write_table(arrow)
-
-    write_atomically(path, save)
-
-
-@contextmanager
-def writer(path: str, schema: pa.Schema, **options: Any) -> Iterator[pq.ParquetWriter]:
-    """A Parquet file of a table, to be filled; it gets its digest when it is closed."""
-    with pq.ParquetWriter(path, schema, **options) as file:
-        yield file
-        file.add_key_value_metadata(BLANK)
-    write_digest(path)
+    options = {"compression": "zstd", "use_dictionary": others, "column_encoding": floats or None}
+    write_atomically(path, lambda file: pq.write_table(arrow, file, write_page_checksum=True, **options))
 
 
 def read(table: Table, path: Path | str) -> pd.DataFrame:
     """The frame in the file `path` that `write` made of a `table`; null becomes NaN (None in text)."""
-    arrow, has_digest = _open(pq.read_table, path, f"run the stage that writes table '{table.name}'")
+    arrow = _open(_read_checked, path, f"run the stage that writes table '{table.name}'")
     held = _word((arrow.schema.metadata or {}).get(b"jointgap_table", b"?"))
-    wanted = table.names
     if held != table.name:
         raise InputError(
             f"{path}: holds table '{held}', not '{table.name}'; give the right file, or run its stage again"
         )
-    if arrow.column_names != wanted:
-        missing, extra = (
-            sorted(set(a) - set(b)) for a, b in ((wanted, arrow.column_names), (arrow.column_names, wanted))
-        )
+    there, wanted = ([(field.name, field.type) for field in one] for one in (arrow.schema, schema(table)))
+    if there != wanted:
+        differ = sorted({f"{name} ({kind})" for name, kind in set(there) ^ set(wanted)})
         raise InputError(
-            f"{path}: table '{held}' lacks the columns {missing} and has the unknown columns {extra}; another version "
-            "wrote it, so run its stage again"
+            f"{path}: table '{held}' has other columns than this version's, {', '.join(differ) or 'in another order'}; "
+            "run its stage again"
         )
-    if not has_digest:
-        raise InputError(f"{path}: has no digest of its bytes; another version wrote it, so run its stage again")
-    for field, wanted_field in zip(arrow.schema, schema(table), strict=True):
-        if field.type != wanted_field.type:
-            raise InputError(
-                f"{path}: column {field.name} holds {field.type}, not {wanted_field.type}; run its stage again"
-            )
     return arrow.to_pandas()
 
 
-def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str) -> tuple[Any, bool]:
-    """`reader(path)` and whether the file has a digest, with one clear error where there is no such file, it is not
-    Parquet, or it is damaged.
-    """
+def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str = "check the path") -> Any:
+    """`reader(path)`, with one clear error where there is no such file, or it is not Parquet or damaged."""
     try:
-        as_written = is_as_written(path)
-        read = None if as_written is False else reader(path)
+        return reader(path)
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; {fix}") from error
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(
             f"{path}: cannot be read as Parquet ({error}); give a Parquet file, or run its stage again"
         ) from error
-    if as_written is False:
-        raise InputError(
-            f"{path}: is damaged, its bytes are not those that were written; start `make` again, which makes it anew, "
-            "or run its stage again"
-        )
-    return read, as_written is not None
 
 
 def read_table(path: Path | str) -> pd.DataFrame:
@@ -211,7 +130,7 @@ def read_table(path: Path | str) -> pd.DataFrame:
     >>> runs.attrs["units"]["clearance"]
     'm'
     """
-    arrow, _ = _open(pq.read_table, path, "check the path")
+    arrow = _open(_read_checked, path)
     frame = arrow.to_pandas()
     frame.attrs["units"] = {field.name: _word((field.metadata or {}).get(b"unit", b"")) for field in arrow.schema}
     return frame
@@ -232,40 +151,25 @@ def unit_in(units: Mapping[str, str], column: str) -> str:
 
 def read_footer(path: Path | str) -> pq.FileMetaData:
     """What a Parquet file says of itself: schema, number of rows; errors as `describe`."""
-    return _open(pq.read_metadata, path, "check the path")[0]
+    return _open(pq.read_metadata, path)
 
 
 def batches(path: Path | str) -> Iterator[pd.DataFrame]:
     """The rows of any Parquet file, so many at a time that memory holds them; errors as `describe`."""
-    file = _open(pq.ParquetFile, path, "check the path")[0]
-    with file:
+    with _open(pq.ParquetFile, path) as file:
         for batch in file.iter_batches():
             yield batch.to_pandas()
 
 
 def read_columns(path: Path | str, columns: Sequence[str]) -> pa.Table:
-    """Some `columns` of the file `path`; or of all files in that folder, whose digests are not looked at.
-
-    Errors as `describe`.
-    """
-    if Path(path).is_dir():
-        return pq.read_table(path, columns=list(columns))
-    return _open(lambda file: pq.read_table(file, columns=list(columns)), path, "check the path")[0]
+    """Some `columns` of the file `path`, or of all files in that folder; errors as `describe`."""
+    return _open(lambda file: pq.read_table(file, columns=list(columns)), path)
 
 
 def describe(path: Path | str) -> pd.DataFrame:
     """Column, unit and description of any Parquet file, one row a column (empty where it says none)."""
-    return _open(_columns, path, "check the path")[0]
-
-
-def _columns(path: Path | str) -> pd.DataFrame:
-    rows = [
-        {
-            "column": field.name,
-            **{key: _word((field.metadata or {}).get(key.encode(), b"")) for key in ("unit", "description")},
-        }
-        for field in pq.read_schema(path)
-    ]
+    fields = [(field.name, field.metadata or {}) for field in _open(pq.read_schema, path)]
+    rows = [(name, _word(told.get(b"unit", b"")), _word(told.get(b"description", b""))) for name, told in fields]
     return pd.DataFrame(rows, columns=["column", "unit", "description"])
 
 

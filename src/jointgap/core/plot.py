@@ -53,35 +53,7 @@ COLOURS = {
     "named": "#009E73",
     "sky": "#56B4E9",
 }
-LOOK = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
-    "font.size": 9.0,
-    "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.0,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.6,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "legend.fontsize": 8.5,
-    "legend.frameon": False,
-    "lines.linewidth": 1.1,
-    "lines.solid_joinstyle": "round",
-    "path.simplify_threshold": 0.3,  # of a pixel: nobody sees it, and it takes a seventh off the SVG of a dense curve
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-    "svg.hashsalt": "jointgap",  # the same names of clip paths in every run
-    "svg.fonttype": "path",
-}
+STYLE = Path(__file__).parent / "templates/jointgap.mplstyle"
 WIDTH = 7.5  # inches
 DOTS_PER_INCH = 160  # [1/in] sharp on a screen; printing takes the SVG
 
@@ -182,7 +154,7 @@ def matplotlib_style() -> AbstractContextManager[None]:
     """Context in which figures are made and saved."""
     from matplotlib import rc_context
 
-    return rc_context(LOOK)
+    return rc_context(fname=STYLE)
 
 
 def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:

@@ -1,7 +1,7 @@
 """Base of every part of a configuration, types of its keys, and what is wrong with it in plain words."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import (
@@ -10,6 +10,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    TypeAdapter,
     ValidationError,
     WithJsonSchema,
     model_validator,
@@ -19,6 +20,7 @@ from pydantic_core import PydanticCustomError
 from jointgap.core.errors import InputError, did_you_mean
 
 _LONGEST = 200  # characters of a value that are shown
+_MOST_LISTED = 8  # values that can be chosen: of more the nearest is shown
 _ALSO = {"mechanism": "the path of a mechanism file, or ", "contact": "the name of an entry of contacts, or "}
 _PLAIN = {
     "string": "text",
@@ -31,7 +33,7 @@ _PLAIN = {
 }
 """What pydantic's errors of a wrong type expect, by the first word of their kind."""
 _WRONG_TYPE = {"type", "parsing", "from_float"}
-_SUBJECT = re.compile(r"^(Value error, )?((Input|String|Tuple|List) should )?")
+_SUBJECT = re.compile(r"^(Value error, )?((Input|String|Tuple|List|Dictionary) should )?")
 _COUNTED = re.compile(r" after validation, not \d+$")
 _UNSAID = ("[key]", "uniform", "log_uniform", "normal", "triangular", "values")  # pydantic's steps that no file has
 
@@ -67,60 +69,69 @@ class Section(BaseModel, metaclass=_Called):
         fields = cls.__pydantic_fields__  # model_fields costs a tenth of a design of a sweep
         if isinstance(data, dict) and not fields.keys() >= data.keys():
             known = [field.alias or name for name, field in fields.items()]
-            unknown = [key for key in data if key not in known]
-            if not unknown:
-                return data
-            words = {key: _no_such_key(cls.removed.get(key, ""), key, known) for key in unknown}
-            raise PydanticCustomError("unknown_keys", "has unknown keys", {"keys": words})
+            words = {}  # by key: what stands before and behind its path
+            for key in data:
+                if instead := cls.removed.get(key):
+                    words[key] = ("", f" is gone; {instead}")
+                elif key not in known:
+                    words[key] = ("unknown ", f"; {did_you_mean(key, known)}")
+            if words:
+                raise PydanticCustomError("unknown_keys", "has unknown keys", {"keys": words})
         return data
 
+    def errors(self) -> Iterator[str]:
+        """What is wrong with values that are right by themselves, each with its fix."""
+        return iter(())
 
-def _no_such_key(instead: str, key: object, known: list[str]) -> tuple[str, str]:
-    """What stands before and behind the path of an unknown `key`."""
-    return ("", f" is gone; {instead}") if instead else ("unknown ", f"; {did_you_mean(key, known)}")
+    @model_validator(mode="after")
+    def _go_together(self):
+        for error in self.errors():  # the first: others may follow from it
+            raise ValueError(error)
+        return self
 
 
 def complaints(error: ValidationError, data: object = None) -> list[str]:
     """What pydantic reports as wrong with `data` in its `error`, one line each, none twice."""
-    items = error.errors()
-    reported = {problem for item in items if (problem := _within("contacts", item, 2))}
     lines: dict[str, None] = {}
-    for item in items:
+    for item in error.errors():
         # pydantic counts entries that are wrong, of which it complains by themselves, as absent
-        counted = item["type"] == "too_short" and len(item["input"]) >= item["ctx"]["min_length"]
-        # a joint only repeats what its entry of contacts says
-        if not counted and _within("contact", item, 1) not in reported:
+        if item["type"] != "too_short" or len(item["input"]) < item["ctx"]["min_length"]:
             lines |= dict.fromkeys(_complaint(item, data))
     return list(lines)
 
 
-def _within(key: str, item: Mapping, deeper: int) -> tuple | None:
-    """Message and location of `item`, counted from `deeper` steps below `key` on; None where it lies elsewhere."""
-    location = item["loc"]
-    return (location[location.index(key) + deeper :], item["msg"]) if key in location else None
+def checked(kind: Any, value: Any) -> Any:
+    """`value` as a `kind`, an annotated type; ValueError says what is wrong with it."""
+    try:
+        return TypeAdapter(kind).validate_python(value)
+    except ValidationError as error:
+        raise ValueError(_message(error.errors()[0])) from None
 
 
 def _complaint(item: Mapping, data: object) -> list[str]:
     key, written = _found(item["loc"], data)
-    kind, value = item["type"], item["input"]
+    kind, value, context = item["type"], item["input"], item.get("ctx", {})
     if kind == "unknown_keys":
         inside = f"{key}." if key else ""
-        return [f"{before}key '{inside}{name}'{after}" for name, (before, after) in item["ctx"]["keys"].items()]
+        return [f"{before}key '{inside}{name}'{after}" for name, (before, after) in context["keys"].items()]
     if kind == "missing":
         laid_over = ", or the key base, the path of a mechanism file over which these keys are laid"
         return [f"key '{key}' is missing; add it{laid_over if 'mechanism' in item['loc'][-2:-1] else ''}"]
+    if kind == "union_tag_not_found":
+        return [f"key '{key}.{_unquoted(context['discriminator'])[0]}' is missing; add it"]
     if kind.startswith("union_tag"):
-        choice = item["ctx"]["discriminator"].strip("'")
-        if kind == "union_tag_not_found":
-            return [f"key '{key}.{choice}' is missing; add it"]
-        tag, expected = item["ctx"]["tag"], [word.strip(" '") for word in item["ctx"]["expected_tags"].split(",")]
+        (choice,), tag = _unquoted(context["discriminator"]), context["tag"]
         what = "effect" if choice == "name" else choice
-        return [f"{key}.{choice} = {tag!r}: no such {what}; {did_you_mean(tag, expected)}"]
+        return [f"{key}.{choice} = {tag!r}: no such {what}; {did_you_mean(tag, _unquoted(context['expected_tags']))}"]
     shown = "" if isinstance(value, dict | BaseModel) else f" = {_shortened(repr(value))}"
     if isinstance(value, float) and isinstance(written, str):  # converted before it was found to be out of its range
         shown = f" = {_shortened(repr(written))}, {value:.6g} in SI"
     message = _message(item)
     return [f"{key}{shown}: {message[0].lower() + message[1:]}" if key else message]
+
+
+def _unquoted(words: str) -> list[str]:
+    return re.findall("'(.*?)'", words)
 
 
 def _found(location: tuple, data: object) -> tuple[str, object]:
@@ -133,9 +144,7 @@ def _found(location: tuple, data: object) -> tuple[str, object]:
             data = data[step]
         elif step in _UNSAID:
             continue
-        elif not (
-            isinstance(data, Mapping) and step in data.values()
-        ):  # else the name of an effect, the kind of a drive
+        elif not (isinstance(data, Mapping) and step in data.values()):  # else the name of an effect, a kind of drive
             data = None
         steps.append(str(step))
     return ".".join(steps), data
@@ -146,12 +155,12 @@ def _message(item: Mapping) -> str:
     kind, given = item["type"], item["input"]
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return f"must be {_ALSO.get(item['loc'][-1], '') if item['loc'] else ''}a mapping of keys to values"
+    if kind == "literal_error" and len(choices := _unquoted(item["ctx"]["expected"])) > _MOST_LISTED:
+        return f"there is no such choice; {did_you_mean(given, choices)}"
     family, _, what = kind.partition("_")
     if what in _WRONG_TYPE and family in _PLAIN:
-        quoted = (
-            "; write it in quotation marks" if family == "string" and not isinstance(given, list | dict | None) else ""
-        )
-        return f"must be {_PLAIN[family]}{quoted}"
+        is_scalar = given is not None and not isinstance(given, list | dict)
+        return f"must be {_PLAIN[family]}{'; write it in quotation marks' * (family == 'string' and is_scalar)}"
     message = _COUNTED.sub("", item["msg"])
     return _SUBJECT.sub(lambda found: "must " if found[2] else "", message)
 
@@ -174,6 +183,13 @@ def whole_number(**limits: float) -> Any:
 Seed = whole_number(ge=0, le=2**32 - 1)
 
 
+def distinct(values: tuple) -> tuple:
+    """`values`, of which none is there twice."""
+    if len(set(values)) < len(values):
+        raise ValueError("lists a value twice; give each once")
+    return values
+
+
 def text_of(value: Any) -> Any:
     """A whole number as the text that a user means by it, such as the run 1 or the column 3; all else as it is."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
@@ -184,10 +200,7 @@ def word(name: str) -> str:
     if re.fullmatch(r"[\w-]+", name) is None:
         raise ValueError("use letters, digits, '_' and '-' only, for files or folders are called so")
     if len(name) > 60 or len(name.encode()) > 180:  # with what stands before and behind it, a file's name has 255 bytes
-        raise ValueError(
-            f"use 60 letters at most, not {len(name)}, and fewer of alphabets other than Latin, for files or folders "
-            "are called so"
-        )
+        raise ValueError(f"use 60 letters at most, not {len(name)}, and fewer of other alphabets than Latin")
     return name
 
 

@@ -28,7 +28,7 @@ def code_digest(function: Callable[..., Any]) -> str:
     for name in sorted(modules):
         source = source_of(name)
         digest.update(name.encode() + source.read_bytes())
-        data = source.parent.glob("templates/*.j2" if source.name == "__init__.py" else f"{source.stem}.yaml")
+        data = source.parent.glob("templates/*" if source.name == "__init__.py" else f"{source.stem}.yaml")
         for file in sorted(data):  # templates, and the data of a module, are code too
             digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()[:12]
@@ -65,24 +65,13 @@ def _imports_of(module: str) -> frozenset[str]:
 
 
 def _imported(nodes: Iterable[ast.AST]) -> frozenset[str]:
-    """Modules of the package that the code in `nodes` imports, or names in a text from which it imports at run time."""
-    names = (name for root in nodes for node in ast.walk(root) for name in _named(node))
-    return frozenset(name for name in names if name and _exists(name))
-
-
-def _named(node: ast.AST) -> Iterator[str]:
-    if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "jointgap":
-        base = node.module.removeprefix("jointgap").removeprefix(".")
-        yield base
-        yield from (".".join(filter(None, (base, alias.name))) for alias in node.names)
-    elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("jointgap."):
-        # "jointgap.figures.", as in an f-string that a module's name follows, may be any module of that package, "...*"
-        # is all
-        name = node.value.removeprefix("jointgap.")
-        package = name.rstrip("*").rstrip(".")
-        yield name
-        if package != name and _exists(package):
-            yield from (f"{package}.{path.stem}" for path in sorted(source_of(package).parent.glob("*.py")))
+    """Modules of the package that the code in `nodes` imports."""
+    names: set[str] = set()
+    for node in (inner for root in nodes for inner in ast.walk(root) if isinstance(inner, ast.ImportFrom)):
+        package, _, base = (node.module or "").partition(".")
+        if package == "jointgap":
+            names |= {base, *(f"{base}.{alias.name}".strip(".") for alias in node.names)}
+    return frozenset(name for name in names if name and source_of(name).is_file())
 
 
 def _used(module: ast.Module, name: str) -> list[ast.stmt]:
@@ -95,7 +84,8 @@ def _used(module: ast.Module, name: str) -> list[ast.stmt]:
         elif isinstance(statement, ast.Import | ast.ImportFrom):
             defined |= {(alias.asname or alias.name).partition(".")[0]: statement for alias in statement.names}
         elif isinstance(statement, ast.Assign | ast.AnnAssign):
-            defined |= {node.id: statement for node in ast.walk(statement) if _is_stored(node)}
+            targets = (node for node in ast.walk(statement) if isinstance(node, ast.Name))
+            defined |= {node.id: statement for node in targets if isinstance(node.ctx, ast.Store)}
     used, waiting = {}, [name]
     while waiting:
         statement = defined.get(waiting.pop())
@@ -113,15 +103,6 @@ def _quoted_in_annotations(statement: ast.stmt) -> Iterator[str]:
             for inner in ast.walk(annotation) if annotation is not None else ():
                 if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
                     yield from re.findall(r"[A-Za-z_]\w*", inner.value)
-
-
-def _is_stored(node: ast.AST) -> bool:
-    return isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-
-
-@cache
-def _exists(name: str) -> bool:
-    return all(part.isidentifier() for part in name.split(".")) and source_of(name).is_file()
 
 
 class Option:

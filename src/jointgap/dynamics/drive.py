@@ -12,7 +12,6 @@ from scipy.sparse import sparray
 
 from jointgap.config import Simulate
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.parquet import is_as_written
 from jointgap.core.units import unit_factor
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MEASURED, MOST_KNOTS, MOTOR
@@ -114,10 +113,8 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
     try:
         if path.suffix != ".parquet":
             table = pd.read_csv(path, comment="#")
-        elif is_as_written(path) is not False:
-            table = pd.read_parquet(path, page_checksum_verification=True)
         else:
-            raise ValueError("its bytes are not those that were written; write it again")
+            table = pd.read_parquet(path, page_checksum_verification=True)
     except (OSError, ValueError) as error:
         raise InputError(f"simulate.drive.file {path}: cannot be read as a table ({error})") from error
     values = []
