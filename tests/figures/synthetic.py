@@ -7,8 +7,8 @@ from jointgap.config import Scenario, load_mechanism
 from jointgap.core import joints, schema
 from jointgap.core.joints import JOINT_NUMBERS, PINS
 from jointgap.dynamics.kinematics import ClearanceMotion, Motion, linkage_motion
-from jointgap.scenario.figures_base import predictions
 from jointgap.scenario.kinematics import kinematics
+from jointgap.scenario.trained import predictions
 
 SAMPLES = 72  # a revolution, every 5 deg
 TRAINING = 13  # points, every 30 deg
@@ -231,8 +231,8 @@ def tables_of(options: Scenario) -> dict[str, pd.DataFrame]:
     return {
         "trajectory": motion,
         "events": events(options),
-        "kinematics": found.motion,
-        "predictions": predictions(surrogates, motion, options),
+        "kinematics": found["kinematics"],
+        "predictions": predictions(surrogates, motion.iloc[: SAMPLES + 1]),
         "fit_history": fit_history(learned),
         "fit_errors": fit_errors(learned),
     } | optimisation()

@@ -4,7 +4,7 @@ import pytest
 
 from jointgap.config import resolve
 from jointgap.scenario.animation import magnification
-from jointgap.scenario.figures_base import round_number
+from jointgap.scenario.figure_data import round_number
 
 
 @pytest.mark.parametrize(

@@ -50,15 +50,17 @@ def result(request):
 
 
 def test_the_exact_form_agrees_with_the_simulation_to_rounding(result):
-    errors = result.errors.query("source == 'simulation_exact' and region == 'first_revolution'")
+    errors = result["kinematics_errors"].query("source == 'simulation_exact' and region == 'first_revolution'")
     assert len(errors) == 13
     # In flight r can be a few nm with gamma' of 1e5 rad/s, where rounding of the vectors' direction weighs more.
     assert (errors["peak"] <= 1e-12 * errors["range"]).all(), errors[["quantity", "peak", "range"]]
 
 
 def test_the_paper_form_agrees_in_position_only(result):
-    errors = result.errors.query("source == 'simulation_paper_form' and region == 'first_revolution'").set_index(
-        "quantity"
+    errors = (
+        result["kinematics_errors"]
+        .query("source == 'simulation_paper_form' and region == 'first_revolution'")
+        .set_index("quantity")
     )
     for quantity in ("rod_position_x", "rod_position_y", "rod_angle", "slider_position", "transmission_angle"):
         assert errors.loc[quantity, "rms_over_range"] < 1e-14
@@ -67,8 +69,8 @@ def test_the_paper_form_agrees_in_position_only(result):
 
 
 def test_only_the_start_is_undefined_and_the_tables_take_it(result):
-    undefined = result.motion[result.motion.isna().any(axis=1)]
+    undefined = result["kinematics"][result["kinematics"].isna().any(axis=1)]
     assert set(undefined["source"]) <= {"simulation_exact", "simulation_paper_form"}
-    assert (undefined["crank_angle"] == result.motion["crank_angle"].min()).all() and len(undefined) == 2
-    assert to_arrow(KINEMATICS, result.motion).num_rows == len(result.motion)
-    assert to_arrow(KINEMATICS_ERRORS, result.errors).num_rows == len(result.errors)
+    assert (undefined["crank_angle"] == result["kinematics"]["crank_angle"].min()).all() and len(undefined) == 2
+    assert to_arrow(KINEMATICS, result["kinematics"]).num_rows == len(result["kinematics"])
+    assert to_arrow(KINEMATICS_ERRORS, result["kinematics_errors"]).num_rows == len(result["kinematics_errors"])

@@ -63,13 +63,13 @@ def trajectory():
 
 def error_of(result, source, quantity, region="first_revolution"):
     keys = {"source": source, "quantity": quantity, "region": region}
-    rows = result.errors.loc[(result.errors[list(keys)] == pd.Series(keys)).all(axis=1)]
+    rows = result["kinematics_errors"].loc[(result["kinematics_errors"][list(keys)] == pd.Series(keys)).all(axis=1)]
     assert len(rows) == 1
     return rows.iloc[0]
 
 
 def contradiction_of(result, quantity, region="first_revolution"):
-    rows = result.contradictions.query("quantity == @quantity and region == @region")
+    rows = result["kinematics_contradictions"].query("quantity == @quantity and region == @region")
     assert len(rows) == 1
     return rows.iloc[0]
 
@@ -84,7 +84,7 @@ def test_perfect_fits_agree_with_the_simulation_and_with_each_other(trajectory):
         for form in ("own_rates", "integrated"):
             ours, papers = (error_of(result, f"networks_{which}", quantity) for which in (form, "paper_form"))
             assert abs(ours["peak"] - papers["peak"]) <= 1e-6 * scale
-    assert (result.contradictions["rms_over_range"] < 1e-6).all()
+    assert (result["kinematics_contradictions"]["rms_over_range"] < 1e-6).all()
 
 
 def test_the_paper_form_misses_the_acceleration_but_no_position(trajectory):
@@ -149,15 +149,18 @@ def test_errors_count_held_out_samples_only(trajectory):
     result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {})
     assert error_of(result, "ideal", "slider_position")["samples"] == 1800 - 360
     assert error_of(result, "ideal", "slider_position", "past_60_deg")["samples"] == 1500 - 300
-    assert result.contradictions.empty
+    assert result["kinematics_contradictions"].empty
 
 
 def test_the_table_holds_every_sample_of_every_source(trajectory):
     result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits()})
-    assert set(result.motion.groupby("source").size()) == {1801}
-    assert set(result.motion["source"]) == {"simulation", "ideal", "simulation_exact", "simulation_paper_form"} | {
-        f"networks_{form}" for form in ("paper_form", "exact", "own_rates", "integrated")
-    }
+    assert set(result["kinematics"].groupby("source").size()) == {1801}
+    assert set(result["kinematics"]["source"]) == {
+        "simulation",
+        "ideal",
+        "simulation_exact",
+        "simulation_paper_form",
+    } | {f"networks_{form}" for form in ("paper_form", "exact", "own_rates", "integrated")}
 
 
 def test_samples_without_a_direction_stay_undefined_and_out_of_the_errors(trajectory):
@@ -166,7 +169,7 @@ def test_samples_without_a_direction_stay_undefined_and_out_of_the_errors(trajec
     start.loc[hit, ["r2", "r2_dot", "r2_ddot"]] = 0.0
     start.loc[hit, ["gamma2", "gamma2_dot", "gamma2_ddot"]] = np.nan
     result = kinematics(MECHANISM, OPTIONS, 361, start, {})
-    exact = result.motion.query("source == 'simulation_exact'")
+    exact = result["kinematics"].query("source == 'simulation_exact'")
     assert exact["slider_velocity"].isna().sum() == 2 and exact["slider_position"].notna().all()
     assert error_of(result, "simulation_exact", "slider_velocity")["samples"] == 1440 - 2
 

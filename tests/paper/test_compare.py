@@ -38,7 +38,7 @@ def test_numbers_and_claims_are_judged_and_their_ratio_is_given():
     assert number("x", "1", 2.0, 2.021, "")["verdict"] == "differs"
     assert number("x", "1", 2.0, 2.021, "")["ratio"] == pytest.approx(1.0105)
     assert [limit("x", 1.0, ours, "")["verdict"] for ours in (1.0, 1.1)] == ["reached", "missed"]
-    assert [claim("minima", 1.0, holds, "")["verdict"] for holds in (True, False, None)] == [HOLDS, FAILS, UNKNOWN]
+    assert [claim("joints", 1.0, holds, why="")["verdict"] for holds in (True, False, None)] == [HOLDS, FAILS, UNKNOWN]
 
 
 def test_the_printed_points_share_one_ratio_of_lengths_and_one_valley():
@@ -92,7 +92,7 @@ def test_a_piston_moved_by_both_clearances_is_seen_as_superposed_and_one_moved_b
 
 
 def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
-    rows = [number("a < b", "1", 1.0, 2.0, "because & so"), claim("minima", None, None, "") | {"item": "c | d"}]
+    rows = [number("a < b", "1", 1.0, 2.0, "because & so"), claim("joints", None, None, why="") | {"item": "c | d"}]
     comparison = pd.DataFrame(rows)
     parquet.to_arrow(schema.COMPARISON, comparison)
     shown = comparison_page(comparison, scenario)

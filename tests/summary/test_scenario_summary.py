@@ -9,8 +9,7 @@ import pytest
 from jointgap.config import resolve
 from jointgap.core.page import to_html, to_markdown
 from jointgap.lengths.region import regions
-from jointgap.scenario.outcome import outcome, remarks
-from jointgap.scenario.page import document, headline, page
+from jointgap.scenario.outcome import document, headline, outcome, page, remarks
 
 SOURCES = ("networks", "clearance", "simulation", "simulation_settled")
 

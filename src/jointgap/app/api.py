@@ -671,7 +671,7 @@ class Optimum(Result):
 
         Over a whole revolution once the motion has settled; over the window, where one is asked for.
         """
-        return self._outcome.gain.reduction
+        return float(self._outcome.gain["reduction"])
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -679,7 +679,7 @@ class Optimum(Result):
 
         Ends of both signs mean that a single run may show a loss as well.
         """
-        return self._outcome.gain.low, self._outcome.gain.high
+        return tuple(self._outcome.gain[["reduction_low", "reduction_high"]].astype(float))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -698,20 +698,20 @@ class Optimum(Result):
     def _rows(self) -> list[Row]:
         found, gain = self._outcome, self._outcome.gain
         (old_crank, old_rod), (crank, rod) = found.original, found.lengths
-        before, after = found.cycle("simulated")
-        (old_force, force) = (max(forces.values()) for forces in found.peak_pin_forces)
-        over = f"over {found.stretch_in_words}"
+        before, after = (row for _, row in found.pair("optimise_worth", "simulated").iterrows())
+        old_force, force = found.peak_force
+        over = f"over {found.words_of(found.stretch)}"
         return [
             ("crank length", 1e3 * crank, "mm"),
             ("changes by", 1e3 * (crank - old_crank), "mm"),
             ("rod length", 1e3 * rod, "mm"),
             ("changes by", 1e3 * (rod - old_rod), "mm"),
             ("lies at a bound", joined(found.bounds) or "no", ""),
-            (f"RMS error of the transmission angle {over}, before", float(np.degrees(gain.before)), "deg"),
-            (f"RMS error of the transmission angle {over}, after", float(np.degrees(gain.after)), "deg"),
-            ("falls by", 100.0 * gain.reduction, "%"),
-            ("falls by, 5 % of pairs of runs", 100.0 * gain.low, "%"),
-            ("falls by, 95 % of pairs of runs", 100.0 * gain.high, "%"),
+            (f"RMS error of the transmission angle {over}, before", float(np.degrees(gain["original_error"])), "deg"),
+            (f"RMS error of the transmission angle {over}, after", float(np.degrees(gain["error"])), "deg"),
+            ("falls by", 100.0 * float(gain["reduction"]), "%"),
+            ("falls by, 5 % of pairs of runs", 100.0 * float(gain["reduction_low"]), "%"),
+            ("falls by, 95 % of pairs of runs", 100.0 * float(gain["reduction_high"]), "%"),
             *(
                 (f"{in_words(name)} changes by", 1e3 * float(after[name] - before[name]), "mm")
                 for name in ("stroke", "outer_dead_centre", "inner_dead_centre")

@@ -45,8 +45,6 @@ from jointgap.scenario.results import ScenarioResults
 MOST_BYTES = 6_000_000
 """Of the images that a report takes in: as text in the page they have a third more, and the page stays below 10 MB."""
 
-_PACKED = 0.4  # size of a still figure in a page over that of its PNG file, at most
-
 _KEY_FIGURES = ("resimulation", "valley", "figure_12", "contact_forces")
 _KEY_FIGURES_OF_CAMPAIGNS = ("measured_against_model", "disagreement", "ranking")
 """Figures that stand in a report of so many scenarios that all would be too large for a page; the others are linked."""
@@ -102,7 +100,7 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
     parts += [_campaign(folder, name) for name in campaigns]
     several = len(parts) > 1
     pictures = (path for part in parts for path in (folder / part.place).glob("*.png"))
-    whole = _PACKED * sum(path.stat().st_size for path in pictures) <= MOST_BYTES
+    whole = sum(path.stat().st_size for path in pictures) <= MOST_BYTES
     blocks: list[Block] = []
     if parts:
         key, specs = ("animation", FIGURES) if scenarios else ("measured_against_model", CAMPAIGN_FIGURES)

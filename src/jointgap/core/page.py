@@ -2,10 +2,9 @@
 
 import re
 from base64 import b64encode
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date
-from io import BytesIO
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 from urllib.parse import quote
@@ -14,26 +13,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from jointgap import __version__
+from jointgap.core.files import write_text
 from jointgap.core.words import day_in_words
-
-_COLOURS = 256  # of a palette: as many as a figure of lines and letters has, at a third of the bytes
 
 
 def data_address(path: Path) -> str:
-    """The image in a file as an address that holds it; a still one with a palette, which takes a third of the room."""
-    return f"data:image/{path.suffix[1:]};base64,{b64encode(_smaller(path.read_bytes(), path.suffix)).decode()}"
-
-
-def _smaller(content: bytes, suffix: str) -> bytes:
-    """The image in `content` with a palette; as it is where that is no smaller."""
-    if suffix != ".png":
-        return content
-    from PIL import Image
-
-    packed = BytesIO()
-    with Image.open(BytesIO(content)) as image:
-        image.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(packed, "PNG", optimize=True)
-    return min(content, packed.getvalue(), key=len)
+    """The image in a file as an address that holds it."""
+    return f"data:image/{path.suffix[1:]};base64,{b64encode(path.read_bytes()).decode()}"
 
 
 _UNBROKEN = 24  # [characters] a cell up to this length stays on one line: a table scrolls sooner than it squeezes words
@@ -113,6 +99,12 @@ class TableBlock:
     align: str = ""
     caption: str = ""
 
+    @classmethod
+    def of(cls, rows: Iterable[Mapping[str, "str | Cell | Link"]], align: str = "", caption: str = "") -> "TableBlock":
+        """A table of rows that have their cells by the head of the column; at least one row."""
+        rows = list(rows)
+        return cls(tuple(rows[0]), tuple(tuple(row.values()) for row in rows), align, caption)
+
     @property
     def rules(self) -> list[str]:
         """The line below the head, in Markdown's signs."""
@@ -186,6 +178,14 @@ class _Shown(NamedTuple):
 def written_today() -> str:
     """For a footer: by which version a page was written, and when."""
     return f"Written by jointgap {__version__} on {day_in_words(date.today())}."
+
+
+def write_page(stem: Path, page: Page, figures: str = ".") -> str:
+    """Write a page as ``stem.html`` and ``stem.md``, with `figures` in that folder beside it; the text in Markdown."""
+    text = to_markdown(page, figures)
+    write_text(stem.with_name(f"{stem.name}.html"), to_html(page, stem.parent / figures))
+    write_text(stem.with_name(f"{stem.name}.md"), text)
+    return text
 
 
 def to_markdown(page: Page, figures: str = "figures") -> str:

@@ -187,13 +187,16 @@ class Figures(dict[str, FigureSpec]):
     """The figures of a kind of results by name, in the order in which modules register them."""
 
     def figure(
-        self, name: str, title: str, category: str, tables: Iterable[str], caption: str, nothing: str = "", **more
+        self, name: str, title: str, category: str, tables: Iterable[str], caption: str = "", nothing: str = "", **more
     ) -> Callable[[Callable], Callable]:
-        """A decorator that registers a function from tables and a scenario (or a verdict) to a `Drawing`."""
+        """A decorator that registers a function from tables and a scenario (or a verdict) to a `Drawing`; its docstring
+        is the figure's caption where none is given.
+        """
 
         def register(function: Callable) -> Callable:
             given = {"call": getattr(function, "__name__", name)} | more
-            self[name] = FigureSpec(title, category, tuple(tables), caption, nothing, function, **given)
+            words = caption or " ".join(function.__doc__.split())
+            self[name] = FigureSpec(title, category, tuple(tables), words, nothing, function, **given)
             return function
 
         return register

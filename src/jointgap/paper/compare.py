@@ -1,4 +1,4 @@
-"""The paper's numbers and claims compared with ours: table `comparison` and its page."""
+"""The paper's numbers and claims compared with ours: table `comparison` and its page. The words are in printed.yaml."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,20 +14,15 @@ from jointgap.core.words import in_words
 from jointgap.paper.printed import (
     CLAIMS,
     OPTIMA,
+    REMARKS,
     TRAINING_ITERATIONS,
     TRAINING_MSE,
     PrintedOptimum,
     departures,
 )
 
-NEEDED = (
-    "trajectory",
-    "kinematics",
-    "fit_errors",
-    "optimise_optima",
-    "optimise_tolerance",
-    "optimise_resimulated",
-    "optimise_worth",
+NEEDED = ("trajectory", "kinematics", "fit_errors") + tuple(
+    f"optimise_{name}" for name in ("optima", "tolerance", "resimulated", "worth")
 )
 """Names of the tables that are compared."""
 
@@ -40,8 +35,8 @@ TIE = 0.001  # percentage points by which an optimiser has to lead
 IN_CONTACT = 0.999  # share of the clearance from which on the journal counts as on its bearing
 FOLLOWS = 30.0  # [deg] RMS deviation up to which a direction follows the crank
 ONE_POINT = 1e-6  # [m] within which two end points are one
-_TONES = {"agrees": "good", "reached": "good", "holds": "good"}
-_TONES |= {"differs": "bad", "missed": "bad", "does not hold": "bad"}
+_TONES = dict.fromkeys(("agrees", "reached", "holds"), "good")
+_TONES |= dict.fromkeys(("differs", "missed", "does not hold"), "bad")
 
 Row = dict[str, Any]
 
@@ -64,12 +59,14 @@ def limit(item: str, paper: float, ours: float, why: str) -> Row:
     return _row("number", item, "1", paper, ours, "reached" if ours <= paper else "missed", why)
 
 
-def claim(key: str, ours: float | None, holds: bool | None, why: str) -> Row:
+def claim(key: str, ours: float | None, holds: bool | None, **evidence: Any) -> Row:
     """A claim of the paper (key of `CLAIMS`) and our evidence; `holds` is None where it cannot be told."""
-    item, unit, *paper = CLAIMS[key]
+    known = CLAIMS[key]
+    paper = known.get("paper")
     verdict = "cannot be told" if holds is None else "holds" if holds else "does not hold"
-    unit = unit if paper or ours is not None else ""
-    return _row("claim", item, unit, float(paper[0]) if paper else None, ours, verdict, why)
+    unit = "" if paper is None and ours is None else known["unit"]
+    why = known["evidence"].format(**evidence)
+    return _row("claim", known["item"], unit, None if paper is None else float(paper), ours, verdict, why)
 
 
 def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[Row]) -> pd.DataFrame:
@@ -80,9 +77,13 @@ def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Se
     first = frames["trajectory"].iloc[: scenario.simulate.samples_per_revolution + 1].reset_index(drop=True)
     turned = np.degrees(first["crank_angle"] - first["crank_angle"].iloc[0]).to_numpy()
     ideal = frames["kinematics"].query("source == 'ideal'").reset_index(drop=True)
-    loose = scenario.mechanism.applied().loose
-    found = _of_networks(frames["optimise_optima"], scenario).set_index("method")
-    ends = _of_networks(frames["optimise_tolerance"], scenario)
+    loose, default = scenario.mechanism.applied().loose, scenario.surrogate.seeds[0]
+    searched = {"source": "networks", "box": next(iter(scenario.optimise.boxes))}
+    found, ends = (
+        table[(table[list(searched)] == pd.Series(searched)).all(axis=1)]
+        for table in (frames["optimise_optima"], frames["optimise_tolerance"])
+    )
+    found = found.set_index("method")
     rows = [
         *([superposition_claim(first, ideal, loose)] if len(loose) > 1 else []),
         *optimiser_claims(found, ends),
@@ -93,28 +94,23 @@ def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Se
         return pd.DataFrame([row | {"paper": None, "ratio": None} for row in rows])
     errors = frames["fit_errors"].query("region == 'all'")
     numbers = [
-        *training_errors(errors, scenario.surrogate.seeds[0]),
+        *training_errors(errors, default),
         *second_surrogate(errors),
-        *(
-            row
-            for printed, method in zip(OPTIMA, ("genetic", "local"), strict=False)
-            for row in optimum(printed, found.loc[method])
-        ),
+        *optimum(OPTIMA[0], found.loc["genetic"]),
+        *optimum(OPTIMA[1], found.loc["local"]),
         *another_end(OPTIMA[2], ends),
         *printed_points(frames["optimise_optima"]),
     ]
     claims = [
         *contact_claims(first, turned, scenario),
         *deviation_claims(first, turned, ideal),
-        networks_claim(errors, scenario.surrogate.seeds[0]),
+        networks_claim(errors, default),
         evaluations_claim(found),
     ]
     return pd.DataFrame([*numbers, *claims, *rows])
 
 
-def _of_networks(table: pd.DataFrame, scenario: Scenario) -> pd.DataFrame:
-    """Rows of an optimisation on the networks' motion in the main box."""
-    return table[(table["source"] == "networks") & (table["box"] == next(iter(scenario.optimise.boxes)))]
+# -- numbers
 
 
 def training_errors(errors: pd.DataFrame, default: int) -> Iterator[Row]:
@@ -123,18 +119,16 @@ def training_errors(errors: pd.DataFrame, default: int) -> Iterator[Row]:
     for output, printed in TRAINING_MSE.items():
         every = networks[networks["output"] == output]
         ours = every[every["seed"] == default].iloc[0]
-        done, stop = ours["iterations"], ours["stop"].partition(";")[0]
-        why = f"Default start, {done:.0f} of {TRAINING_ITERATIONS} iterations ({stop})."
+        said = {"allowed": TRAINING_ITERATIONS, "reached": "", "starts": ""}
         if not pd.isna(ours["iterations_to_paper"]):
-            why += f" Reached the paper's error after {ours['iterations_to_paper']:.0f} iterations."
-        held_out, spline = ours["held_out_mse"], ours["spline_held_out_mse"]
-        why += f" Held-out MSE {held_out:.2g}; spline through the same points {spline:.2g}."
+            said["reached"] = f" Reached the paper's error after {ours['iterations_to_paper']:.0f} iterations."
         if len(every) > 1:
             shown = (
                 f"{name} {every[column].median():.2g} ({every[column].min():.2g} to {every[column].max():.2g})"
                 for name, column in (("training", "training_mse"), ("held-out", "held_out_mse"))
             )
-            why += f" Median (range) of {len(every)} starts: {', '.join(shown)}."
+            said["starts"] = f" Median (range) of {len(every)} starts: {', '.join(shown)}."
+        why = REMARKS["training"].format(**{**ours, "stop": ours["stop"].partition(";")[0]}, **said)
         yield limit(f"training MSE of {output}", printed, ours["training_mse"], why)
 
 
@@ -142,55 +136,43 @@ def second_surrogate(errors: pd.DataFrame) -> Iterator[Row]:
     """Held-out errors of the second surrogate against the paper's training errors."""
     ours = errors[errors["model"] == "clearance"].set_index("output")
     for output, printed in TRAINING_MSE.items():
-        row = ours.loc[output]
-        why = (
-            f"The paper's is a training error. {row['training_points']:.0f} training points, {row['weights']:.0f} "
-            f"weights for the joint; spline through the same points {row['spline_held_out_mse']:.2g}."
-        )
-        yield limit(f"held-out MSE of {output}, second surrogate", printed, row["held_out_mse"], why)
+        row, item = ours.loc[output], f"held-out MSE of {output}, second surrogate"
+        yield limit(item, printed, row["held_out_mse"], REMARKS["second_surrogate"].format(**row))
 
 
 def _lengths_and_reduction(printed: PrintedOptimum, ours: pd.Series, *why: str) -> Iterator[Row]:
-    for name, key, unit, factor, within, sentence in (
-        ("crank length L2", "crank_length", "mm", 1e3, LENGTH_AGREES, why[0]),
-        ("rod length L3", "rod_length", "mm", 1e3, LENGTH_AGREES, why[1]),
-        ("error decreases by", "reduction", "%", 100, AGREES, why[2]),
-    ):
-        value = ours["rms_reduction" if key == "reduction" else key]
-        yield number(f"{printed.name}: {name}", unit, factor * getattr(printed, key), factor * value, sentence, within)
+    name = printed.name
+    crank, rod, fall = 1e3 * printed.crank_length, 1e3 * printed.rod_length, 100 * printed.reduction
+    yield number(f"{name}: crank length L2", "mm", crank, 1e3 * ours["crank_length"], why[0], LENGTH_AGREES)
+    yield number(f"{name}: rod length L3", "mm", rod, 1e3 * ours["rod_length"], why[1], LENGTH_AGREES)
+    yield number(f"{name}: error decreases by", "%", fall, 100 * ours["rms_reduction"], why[2])
 
 
 def optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
     """The paper's optimum of an optimiser and ours, a row of optimise_optima."""
-    after = np.degrees(ours["rms"])
-    others = ("mean_absolute", "peak", "sum_of_squares")
-    bounds = ours["active_bounds"]
-    yield from _lengths_and_reduction(
-        printed,
-        ours,
-        f"L2/L3 = {ours['ratio']:.5f}; paper {printed.crank_length / printed.rod_length:.5f}.",
-        "The error falls with L3 along the valley, so bounds decide; the paper does not print them. "
-        + ("No bound is active: the search stopped before." if bounds == "none" else f"Active: {bounds}."),
-        f"RMS error {after / (1 - ours['rms_reduction']):.4f} -> {after:.4f} deg; other measures: "
-        + ", ".join(f"{in_words(name)} {ours[f'{name}_reduction']:.2%}" for name in others)
-        + ". The result depends on measure, window and friction, which the paper does not print.",
-    )
+    after, bounds = np.degrees(ours["rms"]), ours["active_bounds"]
+    said = {"printed": printed.crank_length / printed.rod_length, "after": after}
+    said["before"] = after / (1 - ours["rms_reduction"])
+    said["active"] = "No bound is active: the search stopped before." if bounds == "none" else f"Active: {bounds}."
+    why = (REMARKS[key].format(**ours, **said) for key in ("crank_length", "rod_length", "reduction"))
+    yield from _lengths_and_reduction(printed, ours, *why)
     if printed.evaluations is not None:
-        within = ours["evaluations_within_1_percent"]
-        reached = "never" if pd.isna(within) else f"after {within:.0f} evaluations"
-        why = f"{str(ours['status']).capitalize()}; within 1 % of the lowest value {reached}."
+        reached = _after(ours["evaluations_within_1_percent"])
+        why = REMARKS["calls"].format(status=str(ours["status"]).capitalize(), reached=reached)
         yield number(f"{printed.name}: function evaluations", "1", printed.evaluations, ours["evaluations"], why)
+
+
+def _after(calls: float) -> str:
+    return "never" if pd.isna(calls) else f"after {calls:.0f} evaluations"
 
 
 def another_end(printed: PrintedOptimum, ends: pd.DataFrame) -> Iterator[Row]:
     """The paper's poorer end point and the poorest of ours, at the loosest stopping tolerance tried."""
-    loosest, tightest = (ends[ends["tolerance"] == ends["tolerance"].agg(edge)] for edge in ("max", "min"))
-    why = (
-        f"The poorest of {len(loosest)} end points at the loosest tolerance ({loosest['tolerance'].iloc[0]:.0e}). At "
-        f"the tightest ({tightest['tolerance'].iloc[0]:.0e}) they differ by "
-        f"{100 * np.ptp(tightest['rms_reduction']):.2g} percentage points: the search stopped in a flat valley."
-    )
-    yield from _lengths_and_reduction(printed, loosest.loc[loosest["rms_reduction"].idxmin()], why, why, why)
+    by_tolerance = dict(list(ends.groupby("tolerance")))
+    tightest, loosest = min(by_tolerance), max(by_tolerance)
+    own, apart = by_tolerance[loosest], 100 * np.ptp(by_tolerance[tightest]["rms_reduction"])
+    why = REMARKS["another_end"].format(number=len(own), loosest=loosest, tightest=tightest, apart=apart)
+    yield from _lengths_and_reduction(printed, own.loc[own["rms_reduction"].idxmin()], why, why, why)
 
 
 def printed_points(optima: pd.DataFrame) -> Iterator[Row]:
@@ -198,41 +180,31 @@ def printed_points(optima: pd.DataFrame) -> Iterator[Row]:
     points = optima[(optima["source"] == "networks") & (optima["method"] == "printed")].set_index("point")
     for printed in OPTIMA:
         ours, theirs = points.loc[printed.key], 1e3 * (1 - printed.reduction) * printed.rod_length
-        yield number(
-            f"at the printed lengths of: {printed.name}, error decreases by",
-            "%",
-            100 * printed.reduction,
-            100 * ours["rms_reduction"],
-            f"RMS on our motion. (1 - R) L3 = {1e3 * ours['invariant']:.2f} mm; paper {theirs:.2f} mm. It is constant "
-            "along the valley: the three printed points are one valley.",
-        )
+        why = REMARKS["printed_point"].format(ours=1e3 * ours["invariant"], theirs=theirs)
+        item = f"at the printed lengths of: {printed.name}, error decreases by"
+        yield number(item, "%", 100 * printed.reduction, 100 * ours["rms_reduction"], why)
+
+
+# -- claims
 
 
 def contact_claims(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Iterator[Row]:
     """Where contact is lost in the first revolution, `turned` (n,) [deg], and whether gamma2 follows the crank."""
-    mechanism, last, shares = scenario.mechanism.applied(), {}, []
-    until = CLAIMS["unstable"][2]
+    mechanism, last, shares = scenario.mechanism.applied(), 0.0, []
+    until = CLAIMS["unstable"]["paper"]
     for joint in mechanism.loose:
         lost = first[f"r{JOINT_NUMBERS[joint]}"].to_numpy() < IN_CONTACT * mechanism.clearance(joint)
-        last[joint] = float(turned[lost].max(initial=0.0))
-        shares.append(
-            f"{in_words(joint)} at {last[joint]:.1f} deg ({lost[turned > until].mean():.1%} of the rest without "
-            "contact)"
-        )
-    worst = max(last.values())
-    why = f"Contact (r >= {IN_CONTACT} rc) is lost last: {'; '.join(shares)}."
-    yield claim("unstable", worst, worst <= ABOUT * until, why)
+        at, rest = float(turned[lost].max(initial=0.0)), lost[turned > until].mean()
+        shares.append(f"{in_words(joint)} at {at:.1f} deg ({rest:.1%} of the rest without contact)")
+        last = max(last, at)
+    yield claim("unstable", last, last <= ABOUT * until, touching=IN_CONTACT, lost="; ".join(shares))
     past = turned >= 60.0
-    gamma = np.degrees(first["gamma2"].to_numpy())[past]
-    turns = (gamma[-1] - gamma[0]) / (turned[past][-1] - turned[past][0])
-    deviation = gamma - turned[past]
+    gamma, angle = np.degrees(first["gamma2"].to_numpy())[past], turned[past]
+    turns = (gamma[-1] - gamma[0]) / (angle[-1] - angle[0])
+    deviation = gamma - angle
     deviation -= deviation.mean()
     rms = np.sqrt(np.mean(deviation**2))
-    why = (
-        f"Past 60 deg gamma2 deviates from the crank angle by {rms:.1f} deg RMS, {np.abs(deviation).max():.0f} deg at "
-        f"most, apart from a constant; less than {FOLLOWS:g} deg RMS counts as following."
-    )
-    yield claim("gamma2", turns, rms < FOLLOWS, why)
+    yield claim("gamma2", turns, rms < FOLLOWS, rms=rms, most=np.abs(deviation).max(), limit=FOLLOWS)
 
 
 def deviation_claims(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) -> Iterator[Row]:
@@ -243,36 +215,24 @@ def deviation_claims(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFram
         size = (first[column] - ideal[column]).abs().to_numpy()
         return np.sqrt(np.nanmean(size**2)), np.nanmax(size), turned[np.nanargmax(size)]
 
-    (_, x, _), (_, y, _), (_, piston, _) = map(sizes, ("rod_position_x", "rod_position_y", "slider_position"))
-    for key, largest, why in (
-        ("rod", 1e3 * max(x, y), f"Largest deviation {1e3 * x:.3f} mm in X, {1e3 * y:.3f} mm in Y"),
-        ("piston", 1e3 * piston, f"Largest deviation {1e3 * piston:.3f} mm"),
-    ):
-        holds = largest <= ABOUT * CLAIMS[key][2]
-        yield claim(key, largest, holds, f"{why}; up to {ABOUT - 1:.0%} more than the paper's counts as about.")
-    for quantity, unit in (("velocity", "m/s"), ("acceleration", "m/s^2")):
-        (x, peak_x, _), (y, peak_y, _) = (sizes(f"rod_{quantity}_{axis}") for axis in "xy")
+    x, y, piston = (1e3 * sizes(name)[1] for name in ("rod_position_x", "rod_position_y", "slider_position"))
+    for key, largest, shown in (("rod", max(x, y), {"x": x, "y": y}), ("piston", piston, {"x": piston})):
+        yield claim(key, largest, largest <= ABOUT * CLAIMS[key]["paper"], about=ABOUT - 1, **shown)
+    for key in ("rod_velocity", "rod_acceleration"):
+        (x, peak_x, _), (y, peak_y, _) = (sizes(f"{key}_{axis}") for axis in "xy")
         holds = None if abs(y / x - 1) < ALIKE else y > x
-        why = (
-            f"RMS {x:.4g} in X, {y:.4g} {unit} in Y; peaks {peak_x:.4g}, {peak_y:.4g} {unit}. Less than {ALIKE:.0%} "
-            "apart: alike."
-        )
-        yield claim(f"rod_{quantity}", y / x, holds, why)
-    peaks = {
-        "rod in X": sizes("rod_acceleration_x"),
-        "rod in Y": sizes("rod_acceleration_y"),
-        "piston": sizes("slider_acceleration"),
-    }
+        yield claim(key, y / x, holds, x=x, y=y, peak_x=peak_x, peak_y=peak_y, alike=ALIKE)
+    peaks = {"rod in X": "rod_acceleration_x", "rod in Y": "rod_acceleration_y", "piston": "slider_acceleration"}
+    peaks = {words: sizes(column) for words, column in peaks.items()}
     latest = max(angle for _, _, angle in peaks.values())
     where = ", ".join(f"{words} at {angle:.1f} deg by {peak:.4g} m/s^2" for words, (_, peak, angle) in peaks.items())
-    yield claim("peaks", latest, latest <= ABOUT * CLAIMS["peaks"][2], f"Largest deviations: {where}.")
+    yield claim("peaks", latest, latest <= ABOUT * CLAIMS["peaks"]["paper"], where=where)
 
 
 def superposition_claim(first: pd.DataFrame, ideal: pd.DataFrame, loose: Sequence[str]) -> Row:
     """How much of the piston's deviation the clearances of the `loose` joints along the slide explain."""
-    numbers = sorted(JOINT_NUMBERS[joint] for joint in loose)
-    signs = {number: -1.0 if number == 3 else 1.0 for number in numbers}
-    defined = first[[f"gamma{number}" for number in numbers]].notna().all(axis=1).to_numpy()
+    signs = {number: -1 if number == 3 else 1 for number in sorted(JOINT_NUMBERS[joint] for joint in loose)}
+    defined = first[[f"gamma{number}" for number in signs]].notna().all(axis=1).to_numpy()
     deviation = (first["slider_position"] - ideal["slider_position"]).to_numpy()[defined]
     parts = [
         sign * (first[f"r{number}"] * np.cos(first[f"gamma{number}"])).to_numpy()[defined]
@@ -280,58 +240,47 @@ def superposition_claim(first: pd.DataFrame, ideal: pd.DataFrame, loose: Sequenc
     ]
     explained, *alone = (1.0 - np.var(deviation - part) / np.var(deviation) for part in (sum(parts), *parts))
     terms = "".join(f" {'-' if sign < 0 else '+'} r{number} cos gamma{number}" for number, sign in signs.items())
-    why = (
-        f"{terms.removeprefix(' + ')} explains {explained:.1%} of the variance of the piston's deviation, the best "
-        f"single joint {max(alone):.1%}; the rest comes from the rod's tilt."
-    )
-    return claim("superposed", explained, explained > 0.95, why)
+    shown = {"terms": terms.removeprefix(" + "), "explained": explained, "alone": max(alone)}
+    return claim("superposed", explained, explained > 0.95, **shown)
 
 
 def networks_claim(errors: pd.DataFrame, default: int) -> Row:
     """Held-out errors of the networks against the paper's training errors."""
     own = errors[(errors["model"] == "network") & (errors["seed"] == default)].set_index("output")
     ratios = (own["held_out_mse"] / own["paper_mse"]).dropna()
-    worst = ratios.idxmax()
+    worst, why = ratios.idxmax(), ""
     held_out, training = own.loc[worst, ["held_out_mse", "training_mse"]]
-    why = (
-        f"Held-out error at or below the paper's training error: {int((ratios <= 1).sum())} of {len(ratios)} networks. "
-        f"Farthest: {worst}, {held_out:.2g} held out, {training:.2g} in training."
-    )
     if ratios.max() > 1:
-        overfit = "Overfitting: contacts oscillate faster than the training points resolve."
-        why += " The training stopped short." if held_out < 2.0 * training else f" {overfit}"
-    return claim("networks", ratios.max(), bool((ratios <= 1.0).all()), why)
+        overfit = " Overfitting: contacts oscillate faster than the training points resolve."
+        why = " The training stopped short." if held_out < 2.0 * training else overfit
+    shown = {"reached": int((ratios <= 1).sum()), "number": len(ratios), "worst": worst, "why": why}
+    return claim("networks", ratios.max(), ratios.max() <= 1.0, held_out=held_out, training=training, **shown)
 
 
 def evaluations_claim(found: pd.DataFrame) -> Row:
     """Evaluations until both optimisers came near the optimum."""
-    within = [found.loc[method, "evaluations_within_1_percent"] for method in ("genetic", "local")]
-    enough = all(not pd.isna(own) and own <= printed.evaluations for own, printed in zip(within, OPTIMA, strict=False))
-    shown = ["never" if pd.isna(own) else f"after {own:.0f} evaluations" for own in within]
-    why = f"Within 1 % of the lowest sum of squares: genetic {shown[0]}, best local start {shown[1]}."
-    return claim("evaluations", within[0], enough, why)
+    genetic, local = (found.loc[method, "evaluations_within_1_percent"] for method in ("genetic", "local"))
+    pairs = zip((genetic, local), OPTIMA[:2], strict=True)
+    enough = all(not pd.isna(own) and own <= printed.evaluations for own, printed in pairs)
+    return claim("evaluations", genetic, enough, genetic=_after(genetic), local=_after(local))
 
 
 def optimiser_claims(found: pd.DataFrame, ends: pd.DataFrame) -> Iterator[Row]:
     """Genetic against local, and in how many points the local optimiser ends."""
-    genetic, local = found.loc["genetic"], found.loc["local"]
-    lead = 100 * (genetic["rms_reduction"] - local["rms_reduction"])
-    why = (
-        f"Genetic {genetic['rms_reduction']:.4%} after {genetic['evaluations']:.0f} evaluations, best local "
-        f"{local['rms_reduction']:.4%} after {local['evaluations']:.0f}; a lead of {TIE:g} percentage points or less "
-        "is a tie."
+    (genetic, local), (calls, local_calls) = (
+        found.loc[["genetic", "local"], column] for column in ("rms_reduction", "evaluations")
     )
-    yield claim("genetic", lead, lead > TIE, why)
+    lead = 100 * (genetic - local)
+    shown = {"genetic": genetic, "local": local, "calls": calls, "local_calls": local_calls, "tie": TIE}
+    yield claim("genetic", lead, lead > TIE, **shown)
     counts = {
         tolerance: distinct(part[["crank_length", "rod_length"]].to_numpy())
         for tolerance, part in ends.groupby("tolerance")
     }
-    (tightest, few), *_, (loosest, many) = counts.items()
-    why = (
-        f"End points more than {1e6 * ONE_POINT:.0f} um apart: {few} at the tolerance {tightest:.0e}, {many} at "
-        f"{loosest:.0e}. Apparent minima are where the search stopped."
-    )
-    yield claim("minima", few, few > 1, why)
+    tightest, loosest = min(counts), max(counts)
+    few, many = counts[tightest], counts[loosest]
+    shown = {"apart": 1e6 * ONE_POINT, "few": few, "many": many, "tightest": tightest, "loosest": loosest}
+    yield claim("minima", few, few > 1, **shown)
 
 
 def distinct(points: np.ndarray) -> int:
@@ -351,14 +300,24 @@ def gain_claims(again: pd.DataFrame, worth: pd.DataFrame, scenario: Scenario) ->
     for stretch in ("window", "settled"):
         row = rows.loc[stretch]
         low, middle, high = (100 * row[name] for name in ("reduction_low", "reduction", "reduction_high"))
-        why = (
-            f"RMS error {np.degrees(row['original_error']):.4f} -> {np.degrees(row['error']):.4f} deg: {middle:.2f} % "
-            f"(5-95 %: {low:.2f} to {high:.2f} %) over {row['members']:.0f} perturbed starts for each pair of lengths, "
-            f"improved in {row['share_better']:.0%} of run pairs; frozen {100 * row['frozen_reduction']:.2f} %. Stroke "
-            f"{1e3 * machine['stroke_change']:+.3f} mm, smallest transmission angle "
-            f"{np.degrees(machine['smallest_transmission_angle_change']):+.3f} deg."
+        yield claim(
+            f"gain_{stretch}",
+            middle,
+            True if low > 0 else False if high < 0 else None,
+            before=np.degrees(row["original_error"]),
+            after=np.degrees(row["error"]),
+            low=low,
+            middle=middle,
+            high=high,
+            members=row["members"],
+            better=row["share_better"],
+            frozen=100 * row["frozen_reduction"],
+            stroke=1e3 * machine["stroke_change"],
+            angle=np.degrees(machine["smallest_transmission_angle_change"]),
         )
-        yield claim(f"gain_{stretch}", middle, True if low > 0 else False if high < 0 else None, why)
+
+
+# -- scenarios that differ in their loose joints alone
 
 
 def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
@@ -409,9 +368,8 @@ def more_is_better(variants: pd.DataFrame) -> bool | None:
 
     `variants` are rows of `variant_optimum`.
     """
-    pairs = variants.merge(variants, how="cross", suffixes=("_few", "_many")).query(
-        "loose_joints_few < loose_joints_many"
-    )
+    pairs = variants.merge(variants, how="cross", suffixes=("_few", "_many"))
+    pairs = pairs.query("loose_joints_few < loose_joints_many")
     if (pairs["found_high_many"] < pairs["found_low_few"]).any():
         return False
     return True if len(pairs) and (pairs["found_low_many"] > pairs["found_high_few"]).all() else None
@@ -420,35 +378,36 @@ def more_is_better(variants: pd.DataFrame) -> bool | None:
 def joints_claim(variants: pd.DataFrame) -> Row:
     """The claim that more loose joints gain more, judged by scenarios that differ in their loose joints only."""
     if variants["loose_joints"].nunique() < 2:
-        return claim("joints", None, None, "Needs scenarios in the same run that differ only in their loose joints.")
+        return claim("joints", None, None, why=REMARKS["too_few"])
     means = variants.groupby("loose_joints")["found_reduction"].mean()
     numbers = "; ".join(
         f"{row.loose_joints} loose ({row.scenario}): {row.found_reduction:.2%} ({row.found_low:.2%} to "
         f"{row.found_high:.2%})"
         for row in variants.sort_values("loose_joints", kind="stable").itertuples()
     )
-    why = f"RMS reduction over the window, simulated again, median (5-95 %): {numbers}. {conclusion(variants)}"
-    return claim("joints", 100 * (means.iloc[-1] - means.iloc[0]), more_is_better(variants), why)
+    why = REMARKS["measured"].format(numbers=numbers, conclusion=conclusion(variants))
+    return claim("joints", 100 * (means.iloc[-1] - means.iloc[0]), more_is_better(variants), why=why)
 
 
 def conclusion(variants: pd.DataFrame) -> str:
     """What the `variants` show about the count of loose joints, in words."""
     verdict = more_is_better(variants)
-    if verdict is None:
-        return "The spreads overlap, so this cannot be decided."
-    if verdict:
-        return "Each scenario with more loose joints gains more than each with fewer, spreads included."
-    most, least = (variants.loc[getattr(variants["found_reduction"], edge)()] for edge in ("idxmax", "idxmin"))
-    return (
-        f"{most['scenario']} (loose joints: {most['loose_joints']}) gains most, {least['scenario']} (loose joints: "
-        f"{least['loose_joints']}) least: the number of loose joints does not determine the gain. The part of the "
-        "error that is proportional to the sine of the crank angle does, because another length ratio removes only "
-        "that part."
-    )
+    if verdict is not False:
+        return REMARKS["undecided" if verdict is None else "more"]
+    ranked = variants.sort_values("found_reduction")
+    (least, most), (in_least, in_most) = (ranked[name].iloc[[0, -1]] for name in ("scenario", "loose_joints"))
+    return REMARKS["other"].format(most=most, least=least, in_most=in_most, in_least=in_least)
+
+
+# -- page
 
 
 def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
     """The `comparison` (table comparison) of a `scenario` on one page."""
+    counts = (
+        f"{kind.capitalize()}s: {', '.join(f'{verdict} {n}' for verdict, n in rows['verdict'].value_counts().items())}."
+        for kind, rows in comparison.groupby("kind", sort=False)
+    )
     if differences := departures(scenario.mechanism, scenario.simulate):
         basis = (
             f"This mechanism is not the paper's ({'; '.join(differences)}), so only its claims without a size are "
@@ -459,7 +418,7 @@ def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
             f"A number agrees within {AGREES:.0%} of the paper's, an optimum length within {LENGTH_AGREES:.1%}. "
             "Nothing is tuned to match: contact parameters, bounds and window are those of the configuration."
         )
-    texts = (scenario.description, f"{_counts(comparison)} {basis}")
+    texts = (scenario.description, f"{' '.join(counts)} {basis}")
     blocks: list[Block] = [Paragraph(text) for text in texts if text]
     for kind, title, why in (("number", "Printed numbers", "remark"), ("claim", "Claims", "our evidence")):
         rows = comparison[comparison["kind"] == kind]
@@ -467,15 +426,6 @@ def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
             heads = (kind, "unit", "paper", "ours", "ours / paper", "verdict", why)
             blocks += [Heading(title), TableBlock(heads, tuple(map(_cells, rows.itertuples())), "llrrrll")]
     return Page("The paper and this simulation side by side", tuple(blocks))
-
-
-def _counts(comparison: pd.DataFrame) -> str:
-    """How many numbers agree and claims hold, in words."""
-    sentences = []
-    for kind, rows in comparison.groupby("kind", sort=False):
-        counts = (f"{verdict} {count}" for verdict, count in rows["verdict"].value_counts().items())
-        sentences.append(f"{kind.capitalize()}s: {', '.join(counts)}.")
-    return " ".join(sentences)
 
 
 def _cells(row) -> tuple[str | Cell, ...]:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -27,7 +28,8 @@ _PRINTED = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding
 TRAINING_MSE: dict[str, float] = _PRINTED["training_mse"]
 TRAINING_ITERATIONS: int = _PRINTED["training_iterations"]
 OPTIMA = tuple(PrintedOptimum(**optimum) for optimum in _PRINTED["optima"])
-CLAIMS: dict[str, list] = _PRINTED["claims"]
+CLAIMS: dict[str, dict[str, Any]] = _PRINTED["claims"]
+REMARKS: dict[str, str] = _PRINTED["remarks"] | _PRINTED["joints"]
 CLEARANCE_M, CRANK_M, ROD_M, SPEED_RPM = (
     _PRINTED["mechanism"][key] for key in ("clearance", "crank", "rod", "speed_rpm")
 )

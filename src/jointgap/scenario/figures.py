@@ -1,21 +1,725 @@
-"""All figures of a scenario. A further figure is a function with the decorator `figure` in a module imported here."""
+"""The figures of a scenario. A figure is a function with the decorator `figure`; its docstring is the caption."""
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.core import plot
-from jointgap.scenario import animation, figures_motion, figures_networks, figures_optimum  # noqa: F401  they register
-from jointgap.scenario.figures_base import FIGURES
+from jointgap.core.joints import number_of, outputs
+from jointgap.core.plot import COLOURS, CRANK_ANGLE, IMPACTS_DWARF, Drawing, Figures, Panel, Quantity, Sheet, round_up
+from jointgap.core.words import in_words
+from jointgap.scenario import animation as moving
+from jointgap.scenario.figure_data import (
+    MODES,
+    SMALLEST_FORCE,
+    contacts_of,
+    degrees,
+    eccentricity,
+    loose_joints,
+    revolution,
+    round_number,
+)
 
-draw = FIGURES.draw
+Tables = Mapping[str, pd.DataFrame]
+FIGURES = Figures()
+figure, draw = FIGURES.figure, FIGURES.draw
+
+DEGREES = 180.0 / np.pi
 
 
-def draw_all(
-    tables: Mapping[str, pd.DataFrame], scenario: Scenario, folder: Path | str, names: Iterable[str] = ()
-) -> tuple[Path, ...]:
+def draw_all(tables: Tables, scenario: Scenario, folder: Path | str, names: Iterable[str] = ()) -> tuple[Path, ...]:
     """Draw the figures `names` (all still ones by default) and save them in `folder`; the files written."""
     drawn = ((name, draw(name, tables, scenario)) for name in names or FIGURES.still)
     return tuple(path for name, drawing in drawn for path in plot.save(drawing, Path(folder) / name))
+
+
+def by_source(tables: Tables) -> dict[str, pd.DataFrame]:
+    """The table kinematics by source."""
+    return dict(list(tables["kinematics"].groupby("source")))
+
+
+def predicted(tables: Tables, output: str) -> pd.DataFrame:
+    """What the network of one `output` predicts: rows of the frame ``predictions``."""
+    frame = tables["predictions"]
+    return frame[(frame["surrogate"] == "networks") & (frame["output"] == output)].reset_index(drop=True)
+
+
+def first_and_settled(tables: Tables, scenario: Scenario) -> dict[str, tuple[str, pd.DataFrame]]:
+    """Colour and samples of the first and of the settled revolution, by title."""
+    settled = scenario.optimise.ensemble.settled_revolution
+    return {
+        "first revolution": ("first", revolution(tables["trajectory"], scenario, 1)),
+        f"settled revolution ({settled})": ("settled", revolution(tables["trajectory"], scenario, settled)),
+    }
+
+
+# -- motion
+
+_ACTUAL = (  # series, source in the table kinematics (of networks only where some were trained), colour, width
+    ("with clearance: networks", "networks_paper_form", "network", 0.8),
+    ("with clearance: simulation", "simulation", "simulation", 0.9),
+)
+_ORDERS = {"position": ("mm", 1e3), "velocity": ("m/s", 1.0), "acceleration": ("m/s²", 1.0)}
+
+
+def _compare(
+    columns: dict[str, str], name: str, unit: str, factor: float, tables: Tables, scenario: Scenario
+) -> Drawing:
+    """Desired and actual motion above their difference, for each of the `columns` of the table kinematics."""
+    sources = by_source(tables)
+    angle = degrees(sources["simulation"]["crank_angle"])
+    sheet = Sheet(5.0, 2, len(columns))
+    for place, (column, title) in enumerate(columns.items()):
+        desired = factor * sources["ideal"][column].to_numpy()
+        above = sheet.panel((0, place), title, CRANK_ANGLE, Quantity(name, unit))
+        below = sheet.panel((1, place), "deviation", CRANK_ANGLE, Quantity("actual − desired", unit), below=above)
+        for panel, less in ((above, 0.0), (below, desired)):
+            largest = 0.0
+            for series, source, colour, width in _ACTUAL:
+                if source in sources:
+                    shown = factor * sources[source][column].to_numpy() - less
+                    panel.line(series, angle, shown, colour, linewidth=width)
+                    largest = max(largest, np.nanmax(np.abs(shown)))
+            if largest > IMPACTS_DWARF * (peak := np.max(np.abs(desired))):
+                panel.linear_then_logarithmic(round_up(peak))
+        above.line("without clearance (desired)", angle, desired, "ideal", linestyle="--", linewidth=1.1)
+        below.over_crank_angle(angle[0], angle[-1])
+    sheet.legend()
+    return sheet.drawing()
+
+
+for _number, _body, _order, _about in (
+    (9, "rod", "position", "The deviation stays within about one clearance."),
+    (
+        10,
+        "rod",
+        "velocity",
+        "Steps are impacts, most of them early in the revolution. The paper's equations take the clearance as "
+        "constant, so the networks cannot follow the free flight at the start.",
+    ),
+    (
+        11,
+        "rod",
+        "acceleration",
+        "Impacts exceed the desired acceleration many times. In free flight the rod has nearly no acceleration; the "
+        "paper's equations, which neglect derivatives of the clearance, differ there.",
+    ),
+    (
+        12,
+        "piston",
+        "position",
+        "The deviation reaches plus and minus the sum of all clearances, because they align with the rod at load "
+        "reversal.",
+    ),
+    (
+        13,
+        "piston",
+        "velocity",
+        "Deviations are largest at the start, where the piston flies freely, and at load reversals.",
+    ),
+    (
+        14,
+        "piston",
+        "acceleration",
+        "Zero acceleration is free flight, spikes are impacts; in contact the journal oscillates along its bearing's "
+        "wall.",
+    ),
+):
+    _columns = {f"rod_{_order}_{axis}": f"rod's mass centre, {axis}" for axis in "xy"}
+    figure(
+        f"figure_{_number:02}",
+        f"{_order.capitalize()} of the {_body} (the paper's figure {_number})",
+        "Motion",
+        ("kinematics",),
+        "First revolution. Top: without clearance (desired, dashed), simulated with clearance, and from the paper's "
+        f"equations with the networks. Bottom: deviation from the desired {_order}. {_about}",
+        call=f"{_body}_{_order}",
+    )(partial(_compare, _columns if _body == "rod" else {f"slider_{_order}": "piston"}, _order, *_ORDERS[_order]))
+
+
+@figure("figure_15", "Transmission angle (the paper's figure 15)", "Motion", ("kinematics",))
+def transmission_angles(tables: Tables, scenario: Scenario) -> Drawing:
+    """First revolution. Top: angle between the rod and the normal to the slide. Bottom: actual minus desired, the error
+    that the optimisation minimises; it is small compared with the variation of the angle itself."""
+    angle = {"transmission_angle": "transmission angle"}
+    return _compare(angle, "transmission angle", "deg", DEGREES, tables, scenario)
+
+
+# -- contact
+
+DEPTH_DRAWN = 0.3  # [1] of the clearance: about as deep the settled orbit's largest penetration is drawn
+INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here at most, logarithmically beyond
+SECTOR = 60.0  # [deg] the figure of impacts ends with a multiple of it
+CONSTANT = 1e-4  # [1] a speed that varies by a smaller share is a constant one
+
+
+@figure("orbits", "Orbits of the journals", "Contact", ("trajectory",))
+def orbits(tables: Tables, scenario: Scenario) -> Drawing:
+    """Left: path of the journal's centre in the first revolution; the circle is the clearance. Middle: settled
+    revolution, with the penetration into the wall magnified by the factor in the panel. Right: distance of the
+    centres minus the clearance; negative values are flight. A settled curve that never falls below zero means
+    permanent contact."""
+    mechanism, drawn = scenario.mechanism.applied(), loose_joints(scenario)
+    sheet = Sheet(2.9 * len(drawn), len(drawn), 3, width_ratios=[1.0, 1.0, 1.25])
+    circle = np.linspace(0.0, 2.0 * np.pi, 181)
+    x, y = (Quantity(f"journal, {axis}", "mm") for axis in "xy")
+    for row, (name, number) in enumerate(drawn.items()):
+        joint, words = mechanism.joint(name), in_words(name)
+        radius = 1e3 * joint.clearance
+        depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("penetration (+), gap (−)", "µm"))
+        for column, (series, (colour, samples)) in enumerate(first_and_settled(tables, scenario).items()):
+            panel = sheet.panel((row, column), f"{words}, {colour}", x, y)
+            distance = samples[f"r{number}"].to_numpy()
+            beyond = np.clip(distance - joint.clearance, 0.0, None)
+            deepest = max(beyond.max(), 1e-9 * joint.clearance)
+            magnified = round_number(DEPTH_DRAWN * joint.clearance / deepest) if colour == "settled" else 1.0
+            stretch = 1.0 + (magnified - 1.0) * beyond / np.maximum(distance, joint.clearance)
+            centre = 1e3 * stretch * eccentricity(samples, name, joint).T
+            panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
+            panel.line(series, *centre, colour, linewidth=0.9)
+            panel.square(1.4 * radius)
+            if magnified != 1.0:
+                panel.axes.text(0, 0, f"depth ×{magnified:g}", ha="center", va="center", color=COLOURS["limit"])
+            angle = degrees(samples["crank_angle"])
+            depth.line(series, angle, 1e6 * (distance - joint.clearance), colour, linewidth=0.8)
+            depth.over_crank_angle(angle[0], angle[-1])
+        usual = 1e6 * np.quantile(np.abs(distance - joint.clearance), 0.9)  # of the settled revolution
+        depth.linear_then_logarithmic(min(round_number(2.0 * usual), INNERMOST))
+    sheet.legend()
+    return sheet.drawing()
+
+
+@figure("contact_forces", "Contact forces and modes", "Contact", ("trajectory",))
+def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
+    """Normal force in the loose joints, first and settled revolution; gaps are flight. The bands show the mode of each
+    joint: flight, impact (the journal hits and rebounds) or contact (it stays and oscillates about its equilibrium)."""
+    joints = loose_joints(scenario)
+    sheet = Sheet(4.4 + 0.5 * len(joints), 4, 1, height_ratios=[2.0, 0.25 * len(joints)] * 2)
+    largest = max(tables["trajectory"][f"{name}_normal_force"].max() for name in joints)
+    for row, (title, (_, samples)) in enumerate(first_and_settled(tables, scenario).items()):
+        angle = degrees(samples["crank_angle"])
+        panel = sheet.panel((2 * row, 0), title, CRANK_ANGLE, Quantity("normal force", "N"))
+        below = sheet.panel((2 * row + 1, 0), f"{title}: modes", CRANK_ANGLE, Quantity("joint", ""), below=panel)
+        for place, name in zip(range(len(joints))[::-1], joints, strict=True):
+            force, words = samples[f"{name}_normal_force"].to_numpy(), in_words(name)
+            panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.9)
+            below.bands(place, words, angle, samples[f"{name}_mode"].to_numpy(), MODES)
+        panel.axes.set_yscale("log")
+        panel.axes.set_ylim(SMALLEST_FORCE, 2.0 * max(largest, SMALLEST_FORCE))
+        below.rows([in_words(name) for name in reversed(joints)], range(len(joints)))
+        below.axes.set(title="", ylabel="")
+        below.over_crank_angle(angle[0], angle[-1])
+    sheet.legend()
+    return sheet.drawing()
+
+
+_KINDS = (  # contacts in words, whether they stay, and how they are marked
+    ("hits and rebounds", False, {}),
+    ("stays in contact", True, {"markerfacecolor": "white", "marker": "s"}),
+)
+
+
+@figure("impacts", "Impacts", "Contact", ("trajectory", "events"))
+def impacts(tables: Tables, scenario: Scenario) -> Drawing:
+    """Each contact of the simulation at the crank angle where it begins: impulse and maximum of its normal force, and
+    approach speed. Filled: the journal rebounds; open: it stays in contact, and the impulse is that of the load
+    until it separates. A contact that has not ended shows its approach speed only. The axis ends after the last
+    contact that begins."""
+    raw = tables["trajectory"]["crank_angle"]
+    first, last = degrees(raw)[[0, -1]]
+    turn = first - np.degrees(raw.iloc[0])
+    contacts = {name: contacts_of(tables["events"], name) for name in loose_joints(scenario)}
+    begins = [turn + np.degrees(own["crank_angle"].max()) for own in contacts.values() if len(own)]
+    last = min(last, first + SECTOR * np.ceil((max(begins) - first) / SECTOR)) if begins else last
+    sheet, above = Sheet(6.4, 3, 1), None
+    for row, (words, unit) in enumerate((("impulse", "N s"), ("peak force", "N"), ("approach speed", "m/s"))):
+        panel = sheet.panel((row, 0), f"{words} of each contact", CRANK_ANGLE, Quantity(words, unit), below=above)
+        for kind, stays, style in _KINDS:  # so that the legend has a column for each
+            for name, every in contacts.items():
+                own = every[(every["maxima"] <= 1) != stays].astype(float)
+                if len(own):
+                    angle, sizes = turn + np.degrees(own["crank_angle"]), own[words.replace(" ", "_")]
+                    panel.marks(f"{in_words(name)}: {kind}", angle, sizes, in_words(name), markersize=4.0, **style)
+        panel.logarithmic()
+        panel.over_crank_angle(first, last)
+        above = panel
+    if begins:
+        sheet.legend(columns=len(_KINDS))
+    return sheet.drawing()
+
+
+@figure("drive_and_guide", "Drive and guide", "Contact", ("trajectory",))
+def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
+    """Speed of the crank and torque of its drive; force of the guide on the slider, and its moment about the piston
+    pin, which balances the friction moment in the pin. First and settled revolution. The speed is constant unless
+    a motor, a measured angle or a fluctuation drives the crank."""
+    parts = first_and_settled(tables, scenario)
+    sheet = Sheet(5.2, 2, 2)
+    for place, (column, title, words, unit, factor) in enumerate(
+        (
+            ("crank_speed", "crank's speed", "speed", "rpm", 30.0 / np.pi),
+            ("crank_torque", "torque on the crank", "torque", "N m", 1.0),
+            ("guide_force", "force of the guide on the slider", "force", "N", 1.0),
+            ("guide_moment", "moment of the guide about the pin", "moment", "N m", 1.0),
+        )
+    ):
+        panel = sheet.panel(divmod(place, 2), title, CRANK_ANGLE, Quantity(words, unit))
+        for series, (colour, samples) in parts.items():
+            angle = degrees(samples["crank_angle"])
+            width = 1.7 if colour == "first" else 0.9
+            panel.line(series, angle, factor * samples[column].to_numpy(), colour, linewidth=width)
+            panel.over_crank_angle(angle[0], angle[-1])
+        drawn = np.array([factor * samples[column].to_numpy() for _, samples in parts.values()])
+        middle = float(drawn.mean())
+        if column != "crank_speed":
+            panel.spread_scale(drawn.ravel())
+        elif np.ptp(drawn) <= CONSTANT * abs(middle):
+            panel.axes.set_ylim(0.9 * middle, 1.1 * middle)
+            panel.axes.set_yticks([middle], [f"{middle:.4g}"])
+            panel.axes.text(0.5, 0.55, "constant", ha="center", va="bottom", transform=panel.axes.transAxes)
+        else:
+            panel.axes.margins(y=0.15)
+    sheet.legend()
+    return sheet.drawing()
+
+
+@figure("animation", "The mechanism in motion", "Contact", ("trajectory",), moving=True)
+def animation(tables: Tables, scenario: Scenario) -> Drawing:
+    """First revolution. Top: the mechanism with its clearances magnified by the factor in the title; rings are
+    bearings, dots are journals, grey in flight. Arrows: forces on the journals, 30 mm longer per factor of ten
+    above 1 N. Bottom: path of each loose joint's journal in its true clearance circle, and the normal forces. The
+    first 60 deg, where the journals fly and hit, take half of the frames."""
+    return moving.animation(tables["trajectory"], scenario)
+
+
+# -- networks
+
+EVERYWHERE, AT_POINTS = "network − simulation, all samples", "network − simulation, training points"
+QUANTITIES = {  # by kind of output: name, unit, factor, unit and factor of its error, symbol
+    "r": ("clearance", "mm", 1e3, "µm", 1e6, "r_{}"),
+    "gamma": ("direction", "deg", DEGREES, "deg", DEGREES, r"\gamma_{}"),
+    "gamma_dot": ("rate", "rad/s", 1.0, "rad/s", 1.0, r"\dot\gamma_{}"),
+    "gamma_ddot": ("acceleration", "rad/s²", 1.0, "rad/s²", 1.0, r"\ddot\gamma_{}"),
+}
+
+
+def symbol(output: str) -> str:
+    """An output as mathtext."""
+    number = str(number_of(output))
+    return f"${QUANTITIES[output.replace(number, '')][-1].format(number)}$"
+
+
+def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenario) -> Drawing:
+    """Values above their errors, a column for each joint, a pair of rows for each kind of output."""
+    samples = revolution(tables["trajectory"], scenario, 1)
+    angle = degrees(samples["crank_angle"])
+    points = slice(None, None, scenario.simulate.samples_per_revolution // (scenario.surrogate.training_points - 1))
+    joints = loose_joints(scenario)
+    sheet = Sheet(0.6 + 4.2 * len(kinds), 2 * len(kinds), len(joints), width=plot.width_for(len(joints)))
+    for column, (joint, number) in enumerate(joints.items()):
+        name = in_words(joint)
+        for row, kind in enumerate(kinds):
+            base, _, order = kind.partition("_")
+            output = f"{base}{number}_{order}".rstrip("_")
+            words, unit, factor, error_unit, error_factor, _ = QUANTITIES[kind]
+            simulated, network = samples[output].to_numpy(), predicted(tables, output)["value"].to_numpy()
+            value = Quantity(words, unit, symbol(output))
+            above = sheet.panel((2 * row, column), f"{name}: {words} {symbol(output)}", CRANK_ANGLE, value)
+            above.line("simulation", angle, factor * simulated, "simulation", linewidth=1.0)
+            above.line("network", angle, factor * network, "network", linewidth=0.8, linestyle=(0, (4, 2)))
+            if output == "gamma2":
+                above.line("crank angle", angle, angle, "limit", linewidth=0.9, linestyle=":")
+            above.spread_scale(factor * np.concatenate([simulated, network]))
+            error, place = error_factor * (network - simulated), (2 * row + 1, column)
+            below = sheet.panel(place, f"{name}: error", CRANK_ANGLE, Quantity("error", error_unit), below=above)
+            below.line(EVERYWHERE, angle, error, "network", linewidth=0.7)
+            below.marks(AT_POINTS, angle[points], error[points], "ideal", markersize=1.6)
+            below.over_crank_angle(angle[0], angle[-1])
+            below.spread_scale(error)
+    sheet.legend()
+    return sheet.drawing()
+
+
+for _number, _title, _kinds, _about in (
+    (5, "clearances", ("r",), "Top: distance of the centres in each loose joint."),
+    (
+        6,
+        "directions",
+        ("gamma",),
+        "Top: direction of the clearance, unwrapped; dotted: the crank angle. The direction does not follow the crank: "
+        "it turns at load reversals and oscillates around the journal's equilibrium.",
+    ),
+    (
+        7,
+        "derivatives",
+        ("gamma_dot", "gamma_ddot"),
+        "Top of each pair: rate or acceleration of the direction. Steel contacts oscillate at some kHz, about once per "
+        "degree at 600 rpm; one training point per degree cannot resolve this.",
+    ),
+):
+    figure(
+        f"figure_{_number:02}",
+        f"{_title.capitalize()} (the paper's figure {_number})",
+        "Networks",
+        ("trajectory", "predictions"),
+        f"First revolution, simulation and network. {_about} Bottom: network minus simulation, at the training "
+        "points (black) and at all samples. A small error at the training points says nothing about the error "
+        "between them.",
+        call=_title,
+    )(partial(_values_and_errors, _kinds))
+
+
+PAPER_ITERATIONS = 20_000  # of every network in the paper
+CURVE_POINTS = 300  # of a curve over thousands of iterations, evenly spaced on its logarithmic axis
+ITERATION, ERROR = Quantity("iteration", "1"), Quantity("MSE over squared range", "1")
+
+
+@figure(
+    "figure_08",
+    "Mean square error over the training (the paper's figure 8)",
+    "Networks",
+    ("fit_history", "fit_errors"),
+)
+def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
+    """Mean square error at the training points over the squared range of the output, after each Levenberg-Marquardt
+    iteration. Thick: default start; thin: the other starts. Diamonds: printed in the paper, after 20 000 iterations.
+    A curve that ends below its diamond reaches the paper's training error; the test error is another figure."""
+    history, default = tables["fit_history"].query("model == 'network' and iteration > 0"), scenario.surrogate.seeds[0]
+    paper = tables["fit_errors"].drop_duplicates("output").set_index("output")["paper_mse"]
+    learned = outputs(scenario.mechanism.applied().loose)
+    rows = len(learned) // 4
+    sheet = Sheet((2.9, 4.6, 6.4)[rows - 1], rows, 4)
+    for place, output in enumerate(learned):
+        column, row = divmod(place, rows)
+        above = sheet.panels[-1] if row else None
+        panel = sheet.panel((row, column), f"network {symbol(output)}", ITERATION, ERROR, below=above)
+        curves = history[history["output"] == output]
+        for seed in reversed(curves["seed"].unique()):
+            curve = curves[curves["seed"] == seed]
+            curve = curve.iloc[np.unique(np.round(np.geomspace(1, len(curve), CURVE_POINTS)).astype(int)) - 1]
+            if seed == default:
+                look = {"series": "default start", "colour": "network", "linewidth": 1.4, "zorder": 3}
+            else:
+                look = {"series": "other starts", "colour": "other", "linewidth": 0.6}
+            panel.line(x=curve["iteration"], y=curve["mse"], **look)
+        if paper[output] > 0:  # the paper prints one
+            panel.marks("paper, after 20 000", [PAPER_ITERATIONS], [paper[output]], "paper", marker="D", zorder=4)
+        if place:
+            panel.axes.sharey(sheet.panels[0].axes)
+        if column:
+            panel.axes.set_ylabel("")
+            panel.axes.tick_params(labelleft=False)
+        panel.axes.set(xscale="log", yscale="log", xlim=(1, 2 * PAPER_ITERATIONS))
+    drawing = sheet.drawing()
+    panel.axes.set_ylim(drawing.data["y"].min() / 3, 2 * history["mse"].max())
+    sheet.legend()
+    return drawing
+
+
+_MARKS = (  # series, model and column of the table fit_errors, shift, colour, marker
+    ("network, training points", "network", "training_mse", -0.32, "network", "s"),
+    ("network, held out", "network", "held_out_mse", -0.24, "network", "o"),
+    ("spline through the same points, held out", "network", "spline_held_out_mse", -0.16, "spline", "^"),
+    ("regularised network, training points", "regularised", "training_mse", -0.06, "local", "s"),
+    ("regularised network, held out", "regularised", "held_out_mse", 0.02, "local", "o"),
+    ("smoothing spline of its points, held out", "regularised", "smoothing_spline_held_out_mse", 0.10, "spline", "v"),
+    ("second surrogate, held out", "clearance", "held_out_mse", 0.22, "second surrogate", "o"),
+    ("spline through its points, held out", "clearance", "spline_held_out_mse", 0.32, "other", "^"),
+)
+
+
+@figure("held_out", "Errors between the training points", "Networks", ("fit_errors",))
+def held_out(tables: Tables, scenario: Scenario) -> Drawing:
+    """Mean square errors over the squared range of each output, for the first revolution and for its part past 60 deg:
+    the paper's networks, the regularised networks and the second surrogate at training points and at held-out
+    samples, each with a spline through the same points, and the paper's printed training errors (horizontal marks).
+    Marks: default start; bars: range over all starts. A circle far above its square shows overfitting; a triangle
+    below a circle shows that a spline does better than the network."""
+    learned, sheet, above = list(outputs(scenario.mechanism.applied().loose)), Sheet(6.6, 2, 1), None
+    for row, (region, title) in enumerate((("all", "first revolution"), ("past_60_deg", "its part past 60 deg"))):
+        panel = sheet.panel((row, 0), title, Quantity("output", ""), ERROR, below=above)
+        errors = tables["fit_errors"]
+        _error_marks(panel, errors[errors["region"] == region], scenario.surrogate.seeds[0], learned)
+        panel.axes.set_yscale("log")
+        panel.axes.minorticks_off()
+        panel.categories([symbol(output) for output in learned])
+        above = panel
+    drawing = sheet.drawing()
+    shown = drawing.data[["y", "low", "high"]].to_numpy()
+    for panel in sheet.panels:
+        panel.axes.set_ylim(np.nanmin(shown) / 3, 3 * np.nanmax(shown))  # one scale, and no mark outside it
+    sheet.legend()
+    return drawing
+
+
+def _error_marks(panel: Panel, errors: pd.DataFrame, default: int, learned: list[str]) -> None:
+    """The default start's errors, with the range over all starts as bars."""
+    place = np.arange(len(learned))
+    for series, model, column, shift, colour, marker in _MARKS:
+        rows = errors[errors["model"] == model]
+        if rows.empty:
+            continue
+        lowest = highest = None
+        if column in ("training_mse", "held_out_mse") and rows["seed"].nunique() > 1:
+            lowest, highest = rows.groupby("output")[column].agg(["min", "max"]).reindex(learned).to_numpy().T
+        shown = rows[rows["seed"].isna() | (rows["seed"] == default)].set_index("output")[column].reindex(learned)
+        panel.marks(series, place + shift, shown.to_numpy(), colour, lowest, highest, learned, marker=marker)
+    paper = errors.groupby("output")["paper_mse"].first().reindex(learned).to_numpy()
+    if np.isfinite(paper).any():
+        panel.marks("paper, training points", place, paper, "paper", labels=learned, marker="_", markersize=22)
+
+
+@figure(
+    "contradictions",
+    "Networks that contradict each other",
+    "Networks",
+    ("trajectory", "predictions", "kinematics"),
+)
+def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
+    """First revolution. Top: derivative of the network of the direction minus the network of its rate; zero if they
+    agree. Bottom: resulting error of the piston's motion, with each output from its own network (as in the paper)
+    and with one output derived from another's network: position from integrated rates, acceleration from
+    differentiated directions. Independent fits do not describe one motion."""
+    joints, sources = loose_joints(scenario), by_source(tables)
+    shares = 2 * len(joints)  # the piston's two panels take half of the width each, those of the joints a share each
+    sheet = Sheet(5.6, 2, shares, width=plot.width_for(len(joints)))
+    angle = degrees(sources["simulation"]["crank_angle"])
+
+    def panel(place: tuple, title: str, quantity: Quantity, curves: dict[str, tuple]) -> None:
+        shown = sheet.panel(place, title, CRANK_ANGLE, quantity)
+        for series, (values, colour, width) in curves.items():
+            shown.line(series, angle, values, colour, linewidth=width)
+        shown.over_crank_angle(angle[0], angle[-1])
+        shown.spread_scale(np.concatenate([values for values, _, _ in curves.values()]))
+
+    for place, (joint, number) in enumerate(joints.items()):
+        name = f"gamma{number}"
+        difference = (predicted(tables, name)["rate"] - predicted(tables, f"{name}_dot")["value"]).to_numpy()
+        panel(
+            (0, slice(2 * place, 2 * place + 2)),
+            f"{in_words(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}",
+            Quantity("contradiction", "rad/s"),
+            {"derivative of one network − the other network": (difference, "ideal", 0.8)},
+        )
+    for half, (quantity, title, unit, factor, form) in enumerate(
+        (
+            ("slider_position", r"piston: position, $\gamma$ integrated", "mm", 1e3, "integrated"),
+            ("slider_acceleration", r"piston: acceleration, $\gamma$ differentiated", "m/s²", 1.0, "own_rates"),
+        )
+    ):
+        derived, own = (
+            factor * (sources[f"networks_{source}"][quantity] - sources["simulation"][quantity].to_numpy()).to_numpy()
+            for source in (form, "paper_form")
+        )
+        panel(
+            (1, slice(half * shares // 2, (half + 1) * shares // 2)),
+            title,
+            Quantity("networks − simulation", unit),
+            {
+                "one output derived from another's network": (derived, "spline", 0.9),
+                "each output from its own network": (own, "network", 0.9),
+            },
+        )
+    sheet.legend()
+    return sheet.drawing()
+
+
+# -- optimum
+
+CRANK, ROD = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
+REDUCTION = Quantity("reduction of the error", "%")
+MEASURES = {  # with the colour of each
+    "rms": ("RMS", "simulation"),
+    "mean_absolute": ("mean absolute", "second surrogate"),
+    "peak": ("peak", "spline"),
+    "sum_of_squares": ("sum of squares", "limit"),
+}
+_APART = 0.07  # that what is frozen lies above what is simulated again: the two may be equal
+LENGTHS = {  # where lengths come from, by point or by the source that the genetic algorithm searched
+    "printed_genetic": "paper, genetic",
+    "printed_local": "paper, best local",
+    "printed_local_other": "paper, another local",
+    "networks": "networks",
+    "clearance": "second surrogate",
+    "simulation": "simulation",
+    "simulation_settled": "simulation, settled",
+}
+
+
+@figure(
+    "figure_16",
+    "Errors of the transmission angle (the paper's figure 16)",
+    "Optimum",
+    ("trajectory", "predictions", "optimise_optima"),
+)
+def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
+    """First revolution: desired minus actual angle at the original lengths, and desired minus optimised at the
+    lengths of the genetic algorithm, with the joint motion frozen; top from the networks (as in the paper), bottom
+    from the simulation. Other lengths can add little more than a multiple of the sine of the crank angle, so they
+    cannot remove the journals' oscillation."""
+    from jointgap.dynamics.kinematics import clearance_lift, transmission_angle
+
+    samples = revolution(tables["trajectory"], scenario, 1)
+    crank_angle, angle = samples["crank_angle"].to_numpy(), degrees(samples["crank_angle"])
+    learned = [f"{name}{number}" for number in loose_joints(scenario).values() for name in ("r", "gamma")]
+    mechanism = scenario.mechanism.applied()
+    original, offset = (mechanism.crank.length, mechanism.rod.length), mechanism.slider.offset
+    desired = transmission_angle(*original, crank_angle, 0.0, offset)
+    optima = tables["optimise_optima"].query("method == 'genetic'").set_index("point")
+    error, sheet, above = Quantity("error of the angle", "deg", r"$\mu$"), Sheet(5.4, 2, 1), None
+    for row, (source, motion) in enumerate(
+        (
+            ("networks", {name: predicted(tables, name)["value"].to_numpy() for name in learned}),
+            ("simulation", {name: samples[name].to_numpy() for name in learned}),
+        )
+    ):
+        lift = clearance_lift(motion)
+        best = optima.loc[f"{source}_{next(iter(scenario.optimise.boxes))}_genetic"]
+        found = best["crank_length"], best["rod_length"]
+        title = (
+            f"{source}: $L_2$ = {1e3 * found[0]:.3f} mm, $L_3$ = {1e3 * found[1]:.3f} mm, "
+            f"RMS in the window {-100 * best['rms_reduction']:+.1f} %"
+        ).replace("-", "−")
+        panel = sheet.panel((row, 0), title, CRANK_ANGLE, error, below=above)
+        for series, lengths, colour in (
+            ("desired − actual", original, "simulation"),
+            ("desired − optimised", found, "genetic"),
+        ):
+            actual = transmission_angle(*lengths, crank_angle, lift, offset)
+            panel.line(series, angle, np.degrees(desired - actual), colour, linewidth=1.0)
+        panel.horizontal_line("zero", 0.0)
+        for edge in np.degrees(scenario.optimise.window):
+            if 0.0 < edge < 359.99:
+                panel.vertical_line("edge of the window", angle[0] + edge)
+        panel.over_crank_angle(angle[0], angle[-1])
+        above = panel
+    sheet.legend()
+    return sheet.drawing()
+
+
+@figure(
+    "valley",
+    "The valley of the objective",
+    "Optimum",
+    ("optimise_valley", "optimise_floor", "optimise_paths", "optimise_population", "optimise_optima"),
+)
+def valley(tables: Tables, scenario: Scenario) -> Drawing:
+    """Joint motion frozen, from the networks. Left: RMS error over both lengths in the main box, with bounds,
+    constraint, starts and paths of the local optimiser, the best of each generation of the genetic algorithm, both
+    optima and, for the paper's mechanism, its three points. The error depends almost only on the ratio of the
+    lengths: one flat valley, not many minima. Right: reduction of the error along the valley's floor, each measure
+    at its own best crank length. It rises with the rod length, so the bound on the rod length determines the
+    optimum."""
+    box, sources = next(iter(scenario.optimise.boxes)), set(tables["optimise_optima"]["source"])
+    source = "networks" if "networks" in sources else "simulation_settled"  # where no networks were trained
+    shown = {
+        name.removeprefix("optimise_"): frame[
+            (frame["source"] == source) & (frame["box"].isna() | (frame["box"] == box))
+        ].assign(crank_length=1e3 * frame["crank_length"], rod_length=1e3 * frame["rod_length"])
+        for name, frame in tables.items()
+        if name in FIGURES["valley"].tables
+    }
+    sheet = Sheet(4.9, 1, 2, width_ratios=[1.35, 1.0])
+    _map(sheet, shown, scenario, box)
+    panel = sheet.panel((0, 1), "along the valley's floor", ROD, REDUCTION)
+    for measure, (words, colour) in MEASURES.items():
+        part = shown["floor"][shown["floor"]["measure"] == measure]
+        dashes = "--" if measure == "mean_absolute" else "-"  # it may lie on the RMS
+        panel.line(words, part["rod_length"], 100 * part["reduction"], colour, linewidth=1.3, linestyle=dashes)
+    measures = panel.axes.get_lines()
+    gained = shown["optima"].assign(reduction=100 * shown["optima"]["rms_reduction"])
+    _points(panel, gained, "rod_length", "reduction")
+    bottom, top = panel.axes.get_ylim()
+    panel.axes.set_ylim(bottom, top + 0.5 * (top - bottom))  # room for the legend
+    panel.axes.legend(handles=measures, loc="upper left")
+    sheet.legend(sheet.panels[:1])
+    return sheet.drawing()
+
+
+def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: str) -> None:
+    """The objective over both lengths [mm], and what the optimisers did on it."""
+    from matplotlib.colors import LogNorm
+
+    rms = Quantity("RMS error of μ", "deg")
+    panel = sheet.panel((0, 0), f"error over both lengths, box '{box}'", CRANK, ROD)
+    grid = np.degrees(shown["valley"].pivot(index="rod_length", columns="crank_length", values="rms"))
+    low, high = grid.min(axis=None), grid.max(axis=None)
+    look = {"levels": np.geomspace(low, high, 15), "cmap": "Blues_r", "norm": LogNorm()}
+    drawn = panel.contours("objective", grid.columns.to_numpy(), grid.index.to_numpy(), grid.to_numpy(), rms, **look)
+    bar = sheet.figure.colorbar(drawn, ax=panel.axes, label=rms.label, location="bottom", shrink=0.9, aspect=30)
+    ticks = [tick for tick in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if low <= tick <= high]
+    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    bar.minorticks_off()
+
+    bounds = scenario.optimise.boxes[box]
+    (left, right), (low, high) = (1e3 * np.array(edges) for edges in (bounds.crank_length, bounds.rod_length))
+    panel.line("bounds", [left, right, right, left, left], [low, low, high, high, low], "ideal", linewidth=1.0)
+    if (ratio := scenario.optimise.ratio_limit) is not None:
+        limit = np.array([low, high])
+        panel.line(f"$L_2$ = {ratio:g} $L_3$", ratio * limit, limit, "ideal", linestyle=":", linewidth=1.2)
+    floor = shown["floor"][shown["floor"]["measure"] == "rms"]
+    panel.line("valley's floor", floor["crank_length"], floor["rod_length"], "second surrogate", linewidth=2.2)
+    for number, path in shown["paths"].groupby("start"):
+        x, y = path["crank_length"], path["rod_length"]
+        panel.line("local paths", x, y, "local", linewidth=0.9)
+        panel.marks("starting points", x.iloc[:1], y.iloc[:1], "local", markerfacecolor="white", labels=[str(number)])
+    best = shown["population"].loc[shown["population"].groupby("generation")["sum_of_squares"].idxmin()]
+    generations, mark = "genetic, generations' best", {"marker": "+", "zorder": 4}
+    panel.marks(generations, best["crank_length"], best["rod_length"], "genetic", **mark)
+    _points(panel, shown["optima"], "crank_length", "rod_length")
+    margin = 0.03 * np.array([right - left, high - low])
+    panel.axes.set_xlim(left - margin[0], right + margin[0])
+    panel.axes.set_ylim(low - margin[1], high + margin[1])
+
+
+def _points(panel: Panel, optima: pd.DataFrame, x: str, y: str) -> None:
+    """Optima found here and, of its own mechanism, the paper's."""
+    for method, series, colour, style in (
+        ("genetic", "genetic optimum", "genetic", {"marker": "*", "markersize": 11, "markeredgecolor": "white"}),
+        ("local", "local optimum", "local", {"marker": "s", "markersize": 4}),
+        ("printed", "paper's three points", "paper", {"marker": "D", "markersize": 5.5, "markeredgecolor": "black"}),
+    ):
+        rows = optima[optima["method"] == method]
+        if len(rows):
+            panel.marks(series, rows[x], rows[y], colour, labels=list(rows["point"]), zorder=5, **style)
+
+
+@figure("resimulation", "Frozen and true reductions", "Optimum", ("optimise_resimulated",))
+def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
+    """Reduction of the error of the transmission angle with the lengths named on the left (from the paper, and from the
+    genetic algorithm on each source). Open diamonds: estimate with unchanged joint motion (frozen). Dots: simulated
+    again, median of an ensemble of perturbed starts; bars: 5 to 95 %. Left: window of the first revolution; right: a
+    settled revolution. A bar that crosses zero means no reliable gain."""
+    table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
+    origin = {
+        name if name.startswith("printed_") else f"{name}_{box}_genetic": words for name, words in LENGTHS.items()
+    }
+    wanted = [point for point in table["point"].unique() if point in origin]
+    place = np.arange(len(wanted))[::-1]
+    sheet = Sheet(1.6 + 0.72 * len(wanted), 1, 2)
+    numbers = ["reduction", "reduction_low", "reduction_high", "frozen_reduction"]
+    for column, (stretch, title) in enumerate(
+        (("window", "window of the first revolution"), ("settled", "whole settled revolution"))
+    ):
+        panel = sheet.panel((0, column), title, REDUCTION, Quantity("lengths from", ""))
+        for lengths in place[::2]:
+            panel.axes.axhspan(lengths - 0.5, lengths + 0.5, color="#F4F4F4", zorder=0)
+        for shift, measure in ((0.3, "rms"), (0.0, "mean_absolute"), (-0.3, "peak")):
+            words, colour = MEASURES[measure]
+            rows = table[(table["stretch"] == stretch) & (table["measure"] == measure)].set_index("point")
+            again, low, high, frozen = 100 * rows.loc[wanted, numbers].to_numpy().T
+            more = {"labels": wanted, "along": "x"}
+            panel.marks(f"{words}, simulated again", again, place + shift - _APART, colour, low, high, **more)
+            look = {"labels": wanted, "marker": "D", "markerfacecolor": "white"}
+            panel.marks(f"{words}, motion frozen", frozen, place + shift + _APART, colour, **look)
+        panel.vertical_line("no change", 0.0, named=False)
+        panel.rows(["" if column else origin[point] for point in wanted], place)
+        panel.axes.set_ylim(-0.5, len(wanted) - 0.5)
+        if column:
+            panel.axes.set_ylabel("")
+    sheet.legend()
+    return sheet.drawing()

@@ -1,7 +1,6 @@
 """A page to zoom into the impacts: gaps, contact forces and modes of the loose joints over the crank angle."""
 
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -10,15 +9,10 @@ from jointgap.config import Scenario
 from jointgap.core.errors import needs
 from jointgap.core.plot import COLOURS
 from jointgap.core.words import in_words
-from jointgap.scenario.figures_base import degrees, loose_joints
-from jointgap.scenario.figures_motion import MODES
-
-if TYPE_CHECKING:
-    from plotly.graph_objects import Figure
+from jointgap.scenario.figure_data import MODES, contacts_of, degrees, loose_joints
 
 MOST_POINTS = 20_000  # of a curve: 0.2 MB as the page holds them
 _FIRST_LOOK = 60.0  # [deg] from the start: there the journals fly and hit
-_ROWS = {"gap": 1, "force": 2, "mode": 3}
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -45,7 +39,34 @@ contact begins, at its peak force, tells approach speed, impulse and duration. B
 
 def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scenario, name: str) -> str:
     """The page as HTML, complete in itself: it needs neither a network nor a file beside it."""
-    figure = _figure(trajectory, events, scenario)
+    with needs("an interactive figure", "workflow"):
+        from plotly.subplots import make_subplots
+
+    figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04, row_heights=[0.4, 0.45, 0.15])
+    angle, mechanism = degrees(trajectory["crank_angle"]), scenario.mechanism.applied()
+    turn = angle[0] - np.degrees(trajectory["crank_angle"].iloc[0])
+    joints = {joint: in_words(joint) for joint in loose_joints(scenario)}
+    for joint, number in loose_joints(scenario).items():
+        words = joints[joint]
+        gap = 1e6 * (trajectory[f"r{number}"].to_numpy() - mechanism.clearance(joint))
+        force = trajectory[f"{joint}_normal_force"].where(lambda size: size > 0.0).to_numpy()
+        for row, values, unit in ((1, gap, "µm"), (2, force, "N")):
+            x, y = with_extremes(angle, values, MOST_POINTS)
+            figure.add_scatter(
+                x=x,
+                y=y,
+                name=words,
+                mode="lines",
+                line={"color": COLOURS[words], "width": 1.2},
+                hovertemplate=f"{words}<br>%{{x:.2f}} deg<br>%{{y:.4~g}} {unit}<extra></extra>",
+                legendgroup=words,
+                showlegend=row == 1,
+                row=row,
+                col=1,
+            )
+        _add_impacts(figure, contacts_of(events, joint), turn, words)
+        _add_modes(figure, angle, trajectory[f"{joint}_mode"].to_numpy(), words)
+    _lay_out(figure, angle, list(joints.values()))
     drawn = figure.to_html(
         full_html=False,
         include_plotlyjs=True,
@@ -56,42 +77,14 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
     return _PAGE.format(title=escape(f"{in_words(name)}: impacts in the joints"), figure=drawn)
 
 
-def _figure(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scenario) -> "Figure":
-    with needs("an interactive figure", "workflow"):
-        from plotly.subplots import make_subplots
-
-    figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04, row_heights=[0.4, 0.45, 0.15])
-    angle, mechanism = degrees(trajectory["crank_angle"]), scenario.mechanism.applied()
-    turn = angle[0] - np.degrees(trajectory["crank_angle"].iloc[0])
-    joints = loose_joints(scenario)
-    for joint, number in joints.items():
-        words = in_words(joint)
-        gap = 1e6 * (trajectory[f"r{number}"].to_numpy() - mechanism.clearance(joint))
-        force = trajectory[f"{joint}_normal_force"].to_numpy()
-        force = np.where(force > 0.0, force, np.nan)
-        look = {"mode": "lines", "line": {"color": COLOURS[words], "width": 1.2}, "legendgroup": words, "name": words}
-        for row, values, unit, shown in ((_ROWS["gap"], gap, "µm", True), (_ROWS["force"], force, "N", False)):
-            x, y = with_extremes(angle, values, MOST_POINTS)
-            hover = f"{words}<br>%{{x:.2f}} deg<br>%{{y:.4~g}} {unit}<extra></extra>"
-            figure.add_scatter(
-                x=x, y=y, hovertemplate=hover, showlegend=shown, connectgaps=False, row=row, col=1, **look
-            )
-        _add_impacts(figure, events[events["joint"] == joint], turn, words)
-        _add_modes(figure, angle, trajectory[f"{joint}_mode"].to_numpy(), words)
-    _lay_out(figure, angle, [in_words(joint) for joint in joints])
-    return figure
-
-
-def _add_impacts(figure: "Figure", events: pd.DataFrame, turn: float, words: str) -> None:
+def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> None:
     """A circle for each contact where it begins, at its peak force; one that goes on has none."""
-    begins, ends = (events[events["event"] == event].reset_index(drop=True) for event in ("impact", "separation"))
-    contacts = begins[["crank_angle", "approach_speed"]].join(ends[["impulse", "peak_force", "duration"]])
-    contacts = contacts[contacts["peak_force"] > 0.0]
-    told = np.column_stack([contacts["approach_speed"], contacts["impulse"], 1e3 * contacts["duration"]])
+    contacts = contacts[contacts["peak_force"] > 0.0].astype(float)
+    told = contacts[["approach_speed", "impulse", "duration"]] * [1.0, 1.0, 1e3]
     figure.add_scatter(
-        x=turn + np.degrees(contacts["crank_angle"].to_numpy(dtype=float)),
-        y=contacts["peak_force"].to_numpy(dtype=float),
-        customdata=told,
+        x=turn + np.degrees(contacts["crank_angle"].to_numpy()),
+        y=contacts["peak_force"].to_numpy(),
+        customdata=told.to_numpy(),
         mode="markers",
         marker={"color": COLOURS[words], "symbol": "circle-open", "size": 9, "line": {"width": 1.5}},
         hovertemplate=f"{words}: contact begins<br>%{{x:.2f}} deg<br>peak force %{{y:.4~g}} N<br>approach speed "
@@ -100,12 +93,12 @@ def _add_impacts(figure: "Figure", events: pd.DataFrame, turn: float, words: str
         legendgroup=words,
         name=f"{words}: impacts",
         showlegend=bool(len(contacts)),
-        row=_ROWS["force"],
+        row=2,
         col=1,
     )
 
 
-def _add_modes(figure: "Figure", angle: np.ndarray, mode: np.ndarray, words: str) -> None:
+def _add_modes(figure, angle: np.ndarray, mode: np.ndarray, words: str) -> None:
     """A bar for each stretch of one mode, one curve for each mode of the joint: it breaks between stretches."""
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     ends = np.append(starts[1:], len(mode) - 1)
@@ -114,12 +107,10 @@ def _add_modes(figure: "Figure", angle: np.ndarray, mode: np.ndarray, words: str
         if not own.any():
             continue
         low, high = angle[starts[own]], angle[ends[own]]
-        x = np.column_stack([low, high, np.full(len(low), np.nan)]).ravel()
-        told = np.column_stack([low, high, low]).repeat(3, axis=0)
         figure.add_scatter(
-            x=x,
-            y=[words] * len(x),
-            customdata=told,
+            x=np.column_stack([low, high, np.full(len(low), np.nan)]).ravel(),
+            y=[words] * (3 * len(low)),
+            customdata=np.column_stack([low, high]).repeat(3, axis=0),
             mode="lines",
             line={"color": COLOURS[kind], "width": 12},
             hovertemplate=f"{words}: {kind}<br>%{{customdata[0]:.2f}} to %{{customdata[1]:.2f}} deg<extra></extra>",
@@ -127,41 +118,31 @@ def _add_modes(figure: "Figure", angle: np.ndarray, mode: np.ndarray, words: str
             legendgroup=kind,
             legendrank=2000,  # after the joints
             showlegend=kind not in {trace.name for trace in figure.data},
-            row=_ROWS["mode"],
+            row=3,
             col=1,
         )
 
 
-def _lay_out(figure: "Figure", angle: np.ndarray, joints: list[str]) -> None:
+def _lay_out(figure, angle: np.ndarray, joints: list[str]) -> None:
+    scales = [
+        {"label": f"force {kind}", "method": "relayout", "args": [{"yaxis2.type": scale}]}
+        for kind, scale in (("logarithmic", "log"), ("linear", "linear"))
+    ]
+    place = {"x": 0.0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}
     figure.update_layout(
         template="plotly_white",
         margin={"l": 80, "r": 20, "t": 60, "b": 60},
         legend={"orientation": "h", "yanchor": "top", "y": -0.12, "x": 0.0, "traceorder": "normal"},
         hovermode="closest",
         font={"size": 13},
-        updatemenus=[
-            {
-                "type": "buttons",
-                "direction": "right",
-                "x": 0.0,
-                "xanchor": "left",
-                "y": 1.02,
-                "yanchor": "bottom",
-                "buttons": [
-                    {"label": f"force {kind}", "method": "relayout", "args": [{"yaxis2.type": scale}]}
-                    for kind, scale in (("logarithmic", "log"), ("linear", "linear"))
-                ],
-            }
-        ],
+        updatemenus=[{"type": "buttons", "direction": "right", "buttons": scales, **place}],
     )
     figure.update_xaxes(range=[angle[0], min(angle[-1], angle[0] + _FIRST_LOOK)], showline=True, linecolor="#222222")
-    figure.update_xaxes(title_text="crank angle, running on [deg]", row=3, col=1)
-    figure.update_yaxes(title_text="penetration (+), gap (−) [µm]", row=_ROWS["gap"], col=1)
-    figure.update_yaxes(
-        title_text="normal force [N]", type="log", exponentformat="power", dtick=1, row=_ROWS["force"], col=1
-    )
+    figure.update_xaxes(title_text="crank angle, running on [deg]", row=3)
+    figure.update_yaxes(title_text="penetration (+), gap (−) [µm]", row=1)
+    figure.update_yaxes(title_text="normal force [N]", type="log", exponentformat="power", dtick=1, row=2)
     ends = [-0.7, len(joints) - 0.3]
-    figure.update_yaxes(categoryarray=joints[::-1], categoryorder="array", range=ends, row=_ROWS["mode"], col=1)
+    figure.update_yaxes(categoryarray=joints[::-1], categoryorder="array", range=ends, row=3)
 
 
 def with_extremes(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:

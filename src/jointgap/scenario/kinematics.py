@@ -13,7 +13,6 @@ Sources, `NAME` being a surrogate's name such as ``networks``:
 The last two show what it does that independent fits need not agree."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -28,14 +27,8 @@ UNITS = {column.name: column.unit for column in KINEMATICS_QUANTITIES.columns}
 PAST = np.radians(60.0)  # where the paper's transient is over by any account
 STEP = 1e-4  # [rad] of the difference quotient for second derivatives of fits
 
-
-@dataclass(frozen=True)
-class Kinematics:
-    """What the stage finds: frames of the tables kinematics, kinematics_errors and kinematics_contradictions."""
-
-    motion: pd.DataFrame
-    errors: pd.DataFrame
-    contradictions: pd.DataFrame
+Frames = Mapping[str, pd.DataFrame]
+Regions = Mapping[str, np.ndarray]
 
 
 def kinematics(
@@ -44,35 +37,28 @@ def kinematics(
     training_points: int,
     trajectory: pd.DataFrame,
     surrogates: Mapping[str, Mapping[str, Fit]],
-) -> Kinematics:
-    """Feed the equations and compare."""
+) -> dict[str, pd.DataFrame]:
+    """Feed the equations and compare: the tables kinematics, kinematics_errors and kinematics_contradictions."""
     first = trajectory.iloc[: options.samples_per_revolution + 1]
-    angle = first["crank_angle"].to_numpy()
-    crank = _crank(first)
+    angle, crank = first["crank_angle"].to_numpy(), _crank(first)
     simulated = ClearanceMotion.from_table(first, mechanism.loose)
     clearances = {"simulation_exact": simulated, "simulation_paper_form": simulated.paper_form()}
     for name, fits in surrogates.items():
         forms = clearance_motions(fits, crank, mechanism.loose)
         clearances |= {f"{name}_{form}": motion for form, motion in forms.items()}
-
     frames = linkage_frames(mechanism, first)
     frames |= {name: _frame(linkage_motion(mechanism, crank, motion), angle) for name, motion in clearances.items()}
 
-    index = np.arange(len(first))
-    held_out = index % (options.samples_per_revolution // (training_points - 1)) != 0
+    held_out = np.arange(len(first)) % (options.samples_per_revolution // (training_points - 1)) != 0
     regions = {"first_revolution": held_out, "past_60_deg": held_out & (angle - angle[0] > PAST)}
-    return Kinematics(
-        motion=motion_table(frames, angle),
-        errors=_errors(frames, regions),
-        contradictions=pd.DataFrame(
-            [
-                row
-                for name in surrogates
-                for row in _contradictions(name, mechanism.loose, clearances, frames, regions, first)
-            ],
-            columns=KINEMATICS_CONTRADICTIONS.names,
-        ),
-    )
+    rows = [
+        row for name in surrogates for row in _contradictions(name, mechanism.loose, clearances, frames, regions, first)
+    ]
+    return {
+        "kinematics": motion_table(frames, angle),
+        "kinematics_errors": _errors(frames, regions),
+        "kinematics_contradictions": pd.DataFrame(rows, columns=KINEMATICS_CONTRADICTIONS.names),
+    }
 
 
 def linkage_frames(mechanism: Mechanism, samples: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -121,41 +107,37 @@ def _integrated(rate: np.ndarray, crank: Motion, start: float) -> np.ndarray:
 
 def _frame(motion: LinkageMotion, angle: np.ndarray) -> pd.DataFrame:
     """The quantities of the table kinematics, a column each."""
-    rod_x, rod_y, rod, slider = motion.rod_x, motion.rod_y, motion.rod_angle, motion.slider_x
-    columns = (
-        (rod_x.position, rod_y.position, rod_x.velocity, rod_y.velocity, rod_x.acceleration, rod_y.acceleration)
-        + (rod.position, rod.velocity, rod.acceleration)
-        + (slider.position, slider.velocity, slider.acceleration, motion.transmission_angle.position)
-    )
-    return pd.DataFrame(dict(zip(UNITS, (np.broadcast_to(column, angle.shape) for column in columns), strict=True)))
+    parts = ("position", "velocity", "acceleration")
+    rod = [getattr(motion_of, part) for part in parts for motion_of in (motion.rod_x, motion.rod_y)]
+    turn, slide = ([getattr(motion_of, part) for part in parts] for motion_of in (motion.rod_angle, motion.slider_x))
+    columns = [*rod, *turn, *slide, motion.transmission_angle.position]
+    return pd.DataFrame({name: np.broadcast_to(one, angle.shape) for name, one in zip(UNITS, columns, strict=True)})
 
 
 def _difference(one: np.ndarray, other: np.ndarray, region: np.ndarray, true: np.ndarray) -> dict[str, float]:
     """Sizes of other - one over the samples of the region where both are defined, and the simulation's range there."""
-    defined = region & np.isfinite(one) & np.isfinite(other)
-    difference, reference = (other - one)[defined], true[region & np.isfinite(true)]
+    difference, reference = (other - one)[region], true[region]
+    difference, reference = difference[np.isfinite(difference)], reference[np.isfinite(reference)]
     rms, extent = float(np.sqrt(np.mean(difference**2))), float(np.ptp(reference))
-    return {
-        "rms": rms,
-        "peak": float(np.max(np.abs(difference))),
-        "range": extent,
-        "rms_over_range": rms / extent,
-        "samples": int(np.sum(defined)),
-    }
+    peak, share = float(np.max(np.abs(difference))), rms / extent
+    return {"rms": rms, "peak": peak, "range": extent, "rms_over_range": share, "samples": len(difference)}
 
 
-def _errors(frames: Mapping[str, pd.DataFrame], regions: Mapping[str, np.ndarray]) -> pd.DataFrame:
+def _errors(frames: Frames, regions: Regions) -> pd.DataFrame:
     rows = []
     for quantity, unit in UNITS.items():
-        true, ideal = (frames[name][quantity].to_numpy() for name in ("simulation", "ideal"))
+        true = frames["simulation"][quantity].to_numpy()
         for region, inside in regions.items():
-            without = _difference(true, ideal, inside, true)["rms"]
-            for source, frame in frames.items():
-                if source == "simulation":
-                    continue
-                sizes = _difference(true, frame[quantity].to_numpy(), inside, true)
-                keys = {"source": source, "quantity": quantity, "unit": unit, "region": region}
-                rows.append(keys | sizes | {"rms_over_ideal": sizes["rms"] / without})
+            keys = {"quantity": quantity, "unit": unit, "region": region}
+            sizes = {
+                source: _difference(true, frame[quantity].to_numpy(), inside, true)
+                for source, frame in frames.items()
+                if source != "simulation"
+            }
+            rows += [
+                {"source": source, **keys, **own, "rms_over_ideal": own["rms"] / sizes["ideal"]["rms"]}
+                for source, own in sizes.items()
+            ]
     return pd.DataFrame(rows)
 
 
@@ -163,35 +145,23 @@ def _contradictions(
     name: str,
     loose: Iterable[str],
     clearances: Mapping[str, ClearanceMotion],
-    frames: Mapping[str, pd.DataFrame],
-    regions: Mapping[str, np.ndarray],
+    frames: Frames,
+    regions: Regions,
     simulated: pd.DataFrame,
 ) -> list[dict[str, object]]:
     """Rows of the table kinematics_contradictions for one surrogate; `simulated` gives the ranges."""
-    learned, own, integrated = (clearances[f"{name}_{form}"] for form in ("paper_form", "own_rates", "integrated"))
     pairs = []
-    for joint in loose:
-        gamma = f"gamma{JOINT_NUMBERS[joint]}"
-        fitted, derived, summed = (getattr(motion, gamma) for motion in (learned, own, integrated))
-        pairs += [
-            (gamma, "rad", f"fit of {gamma}", f"integral of the fit of {gamma}_dot", fitted.position, summed.position),
-            (
-                f"{gamma}_dot",
-                "rad/s",
-                f"fit of {gamma}_dot",
-                f"derivative of the fit of {gamma}",
-                fitted.velocity,
-                derived.velocity,
-            ),
-            (
-                f"{gamma}_ddot",
-                "rad/s^2",
-                f"fit of {gamma}_ddot",
-                f"second derivative of the fit of {gamma}",
-                fitted.acceleration,
-                derived.acceleration,
-            ),
-        ]
+    for gamma in (f"gamma{JOINT_NUMBERS[joint]}" for joint in loose):
+        fit, own, integrated = (
+            getattr(clearances[f"{name}_{form}"], gamma) for form in ("paper_form", "own_rates", "integrated")
+        )
+        of = f"of the fit of {gamma}"
+        for quantity, unit, way, one, other in (
+            (gamma, "rad", f"integral {of}_dot", fit.position, integrated.position),
+            (f"{gamma}_dot", "rad/s", f"derivative {of}", fit.velocity, own.velocity),
+            (f"{gamma}_ddot", "rad/s^2", f"second derivative {of}", fit.acceleration, own.acceleration),
+        ):
+            pairs.append((quantity, unit, f"fit of {quantity}", way, one, other))
     for quantity, form, way in (
         ("slider_position", "integrated", "gamma as integral of the fit of its rate"),
         ("slider_velocity", "own_rates", "gamma' as derivative of the fit of gamma"),
@@ -200,15 +170,8 @@ def _contradictions(
         one, other = (frames[f"{name}_{which}"][quantity].to_numpy() for which in ("paper_form", form))
         pairs.append((quantity, UNITS[quantity], "each output from its own fit", way, one, other))
     return [
-        {
-            "surrogate": name,
-            "quantity": quantity,
-            "unit": unit,
-            "one_way": one_way,
-            "other_way": other_way,
-            "region": region,
-            **_difference(one, other, inside, simulated[quantity].to_numpy()),
-        }
+        {"surrogate": name, "quantity": quantity, "unit": unit, "one_way": one_way, "other_way": other_way}
+        | {"region": region, **_difference(one, other, inside, simulated[quantity].to_numpy())}
         for quantity, unit, one_way, other_way, one, other in pairs
         for region, inside in regions.items()
     ]

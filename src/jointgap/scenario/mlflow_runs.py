@@ -17,19 +17,14 @@ from jointgap.core import joints, parquet, schema
 from jointgap.core.publish import Dataset, Record, configuration, costs, numbers
 from jointgap.core.schema import OPTIMISE_OPTIMA, OPTIMISE_WORTH
 from jointgap.networks.network import Network, clearance_to_files, to_files
+from jointgap.scenario.figure_data import MODES
 
-NETWORK, CLEARANCE = "network", "clearance"
-"""Models of the table of errors: the paper's networks, and the second surrogate, one network a joint."""
 MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
-
-_UNUSED = ("undefined_points", "range", "iterations_to_paper", "held_out_mse_at_paper", "seed")
-_OVERALL = ("weights", "iterations", "paper_mse")
-_REGIONS = {"all": "", "past_60_deg": "_past_60_deg"}
+_UNUSED = ["undefined_points", "range", "iterations_to_paper", "held_out_mse_at_paper", "seed"]
+_OVERALL = {"weights", "iterations", "paper_mse"}  # the same in every region
 _LOGARITHMS = ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse", "smoothing_spline_held_out_mse")
-_VERDICTS = {
-    "number": ("agrees", "differs", "reached", "missed", "cannot be told"),
-    "claim": ("holds", "does not hold", "cannot be told"),
-}
+_VERDICTS = [f"number {verdict}" for verdict in ("agrees", "differs", "reached", "missed", "cannot be told")]
+_VERDICTS += [f"claim {verdict}" for verdict in ("holds", "does not hold", "cannot be told")]
 
 
 @dataclass(frozen=True)
@@ -50,29 +45,15 @@ class _Finished:
         frames = [parquet.read(schema.TABLES[table], self.files[name]) for name in self.names(table)]
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=schema.TABLES[table].names)
 
-    def record(
-        self,
-        stage: str,
-        output: str = "",
-        *,
-        read: Sequence[str] = (),
-        written: Sequence[str] = (),
-        files: Mapping[str, Path | bytes] | None = None,
-        job: str = "",
-        **more: Any,
-    ) -> Record:
-        """A run with its configuration, tables and costs (of the `job`, by default the stage's)."""
+    def record(self, stage: str, output: str = "", *, read=(), written=(), files=None, job: str = "", **more) -> Record:
+        """A run with its configuration, the tables `read` and `written`, and costs (of the `job`, else the stage's)."""
         of = configuration(self.options, set(self.sections[stage]) & set(self.sections["track"]) - {"description"})
-        datasets = [
-            Dataset(name, self.files[name], context)
-            for context, names in (("input", read), ("result", written))
-            for name in names
-            if name in self.files
-        ]
+        tables = [(name, "input") for name in read] + [(name, "result") for name in written]
+        datasets = tuple(Dataset(name, self.files[name], kind) for name, kind in tables if name in self.files)
         jobs = self.folder / "benchmarks" / (job or stage)
         spent = costs([path for path in (jobs.with_suffix(".tsv"), *sorted(jobs.glob("*.tsv"))) if path.is_file()])
-        shown = of["files"] | dict(files or {})
-        return Record(stage, output, of["params"], datasets=tuple(datasets), files=shown, costs=spent, **more)
+        shown = of["files"] | (files or {})
+        return Record(stage, output, of["params"], datasets=datasets, files=shown, costs=spent, **more)
 
 
 def scenario_records(
@@ -82,31 +63,42 @@ def scenario_records(
     ``table/output``, and from figures and benchmarks in its `folder`.
     """
     finished = _Finished(options, sections, files, folder)
-    stages = (_simulate, _surrogate, _kinematics, _optimise, _compare, _figures)
-    return [record for stage in stages for record in stage(finished)]
+    stages = {
+        "trajectory": _simulate,
+        "fit_errors": _surrogate,
+        "kinematics_errors": _kinematics,
+        "optimise_optima": _optimise,
+        "comparison": _compare,
+    }
+    records = [record for table, stage in stages.items() if finished.names(table) for record in stage(finished)]
+    pictures = [path for path in sorted((folder / "figures").glob("*")) if path.suffix in (".svg", ".png", ".gif")]
+    if pictures:
+        metrics = {"figures": len({path.stem for path in pictures})}
+        shown = {f"figures/{path.name}": path for path in pictures}
+        records.append(finished.record("figures", metrics=metrics, files=shown))
+    return records
 
 
 def _simulate(finished: _Finished) -> list[Record]:
     samples, events = finished.read("trajectory"), finished.read("events")
-    if samples.empty:
-        return []
+    angle, speed = np.rad2deg(samples["transmission_angle"]), 30.0 / np.pi * samples["crank_speed"]
     metrics = {
         "samples": len(samples),
-        "smallest_transmission_angle_deg": np.rad2deg(samples["transmission_angle"].min()),
-        "largest_transmission_angle_deg": np.rad2deg(samples["transmission_angle"].max()),
+        "smallest_transmission_angle_deg": angle.min(),
+        "largest_transmission_angle_deg": angle.max(),
         "peak_slider_acceleration_m_s2": samples["slider_acceleration"].abs().max(),
         "peak_crank_torque_N_m": samples["crank_torque"].abs().max(),
         "peak_guide_moment_N_m": samples["guide_moment"].abs().max(),
-        "lowest_crank_speed_rpm": 30.0 / np.pi * samples["crank_speed"].min(),
-        "highest_crank_speed_rpm": 30.0 / np.pi * samples["crank_speed"].max(),
+        "lowest_crank_speed_rpm": speed.min(),
+        "highest_crank_speed_rpm": speed.max(),
     }
     for joint in finished.options.mechanism.applied().loose:
         metrics[f"{joint}_peak_normal_force_N"] = samples[f"{joint}_normal_force"].max()
-        for mode in ("flight", "impact", "contact"):
+        for mode in MODES:
             metrics[f"{joint}_{mode}_share"] = (samples[f"{joint}_mode"] == mode).mean()
-        own = events[events["joint"] == joint]
-        impacts, rebounds = own[own["event"] == "impact"], own[own["maxima"] <= 1]
         if finished.names("events"):
+            own = events[events["joint"] == joint]
+            impacts, rebounds = own[own["event"] == "impact"], own[own["maxima"] <= 1]
             metrics[f"{joint}_impacts"] = len(impacts)
             metrics[f"{joint}_peak_approach_speed_m_s"] = impacts["approach_speed"].max() if len(impacts) else 0.0
             metrics[f"{joint}_largest_impulse_N_s"] = rebounds["impulse"].max() if len(rebounds) else 0.0
@@ -116,8 +108,6 @@ def _simulate(finished: _Finished) -> list[Record]:
 def _surrogate(finished: _Finished) -> list[Record]:
     errors, seed = finished.read("fit_errors"), finished.options.surrogate.seeds[0]
     errors = errors[errors["seed"].isna() | (errors["seed"] == seed)]
-    if errors.empty:
-        return []
     metrics, curves = {}, {}
     for model, rows in errors[errors["region"] == "all"].groupby("model", sort=False):
         metrics |= {f"{model}_outputs": len(rows), f"{model}_outputs_of_the_paper": rows["paper_mse"].notna().sum()}
@@ -128,12 +118,9 @@ def _surrogate(finished: _Finished) -> list[Record]:
     nested = [_network(finished, *key, rows) for key, rows in errors.groupby(["model", "output"], sort=False)]
     for record in nested:
         model, _, output = record.output.rpartition(" ")
-        section = f"log10_{model}_" if model else "log10_"
-        curves |= {
-            f"{section}{name.removeprefix('log10_')}/{output}": curve
-            for name, curve in record.curves.items()
-            if name.startswith("log10_")
-        }
+        for name, curve in record.curves.items():
+            if name.startswith("log10_"):
+                curves[f"log10_{f'{model}_' if model else ''}{name.removeprefix('log10_')}/{output}"] = curve
     written = finished.names("fit_errors")
     return [
         finished.record("surrogate", metrics=metrics, curves=curves, read=["trajectory"], written=written),
@@ -144,35 +131,35 @@ def _surrogate(finished: _Finished) -> list[Record]:
 def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -> Record:
     """One output of one model, with its curves and weights."""
     metrics, curves, files = {}, {}, {}
-    measured = rows.select_dtypes("number").drop(columns=[name for name in _UNUSED if name in rows]).astype(float)
+    measured = rows.select_dtypes("number").drop(columns=_UNUSED, errors="ignore").astype(float)
     for region, row in zip(rows["region"], measured.to_dict("records"), strict=True):
-        metrics |= {f"{name}{'' if name in _OVERALL else _REGIONS[region]}": value for name, value in row.items()}
+        ending = "" if region == "all" else f"_{region}"
+        metrics |= {name if name in _OVERALL else f"{name}{ending}": value for name, value in row.items()}
     metrics |= {f"log10_{name}": np.log10(metrics[name]) for name in _LOGARITHMS if metrics.get(name, 0.0) > 0}
     seed, history, fit = finished.options.surrogate.seeds[0], f"fit_history/{output}", f"fit/{output}"
-    if model == CLEARANCE:
+    written = [f"fit_errors/{output}", fit, history]
+    if model == "clearance":
         written = [f"fit_errors/{output}", f"fit_errors/{model}", *finished.names("clearance_fit")]
         if finished.names("clearance_fit"):
             files = clearance_to_files(finished.read("clearance_fit"), joints.number_of(output))
-    else:
-        written = [f"fit_errors/{output}", fit, history]
-        if fit in finished.files:
-            files = to_files(Network.from_frame(parquet.read(schema.FIT, finished.files[fit]), seed, model), output)
-        if history in finished.files:
-            training = parquet.read(schema.FIT_HISTORY, finished.files[history])
-            own = training[(training["model"] == model) & (training["seed"] == seed)].set_index("iteration")
-            curves = {"mse": own["mse"].dropna(), "mse_held_out": own["held_out_mse"].dropna()}
-            with np.errstate(divide="ignore"):  # an error of exactly 0 has no logarithm and is left out
-                curves |= {f"log10_{name}": np.log10(curve) for name, curve in curves.items()}
-            metrics |= _over_seeds(finished.options, training) if model == NETWORK else {}
+    elif fit in finished.files:
+        files = to_files(Network.from_frame(parquet.read(schema.FIT, finished.files[fit]), seed, model), output)
+    if model != "clearance" and history in finished.files:
+        training = parquet.read(schema.FIT_HISTORY, finished.files[history])
+        own = training[(training["model"] == model) & (training["seed"] == seed)].set_index("iteration")
+        curves = {"mse": own["mse"].dropna(), "mse_held_out": own["held_out_mse"].dropna()}
+        with np.errstate(divide="ignore"):  # an error of exactly 0 has no logarithm and is left out
+            curves |= {f"log10_{name}": np.log10(curve) for name, curve in curves.items()}
+        metrics |= _over_seeds(finished.options, training) if model == "network" else {}
     return finished.record(
         "surrogate",
-        output if model == NETWORK else f"{model} {output}",
+        output if model == "network" else f"{model} {output}",
         metrics=metrics,
         curves=curves,
         read=["trajectory"],
         written=written,
         files={f"network/{name}": content for name, content in files.items()},
-        job=f"surrogate/{model if model == CLEARANCE else output}",
+        job=f"surrogate/{model if model == 'clearance' else output}",
         notes={"model": model, "stop": rows["stop"].iloc[0]},
     )
 
@@ -181,7 +168,7 @@ def _over_seeds(options: Scenario, history: pd.DataFrame) -> dict[str, float]:
     """Training error of all seeds after as many iterations as each of them was allowed."""
     asked = options.surrogate
     allowed = min(asked.iterations, asked.seed_iterations) if len(asked.seeds) > 1 else asked.iterations
-    history = history[(history["model"] == NETWORK) & (history["iteration"] <= allowed)]
+    history = history[(history["model"] == "network") & (history["iteration"] <= allowed)]
     last = history.groupby("seed")["mse"].last()
     found = {"median": last.median(), "lowest": last.min(), "highest": last.max()}
     return {"seeds": len(last), "seeds_iterations": allowed} | {f"seeds_mse_{end}": mse for end, mse in found.items()}
@@ -189,15 +176,10 @@ def _over_seeds(options: Scenario, history: pd.DataFrame) -> dict[str, float]:
 
 def _kinematics(finished: _Finished) -> list[Record]:
     errors, contradictions = finished.read("kinematics_errors"), finished.read("kinematics_contradictions")
-    if errors.empty:
-        return []
-    sections = [(row["source"], row) for row in errors.to_dict("records")]
-    sections += [(f"{row['surrogate']} contradicts itself", row) for row in contradictions.to_dict("records")]
-    metrics = {
-        f"{section}/{row['quantity']}_rms_over_range": row["rms_over_range"]
-        for section, row in sections
-        if row["region"] == "first_revolution"
-    }
+    both = [errors, contradictions.assign(source=contradictions["surrogate"] + " contradicts itself")]
+    first = pd.concat(both).query("region == 'first_revolution'")
+    names = first["source"] + "/" + first["quantity"] + "_rms_over_range"
+    metrics = dict(zip(names, first["rms_over_range"], strict=True))
     read = ["trajectory", *finished.names("fit", "clearance_fit")]
     written = ["kinematics", "kinematics_errors", "kinematics_contradictions"]
     return [finished.record("kinematics", metrics=metrics, read=read, written=written)]
@@ -211,39 +193,34 @@ def _optimise(finished: _Finished) -> list[Record]:
         return []
     box = next(iter(finished.options.optimise.boxes))
     wanted = optima["source"].str.startswith("network") & (optima["box"] == box) & (optima["method"] == "genetic")
-    own = finished.record(
-        "optimise",
-        read=["trajectory", *finished.names("fit", "clearance_fit")],
-        written=[name for name in finished.files if name.startswith("optimise_")],
-    )
+    read = ["trajectory", *finished.names("fit", "clearance_fit")]
+    written = [name for name in finished.files if name.startswith("optimise_")]
+    own = finished.record("optimise", read=read, written=written)
     nested = [_optimum(finished, row, own.params) for row in optima.to_dict("records")]
     main = nested[int(np.argmax(wanted.to_numpy()))]
     return [replace(own, metrics=main.metrics, curves=main.curves, notes=main.notes), *nested]
 
 
 def _optimum(finished: _Finished, row: dict, params: Mapping[str, str]) -> Record:
-    mechanism = finished.options.mechanism.applied()
+    mechanism, point = finished.options.mechanism.applied(), row["point"]
     counts = ("evaluations", "evaluations_within_1_percent", "evaluations_within_0_1_percent")
-    metrics = numbers(OPTIMISE_OPTIMA, row, "crank_length", "rod_length", "invariant", *counts) | {
-        "ratio": row["ratio"]
-    }
+    metrics = numbers(OPTIMISE_OPTIMA, row, "crank_length", "rod_length", "invariant", *counts)
+    metrics["ratio"] = row["ratio"]
     for link, original in (("crank", mechanism.crank.length), ("rod", mechanism.rod.length)):
         # of one part in a thousand the pages show no digit
         metrics[f"{link}_length_change_um"] = round(1e6 * (row[f"{link}_length"] - original), 3)
     sizes = (*MEASURES, *(f"{measure}_reduction" for measure in MEASURES))
     metrics |= numbers(OPTIMISE_OPTIMA, row, *sizes, section="frozen/")
     resimulated, worth = finished.read("optimise_resimulated"), finished.read("optimise_worth")
-    for again in resimulated[resimulated["point"] == row["point"]].to_dict("records"):
+    for again in resimulated[resimulated["point"] == point].to_dict("records"):
         metrics |= _resimulated(**again)
-    for lengths in worth[worth["point"] == row["point"]].to_dict("records"):
-        names = ("smallest_transmission_angle", "largest_departure", "stroke_change")
-        names += ("outer_dead_centre_change", "inner_dead_centre_change")
+    names = ("smallest_transmission_angle", "largest_departure", "stroke_change")
+    names += ("outer_dead_centre_change", "inner_dead_centre_change")
+    for lengths in worth[worth["point"] == point].to_dict("records"):
         metrics |= numbers(OPTIMISE_WORTH, lengths, *names, section=f"{lengths['cycle']}_cycle/")
     notes = {name: row[name] or "" for name in ("point", "source", "box", "method", "active_bounds", "status")}
-    curves = {"sum_of_squares_rad2": _path(finished, row)}
-    return Record(
-        "optimise", row["point"], params, metrics, {name: c for name, c in curves.items() if len(c)}, notes=notes
-    )
+    path = _path(finished, row)
+    return Record("optimise", point, params, metrics, {"sum_of_squares_rad2": path} if len(path) else {}, notes=notes)
 
 
 def _resimulated(stretch: str, measure: str, **row: Any) -> dict[str, float]:
@@ -256,11 +233,8 @@ def _resimulated(stretch: str, measure: str, **row: Any) -> dict[str, float]:
             metrics[f"gain_{over}{end}_percent"] = round(100 * row[f"reduction{end}"], 4)
     metrics[f"{section}_reduction_if_frozen_percent"] = 100 * row["frozen_reduction"]
     metrics[f"{section}_share_better"] = row["share_better"]
-    for error in ("error", "original_error"):
-        is_angle = measure != "sum_of_squares"
-        value = np.rad2deg(row[error]) if is_angle else row[error]
-        metrics[f"{section}_{error}_{'deg' if is_angle else 'rad2'}"] = value
-    return metrics
+    unit, factor = ("rad2", 1.0) if measure == "sum_of_squares" else ("deg", np.rad2deg(1.0))
+    return metrics | {f"{section}_{name}_{unit}": factor * row[name] for name in ("error", "original_error")}
 
 
 def _path(finished: _Finished, row: dict) -> pd.Series:
@@ -275,27 +249,11 @@ def _path(finished: _Finished, row: dict) -> pd.Series:
 
 def _compare(finished: _Finished) -> list[Record]:
     rows = finished.read("comparison")
-    if rows.empty:
-        return []
-    found = [f"{row['kind']} {row['verdict']}" for row in rows.to_dict("records")]
-    metrics = {
-        f"verdicts/{kind} {verdict}": found.count(f"{kind} {verdict}")
-        for kind, verdicts in _VERDICTS.items()
-        for verdict in verdicts
-    }
+    found = list(rows["kind"] + " " + rows["verdict"])
+    metrics = {f"verdicts/{verdict}": found.count(verdict) for verdict in _VERDICTS}
     for row in rows.to_dict("records"):
         name = " ".join(re.sub(r"[^\w\-. ]", "", row["item"]).split())[:200]  # without what MLflow does not take
         metrics |= {f"{column}/{name}": row[column] for column in ("ours", "ratio") if pd.notna(row[column])}
     text = finished.files["comparison"].with_suffix(".md")  # the stage writes it beside the table
     files = {text.name: text} if text.is_file() else {}
     return [finished.record("compare", metrics=metrics, written=["comparison"], files=files)]
-
-
-def _figures(finished: _Finished) -> list[Record]:
-    files = {
-        f"figures/{path.name}": path
-        for path in sorted((finished.folder / "figures").glob("*"))
-        if path.suffix in (".svg", ".png", ".gif")
-    }
-    metrics = {"figures": len({Path(name).stem for name in files})}
-    return [finished.record("figures", metrics=metrics, files=files)] if files else []

@@ -1,7 +1,7 @@
-"""The result of a scenario's optimisation, and remarks on it."""
+"""The result of a scenario's optimisation: lengths, gain and side effects, remarks, page, and document for programs."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,95 +9,45 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario
-from jointgap.core.joints import PINS
+from jointgap.core.joints import FROM_FRAME, PINS
+from jointgap.core.page import Block, Bullets, Cell, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.schema import FIT_ERRORS
-from jointgap.core.words import in_words
+from jointgap.core.words import in_words, joined
 from jointgap.dynamics import mechanism_warnings
+from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.region import MET, geometric
+from jointgap.paper.printed import departures
+from jointgap.scenario.figures import FIGURES
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_floor", "optimise_resimulated", "optimise_worth", "optimise_loads")
 """Names of the tables that an outcome is made of."""
 
-MOTIONS = {
+MOTIONS = {  # sources of the frozen motion in the joints; the nearest to the running machine first
     "simulation_settled": "simulation, a settled revolution",
     "simulation": "simulation, the first revolution",
     "clearance": "second surrogate, the first revolution",
     "networks": "networks, the first revolution",
 }
-"""Sources of the frozen motion in the joints, in words; the nearest to the running machine first."""
-
 AS_GOOD = 1.01  # times the smallest error: lengths with less are as good, and those nearest to the original are chosen
 FORCE_MET = 1.005  # times the largest force allowed, which a median of an ensemble may reach
-NOTICED, NOTICED_FORCE, NOTICED_PEAK = (
-    0.002,
-    0.05,
-    0.01,
-)  # relative changes of stroke, pin force, peak error remarked on
-OVERFIT = 10.0  # ratio of a network's held-out to its training error
-GENERALISES = 2.0  # the same of a regularised network
+NOTICED = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that are remarked on
+OVERFIT, GENERALISES = 10.0, 2.0  # ratio of held-out to training error of a network, and of a regularised one
+AS_WELL = 0.02  # spread of the reduction along the valley up to which all its points are equally good
 _WHOLE_TURN = 2 * math.pi * (1 - 1e-9)
-
-
-@dataclass(frozen=True)
-class Gain:
-    """One measure of the error of the transmission angle at the original lengths and at those found.
-
-    Attributes
-    ----------
-    before, after : float
-        Medians of the ensembles [rad].
-    reduction, low, high : float
-        Relative reduction when simulated again: median, 5 % and 95 % quantile over pairs of runs.
-    frozen : float
-        The same with the joint motion frozen at the original lengths.
-    share_better : float
-        Share of the pairs of runs in which the new lengths have the smaller error.
-    """
-
-    before: float
-    after: float
-    reduction: float
-    low: float
-    high: float
-    frozen: float
-    share_better: float
-
-    @property
-    def is_certain(self) -> bool:
-        """Whether the error falls in 95 % of the pairs of runs."""
-        return self.low > 0.0
-
-    @property
-    def is_loss(self) -> bool:
-        """Whether the error grows in 95 % of the pairs of runs."""
-        return self.high < 0.0
+_MEASURES = {"rms": "root mean square (RMS)", "mean_absolute": "mean absolute", "peak": "peak"}
+_FIGURES = ("valley", "resimulation", "contact_forces", "orbits")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The lengths found in a scenario and their effects.
-
-    Attributes
-    ----------
-    scenario : Scenario
-    chosen : mapping
-        Row of the table optimise_optima of the lengths found.
-    found : mapping of str to str
-        By source of the motion (key of `MOTIONS`) the better of the points that both optimisers found on it.
-    stretch : str
-        Basis of the result: ``settled``, a whole settled revolution, or ``window``, where one was asked for.
-    gains : mapping of (str, str) to Gain
-        By stretch and measure (rms, mean_absolute, peak).
-    frames : mapping of str to DataFrame
-        The tables `NEEDED` by name.
-    """
+    """The lengths found in a scenario and their effects."""
 
     scenario: Scenario
-    chosen: Mapping[str, Any]
-    found: Mapping[str, str]
-    stretch: str
-    gains: Mapping[tuple[str, str], Gain]
-    frames: Mapping[str, pd.DataFrame]
+    frames: Mapping[str, pd.DataFrame]  # the tables `NEEDED`, by name
+    chosen: Mapping[str, Any]  # row of the table optimise_optima
+    found: Mapping[str, str]  # by source of the motion the better of the points that both optimisers found on it
+    stretch: str  # basis of the result: settled, a whole settled revolution, or window, where one was asked for
+    gains: pd.DataFrame  # rows of the table optimise_resimulated of what was chosen, by stretch and measure
 
     @property
     def original(self) -> tuple[float, float]:
@@ -111,6 +61,11 @@ class Outcome:
         return float(self.chosen["crank_length"]), float(self.chosen["rod_length"])
 
     @property
+    def box(self) -> str:
+        """Name of the box that bounds the lengths."""
+        return next(iter(self.scenario.optimise.boxes))
+
+    @property
     def bounds(self) -> tuple[str, ...]:
         """Active bounds and constraints, in words."""
         return () if self.chosen["active_bounds"] == "none" else tuple(self.chosen["active_bounds"].split("; "))
@@ -121,46 +76,34 @@ class Outcome:
         return abs(self.lengths[0] - self.original[0]) < 1e-6
 
     @property
-    def gain(self) -> Gain:
+    def gain(self) -> pd.Series:
         """Of the RMS error over `stretch`."""
-        return self.gains[self.stretch, "rms"]
-
-    @property
-    def stretch_in_words(self) -> str:
-        """``a settled revolution``."""
-        return self.words_of(self.stretch)
+        return self.gains.loc[(self.stretch, "rms")]
 
     def words_of(self, stretch: str) -> str:
         """A stretch, ``settled`` or ``window``, in words."""
-        first, last = (math.degrees(angle) for angle in self.scenario.optimise.window)
+        first, last = map(math.degrees, self.scenario.optimise.window)
         if stretch == "settled":
             return "a settled revolution"
         whole = last - first >= math.degrees(_WHOLE_TURN)
         return "the first revolution" if whole else f"the first revolution from {first:g} to {last:g} deg"
 
-    def cycle(self, kind: str) -> tuple[pd.Series, pd.Series]:
-        """Rows of the table optimise_worth before and after; `kind` is ``ideal`` or ``simulated``."""
-        return self._pair("optimise_worth", "cycle", kind)
-
-    def load(self, joint: str) -> tuple[pd.Series, pd.Series]:
-        """Rows of the table optimise_loads of one `joint` before and after."""
-        return self._pair("optimise_loads", "joint", joint)
-
-    def _pair(self, table: str, column: str, value: str) -> tuple[pd.Series, pd.Series]:
-        own = self.frames[table][self.frames[table][column] == value].set_index("point")
-        return own.loc["original"], own.loc[self.chosen["point"]]
+    def pair(self, table: str, kind: str) -> pd.DataFrame:
+        """Rows before and after of the table ``optimise_worth`` for a `kind` of cycle (``ideal``, ``simulated``), or
+        ``optimise_loads`` for a joint.
+        """
+        own = self.frames[table].set_index("point").loc[["original", self.chosen["point"]]]
+        return own[own["cycle" if "cycle" in own else "joint"] == kind]
 
     @property
-    def peak_pin_forces(self) -> tuple[dict[str, float], dict[str, float]]:
-        """Largest force in each pin over the settled revolution before and after [N], medians."""
-        pairs = {joint: self.load(joint) for joint in PINS}
-        return tuple({joint: float(pair[side]["peak_force"]) for joint, pair in pairs.items()} for side in (0, 1))
+    def peak_force(self) -> tuple[float, float]:
+        """Largest force in a pin over the settled revolution before and after [N], median."""
+        return tuple(np.max([self.pair("optimise_loads", joint)["peak_force"] for joint in PINS], axis=0))
 
-    @property
-    def keeps_force(self) -> bool:
-        """Whether the lengths found keep the largest pin force that is allowed, if one is given."""
+    def keeps_force(self, after: bool = True) -> bool:
+        """Whether the lengths found, or the original ones, keep the largest pin force that is allowed, if one is."""
         most = self.scenario.optimise.constraints.largest_pin_force
-        return most is None or max(self.peak_pin_forces[1].values()) <= FORCE_MET * most
+        return most is None or self.peak_force[after] <= FORCE_MET * most
 
 
 def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
@@ -176,121 +119,101 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     force = loads[loads["joint"].isin(PINS)].groupby("point")["peak_force"].max()
     most = FORCE_MET * (scenario.optimise.constraints.largest_pin_force or math.inf)
     applied = scenario.mechanism.applied()
+    lengths = optima[["crank_length", "rod_length"]] / [applied.crank.length, applied.rod.length]
     own_name = optima["source"] + f"_{next(iter(scenario.optimise.boxes))}_" + optima["method"]
-    candidates = optima[(optima["point"] == own_name) & optima["point"].isin(error.index)]
-    candidates = candidates.assign(
-        force=candidates["point"].map(force).clip(lower=most),  # lengths that keep the force come first
-        error=candidates["point"].map(error),
-        change=np.hypot(
-            candidates["crank_length"] / applied.crank.length - 1, candidates["rod_length"] / applied.rod.length - 1
-        ),
-    ).sort_values(["force", "error"], kind="stable")
+    candidates = optima.assign(
+        force=optima["point"].map(force).clip(lower=most),  # lengths that keep the force come first
+        error=optima["point"].map(error),
+        change=np.hypot(lengths["crank_length"] - 1, lengths["rod_length"] - 1),
+    )
+    candidates = candidates[(optima["point"] == own_name) & optima["point"].isin(error.index)]
+    candidates = candidates.sort_values(["force", "error"], kind="stable")
     best = candidates.iloc[0]
     as_good = candidates[(candidates["force"] == best["force"]) & (candidates["error"] <= AS_GOOD * best["error"])]
     chosen = as_good.loc[as_good["change"].idxmin()]
     firsts = candidates.drop_duplicates("source").set_index("source")["point"].to_dict()
     firsts |= {chosen["source"]: chosen["point"]}
-    columns = (
-        "original_error",
-        "error",
-        "reduction",
-        "reduction_low",
-        "reduction_high",
-        "frozen_reduction",
-        "share_better",
-    )
-    gains = {
-        (row["stretch"], row["measure"]): Gain(*(row[column] for column in columns))
-        for row in again[again["point"] == chosen["point"]].to_dict("records")
-    }
-    errors = frames.get("fit_errors", pd.DataFrame(columns=FIT_ERRORS.names))
     found = {source: firsts[source] for source in MOTIONS if source in firsts}
-    return Outcome(scenario, chosen.to_dict(), found, stretch, gains, {**frames, "fit_errors": errors})
+    gains = again[again["point"] == chosen["point"]].set_index(["stretch", "measure"]).sort_index()
+    frames = {"fit_errors": pd.DataFrame(columns=FIT_ERRORS.names), **frames}
+    return Outcome(scenario, frames, chosen.to_dict(), found, stretch, gains)
 
 
-def ideal_swing(lengths: tuple[float, float], offset: float) -> tuple[float, float]:
-    """Smallest and largest transmission angle without clearance over a turn [rad]."""
-    crank, rod = lengths
-    return tuple(math.pi / 2 + float(np.arcsin((offset + side * crank) / rod)) for side in (-1, 1))
+# -- remarks
 
 
 def remarks(outcome: Outcome) -> tuple[str, ...]:
     """Remarks on an `outcome`, the most important first; empty where nothing is unusual."""
     return (
-        *_gain(outcome),
-        *_constraints(outcome),
+        _gain(outcome),
+        *_limits(outcome),
         *_changes(outcome),
         *mechanism_warnings.sentences(outcome.scenario.mechanism),
         *_networks(outcome),
     )
 
 
-def _gain(outcome: Outcome) -> Iterator[str]:
-    gain, row = outcome.gain, outcome.chosen
-    spread = f"{-100 * gain.high:+.1f} to {-100 * gain.low:+.1f} % over {outcome.stretch_in_words}"
-    if gain.is_loss:
-        advice = "keep your own" if _original_meets_all(outcome) else "the constraints cost this"
-        yield f"Simulated again, the error at the lengths found is larger than at your own ({spread}): {advice}."
-    elif not gain.is_certain:
-        yield f"The gain is not significant: simulated again from perturbed starts, the error changes by {spread}."
-    else:
-        width, allowed = float(row["rod_tolerance"]), float(row["rod_deviation_allowed"])
-        name = "IT7" if outcome.scenario.optimise.rod_tolerance is None else "the stated tolerance"
-        half, allowed_um = (f"±{1e6 * value:.3g} um" for value in (width / 2, allowed))
-        gained, lost = (math.degrees(value) for value in (gain.before - gain.after, row["rms_rod_off"] - row["rms"]))
-        does = f"costs up to {lost:.2g} deg of it" if allowed >= width / 2 else "cancels it"
-        yield (
-            f"The gain is {gained:.2g} deg. It requires a rod length within {allowed_um}; {name}, {half}, {does} "
-            "(estimated with frozen joint motion)."
-        )
+def _gain(outcome: Outcome) -> str:
+    gain, row, options = outcome.gain, outcome.chosen, outcome.scenario.optimise
+    low, high = -100 * gain["reduction_high"], -100 * gain["reduction_low"]
+    spread = f"{low:+.1f} to {high:+.1f} % over {outcome.words_of(outcome.stretch)}"
+    if low > 0.0:
+        asked = geometric(options.constraints, outcome.scenario.mechanism.applied().slider.offset)
+        meets_all = all(each.missed(outcome.original) <= MET for each in asked) and outcome.keeps_force(after=False)
+        advice = "keep your own" if meets_all else "the constraints cost this"
+        return f"Simulated again, the error at the lengths found is larger than at your own ({spread}): {advice}."
+    if high >= 0.0:
+        return f"The gain is not significant: simulated again from perturbed starts, the error changes by {spread}."
+    half, allowed = float(row["rod_tolerance"]) / 2, float(row["rod_deviation_allowed"])
+    name = "IT7" if options.rod_tolerance is None else "the stated tolerance"
+    gained, lost = np.degrees([gain["original_error"] - gain["error"], row["rms_rod_off"] - row["rms"]])
+    does = f"costs up to {lost:.2g} deg of it" if allowed >= half else "cancels it"
+    return (
+        f"The gain is {gained:.2g} deg. It requires a rod length within ±{1e6 * allowed:.3g} um; {name}, "
+        f"±{1e6 * half:.3g} um, {does} (estimated with frozen joint motion)."
+    )
 
 
-def _original_meets_all(outcome: Outcome) -> bool:
-    options = outcome.scenario.optimise.constraints
-    asked = geometric(options, outcome.scenario.mechanism.applied().slider.offset)
-    force, most = max(outcome.peak_pin_forces[0].values()), options.largest_pin_force
-    return all(each.missed(outcome.original) <= MET for each in asked) and (most is None or force <= FORCE_MET * most)
-
-
-def _constraints(outcome: Outcome) -> Iterator[str]:
+def _limits(outcome: Outcome) -> Iterator[str]:
     """A force that no lengths keep, and active bounds."""
-    box = next(iter(outcome.scenario.optimise.boxes))
-    if not outcome.keeps_force:
-        most, found = outcome.scenario.optimise.constraints.largest_pin_force, max(outcome.peak_pin_forces[1].values())
+    box = outcome.box
+    if not outcome.keeps_force():
+        most = outcome.scenario.optimise.constraints.largest_pin_force
         yield (
-            f"No lengths in the box `{box}` keep the largest pin force at {most:.4g} N; the nearest have {found:.4g} "
-            "N. Widen the box, or allow a larger force."
+            f"No lengths in the box `{box}` keep the largest pin force at {most:.4g} N; the nearest have "
+            f"{outcome.peak_force[1]:.4g} N. Widen the box, or allow a larger force."
         )
     for bound in outcome.bounds:
-        key = next((key for key in ("crank_length", "rod_length") if bound.startswith(in_words(key))), None)
+        advice = ""
         if "times the rod length" in bound:
             advice = "; raise `optimise.ratio_limit` if the drive allows it"
-        else:
-            advice = f"; move `optimise.boxes.{box}.{key}` if you can" if key else ""
+        elif bound.startswith(("crank length", "rod length")):
+            advice = f"; move `optimise.boxes.{box}.{bound.split()[0]}_length` if you can"
         yield f"The {bound.replace(' at ', ' is at ', 1)} and limits the result{advice}."
 
 
 def _changes(outcome: Outcome) -> Iterator[str]:
     """Side effects that a designer may not want, and how to limit them."""
-    constraints, (before, after) = outcome.scenario.optimise.constraints, outcome.cycle("simulated")
-    stroke, change = before["stroke"], after["stroke"] - before["stroke"]
-    if constraints.stroke is None and abs(change / stroke) > NOTICED:
+    constraints, (stroke, new) = (
+        outcome.scenario.optimise.constraints,
+        outcome.pair("optimise_worth", "simulated")["stroke"],
+    )
+    if constraints.stroke is None and abs(new / stroke - 1) > NOTICED["stroke"]:
         yield (
-            f"The stroke changes by {1e3 * change:+.3g} mm ({100 * change / stroke:+.1f} %); fix it with "
+            f"The stroke changes by {1e3 * (new - stroke):+.3g} mm ({100 * (new / stroke - 1):+.1f} %); fix it with "
             "`optimise.constraints.stroke`."
         )
-    peak = outcome.gains[outcome.stretch, "peak"]
-    if peak.after / peak.before - 1 > NOTICED_PEAK:
+    before, after = np.degrees(outcome.gains.loc[(outcome.stretch, "peak"), ["original_error", "error"]].astype(float))
+    if after / before - 1 > NOTICED["peak"]:
         yield (
-            f"The peak error grows from {math.degrees(peak.before):.3g} to {math.degrees(peak.after):.3g} deg "
-            f"({100 * (peak.after / peak.before - 1):+.0f} %) over {outcome.stretch_in_words}; the RMS error was "
-            "minimised."
+            f"The peak error grows from {before:.3g} to {after:.3g} deg ({100 * (after / before - 1):+.0f} %) over "
+            f"{outcome.words_of(outcome.stretch)}; the RMS error was minimised."
         )
-    old, new = (max(force.values()) for force in outcome.peak_pin_forces)
-    if constraints.largest_pin_force is None and new / old - 1 > NOTICED_FORCE:
+    before, after = outcome.peak_force
+    if constraints.largest_pin_force is None and after / before - 1 > NOTICED["force"]:
         yield (
-            f"The largest force in a pin grows from {old:.3g} to {new:.3g} N ({100 * (new / old - 1):+.0f} %); limit "
-            "it with `optimise.constraints.largest_pin_force`."
+            f"The largest force in a pin grows from {before:.3g} to {after:.3g} N ({100 * (after / before - 1):+.0f} "
+            "%); limit it with `optimise.constraints.largest_pin_force`."
         )
 
 
@@ -300,15 +223,262 @@ def _networks(outcome: Outcome) -> Iterator[str]:
     own, regularised = (errors[errors["model"] == model] for model in ("network", "regularised"))
     factor = own["held_out_mse"] / own["training_mse"]
     if overfit := int((factor > OVERFIT).sum()):
+        used = outcome.chosen["source"] == "networks"
         sentence = (
             f"{overfit} of {len(own)} networks overfit: test error up to {factor.max():.0f} times the training error. "
-            + (
-                "The gain is simulated without them."
-                if outcome.chosen["source"] == "networks"
-                else "The lengths were found without them."
-            )
+            f"The {'gain is simulated' if used else 'lengths were found'} without them."
         )
         if len(regularised):
             good = int((regularised["held_out_mse"] <= GENERALISES * regularised["training_mse"]).sum())
             sentence += f" {good} of {len(regularised)} regularised networks do not (at most {GENERALISES:g} times)."
         yield sentence
+
+
+# -- page
+
+
+def headline(outcome: Outcome) -> str:
+    """The answer in one line, with its numbers."""
+    (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
+    kept = "mm as it is" if outcome.keeps_crank else f"→ {_short(1e3 * new_crank, 2)} mm"
+    before, after = _alike(*np.degrees([gain["original_error"], gain["error"]]))
+    low, high = _fall(gain["reduction_high"]), _fall(gain["reduction_low"])
+    ends = "from every start" if low == high else f"{low} to {high} %"
+    spread = f"{_fall(gain['reduction'])} % ({ends})".replace("-", "−")
+    verdict = "" if gain["reduction_low"] > 0 else ", worse" if gain["reduction_high"] < 0 else ", not significant"
+    return (
+        f"Crank {_short(1e3 * crank, 2)} {kept}, rod {_short(1e3 * rod, 2)} → {_short(1e3 * new_rod, 2)} mm (crank "
+        f"over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}): RMS error of the transmission angle {before} → "
+        f"{after} deg, {spread}, simulated again{verdict}"
+    )
+
+
+def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, Any]:
+    """The outcome of the scenario called `name` for programs, with its `remarks`: content of ``summary.json``."""
+    gain = outcome.gain
+    crank, rod = (
+        {"before": 1e3 * old, "after": 1e3 * new} for old, new in zip(outcome.original, outcome.lengths, strict=True)
+    )
+    fall = {"median": "reduction", "5_percent": "reduction_low", "95_percent": "reduction_high"}
+    fall |= {"motion_frozen": "frozen_reduction"}
+    return {
+        "scenario": name,
+        "headline": headline(outcome),
+        "remarks": list(remarks),
+        "found_on": outcome.chosen["source"],
+        "crank_length_mm": crank,
+        "rod_length_mm": rod,
+        "at_bounds": list(outcome.bounds),
+        "rms_error_deg": {"before": math.degrees(gain["original_error"]), "after": math.degrees(gain["error"])},
+        "reduction_percent": {key: 100 * float(gain[column]) for key, column in fall.items()},
+    }
+
+
+def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
+    """The outcome of the scenario called `name` on one page, with its `remarks`."""
+    scenario = outcome.scenario
+    compared = scenario.paper and not departures(scenario.mechanism, scenario.simulate)
+    links = (
+        *([Link("The paper's numbers and claims compared", "comparison.html")] if compared else []),
+        Link("Zoom into the impacts", "figures/impacts.html", ": gaps, contact forces and modes"),
+        Link("All figures of this scenario", "figures", " as PNG, SVG, and the plotted data as Parquet"),
+        Link("The same numbers for programs", "summary.json"),
+        Link("Every table of the search", "optimise", "; `jointgap describe FILE` explains the columns"),
+    )
+    blocks: list[Block] = [
+        *([Paragraph(scenario.description)] if scenario.description else []),
+        Paragraph(_definition(outcome)),
+        _figure("animation"),
+        *([Heading("Check before you use this"), Bullets(tuple(remarks))] if remarks else []),
+        Heading("Lengths"),
+        *_lengths(outcome),
+        Heading("Gain"),
+        *_gains(outcome),
+        Heading("Side effects"),
+        *_side_effects(outcome),
+        *_constraints(outcome),
+        Heading("Motion used by the search"),
+        *_motions(outcome),
+        Heading("Figures"),
+        *map(_figure, _FIGURES),
+        Heading("Files"),
+        Bullets(links),
+    ]
+    return Page(headline(outcome), tuple(blocks), subject=f"Scenario {name}", width="60rem")
+
+
+def _figure(name: str) -> FigureBlock:
+    spec = FIGURES[name]
+    title = f"{spec.title}, original lengths" if spec.category == "Contact" else spec.title
+    return FigureBlock(name, title, spec.caption, spec.moving)
+
+
+def _short(value: float, decimals: int) -> str:
+    """A number with so many decimals at most, one at least."""
+    return np.format_float_positional(value, decimals, trim="0")
+
+
+def _signed(value: float, decimals: int) -> str:
+    """A change with its sign; one that is rounded away has none."""
+    text = f"{value:+.{decimals}f}"
+    return text if float(text) else text[1:]
+
+
+def _fall(reduction: float, decimals: int = 1) -> str:
+    """The change [%] that a reduction is."""
+    return f"{-100 * reduction:+.{decimals}f}"
+
+
+def _alike(before: float, after: float) -> tuple[str, str]:
+    """Two numbers with the same decimals: three digits of the larger, two of their difference, five at most."""
+    largest = max(abs(before), abs(after))
+    sizes = [largest, max(10 * abs(after - before), 0.01 * largest) if after != before else 0.0]
+    decimals = min(max([0, *(2 - math.floor(math.log10(size)) for size in sizes if size > 0)]), 5)
+    return f"{before:.{decimals}f}", f"{after:.{decimals}f}"
+
+
+def _definition(outcome: Outcome) -> str:
+    applied, (crank, rod) = outcome.scenario.mechanism.applied(), outcome.original
+    low, high = (90 + np.degrees(np.arcsin((applied.slider.offset + side * crank) / rod)) for side in (-1, 1))
+    return (
+        "The transmission angle is the angle between the rod and the normal to the slide, best near 90 deg. Its "
+        "error is the angle without clearance at the original lengths minus the angle with clearance in the "
+        f"{joined(map(in_words, applied.loose))}, over {outcome.words_of(outcome.stretch)}. The angle itself varies "
+        f"from {low:.1f} to {high:.1f} deg."
+    )
+
+
+def _lengths(outcome: Outcome) -> Iterator[Block]:
+    options, box = outcome.scenario.optimise, outcome.scenario.optimise.boxes[outcome.box]
+    limit = "–" if options.ratio_limit is None else f"up to {options.ratio_limit:g}"
+    rows = []
+    for before, after, (low, high), words in zip(
+        outcome.original, outcome.lengths, (box.crank_length, box.rod_length), ("crank", "rod"), strict=True
+    ):
+        searched = f"{1e3 * low:g} to {1e3 * high:g}"
+        shown = _short(1e3 * before, 3), _short(1e3 * after, 3), _signed(1e3 * (after - before), 3)
+        rows.append((f"{words} length [mm]", *shown, _signed(100 * (after / before - 1), 2), searched))
+    before, after = (crank / rod for crank, rod in (outcome.original, outcome.lengths))
+    change = _signed(after - before, 5), _signed(100 * (after / before - 1), 2)
+    rows.append(("crank over rod [1]", f"{before:.5f}", f"{after:.5f}", *change, limit))
+    heads = ("", "before", "after", "change", "change [%]", f"searched (box {outcome.box})")
+    yield TableBlock(heads, tuple(rows), "lrrrrr")
+    if not outcome.bounds and outcome.keeps_force():
+        kept = " The crank keeps its length; `optimise.boxes` lets both vary." if outcome.keeps_crank else ""
+        yield Paragraph(f"No bound is active.{kept}")
+    floor = outcome.frames["optimise_floor"]
+    floor = floor[(floor["source"] == outcome.chosen["source"]) & (floor["box"] == outcome.box)]
+    ratios, reductions = (floor.loc[floor["measure"] == "rms", column] for column in ("ratio", "reduction"))
+    low, high = 1e3 * np.array(box.rod_length)
+    yield Paragraph(
+        f"The ratio determines the error. With frozen joint motion and the best crank for each rod from {low:g} "
+        f"to {high:g} mm, the ratio is {ratios.min():.5f} to {ratios.max():.5f} and the RMS error falls by "
+        f"{100 * reductions.min():.1f} to {100 * reductions.max():.1f} %"
+        + (": all these pairs are equally good." if np.ptp(reductions) <= AS_WELL else ".")
+    )
+
+
+def _gains(outcome: Outcome) -> Iterator[Block]:
+    rows = []
+    for stretch in (outcome.stretch, *({"settled", "window"} - {outcome.stretch})):
+        for measure, words in _MEASURES.items():
+            gain = outcome.gains.loc[(stretch, measure)]
+            rows.append(
+                (
+                    f"{words}, {outcome.words_of(stretch)}",
+                    *_alike(*np.degrees([gain["original_error"], gain["error"]])),
+                    _fall(gain["reduction"]),
+                    f"{_fall(gain['reduction_high'])} to {_fall(gain['reduction_low'])}",
+                    _fall(gain["frozen_reduction"]),
+                    f"{100 * gain['share_better']:.0f}",
+                )
+            )
+    heads = ("error", "before [deg]", "after [deg]", "simulated again [%]", "5 to 95 % [%]", "frozen [%]")
+    yield TableBlock((*heads, "improved in [% of run pairs]"), tuple(rows), "lrrrrrr")
+    yield Paragraph(
+        "Simulated again: the result that counts, medians and spread over pairs of "
+        f"{outcome.gains['members'].iloc[0]} runs from perturbed starts for each pair of lengths. Frozen: estimate "
+        "with unchanged joint motion."
+    )
+
+
+def _side_effects(outcome: Outcome) -> Iterator[Block]:
+    applied, cycle = outcome.scenario.mechanism.applied(), outcome.pair("optimise_worth", "simulated")
+    loads = {joint: outcome.pair("optimise_loads", joint) for joint in FROM_FRAME}
+    ideal = [ideal_cycle(*lengths, applied.slider.offset) for lengths in (outcome.original, outcome.lengths)]
+    changes = {  # of what there is before and after
+        "stroke [mm]": 1e3 * cycle["stroke"],
+        "stroke without clearance [mm]": [1e3 * one.stroke for one in ideal],
+        "outer dead centre, slider at [mm]": 1e3 * cycle["outer_dead_centre"],
+        "inner dead centre, slider at [mm]": 1e3 * cycle["inner_dead_centre"],
+        "outer dead centre, crank at [deg]": [math.degrees(one.outer_dead_centre_angle) for one in ideal],
+        "inner dead centre, crank at [deg]": [math.degrees(one.inner_dead_centre_angle) for one in ideal],
+        "smallest transmission angle [deg]": np.degrees(cycle["smallest_transmission_angle"]),
+    }
+    for joint, load in loads.items():
+        changes[f"largest force in the {in_words(joint)} [N]"] = load["peak_force"]
+        changes[f"RMS force in the {in_words(joint)} [N]"] = load["rms_force"]
+    for joint in applied.loose:
+        changes[f"share of time in contact, {in_words(joint)} [%]"] = 100 * loads[joint]["contact_share"]
+    rows = []
+    for words, (before, after) in changes.items():
+        old, new = _alike(before, after)
+        relative = before and not words.endswith(("[deg]", "[%]"))
+        percent = _signed(100 * (after / before - 1), 1) if relative else "–"
+        rows.append((words, old, new, _signed(float(new) - float(old), len(old.partition(".")[2])), percent))
+    yield TableBlock(("", "before", "after", "change", "change [%]"), tuple(rows), "lrrrr")
+    yield Paragraph(
+        "Medians over the runs with clearance, over a settled revolution. Crank angles of the dead centres: without "
+        "clearance, from the slide's direction. Forces come from inertia and from the effects listed in the "
+        "mechanism file; list gas pressure or a load there."
+    )
+
+
+def _constraints(outcome: Outcome) -> Iterator[Block]:
+    """The constraints on the lengths besides their bounds."""
+    options, lengths = outcome.scenario.optimise.constraints, (outcome.original, outcome.lengths)
+    rows = [
+        (
+            each.words,
+            each.asked(),
+            *(each.show(float(each.value(at))) for at in lengths),
+            each.missed(lengths[1]) <= MET,
+        )
+        for each in geometric(options, outcome.scenario.mechanism.applied().slider.offset)
+        if not (each.key == "crank_length" and outcome.keeps_crank)
+    ]
+    if (most := options.largest_pin_force) is not None:
+        forces = (f"{force:.4g} N" for force in outcome.peak_force)
+        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.keeps_force()))
+    if rows:
+        met = {True: Cell("yes", "good"), False: Cell("no", "bad")}
+        yield Heading("Constraints")
+        shown = tuple((*words, met[bool(is_met)]) for *words, is_met in rows)
+        yield TableBlock(("", "required", "before", "after", "met"), shown, "lrrrl")
+        yield Paragraph("Lengths and angles without clearance; forces simulated with clearance.")
+
+
+def _motions(outcome: Outcome) -> Iterator[Block]:
+    optima, again = outcome.frames["optimise_optima"], outcome.frames["optimise_resimulated"]
+    again = again[again["measure"] == "rms"].set_index(["point", "stretch"])
+    rows = []
+    for source, point in outcome.found.items():
+        lengths = optima[(optima["source"] == source) & (optima["point"] == point)].iloc[0]
+        chosen = " (chosen)" if source == outcome.chosen["source"] else ""
+        errors = (again.loc[(point, stretch)] for stretch in ("settled", "window"))
+        rows.append(
+            (
+                f"{MOTIONS[source]}{chosen}",
+                *(f"{1e3 * lengths[key]:.3f}" for key in ("crank_length", "rod_length")),
+                *(
+                    f"{_fall(row['reduction'])} ({_fall(row['reduction_high'])} to {_fall(row['reduction_low'])})"
+                    for row in errors
+                ),
+            )
+        )
+    yield Paragraph(
+        "The search uses frozen joint motion from several sources. The lengths with the smallest re-simulated RMS "
+        f"error over {outcome.words_of(outcome.stretch)} are chosen."
+    )
+    heads = (f"RMS error, {outcome.words_of(stretch)} [%]" for stretch in ("settled", "window"))
+    yield TableBlock(("motion from", "crank [mm]", "rod [mm]", *heads), tuple(rows), "lrrrr")

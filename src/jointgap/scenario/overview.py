@@ -21,32 +21,6 @@ _TEXT = (
     "again: the result that counts, median and 5-95 % of an ensemble. Training and held-out MSE: outputs at or below "
     "the paper's training error."
 )
-_HEADS = (
-    "scenario",
-    "loose joints (journal on)",
-    "drive",
-    "friction, largest",
-    "window [deg]",
-    "crank [mm]",
-    "rod [mm]",
-    "networks, frozen [%]",
-    "simulation, frozen [%]",
-    "simulated again, window [%]",
-    "simulated again, settled [%]",
-    "training MSE reached",
-    "held-out MSE reached",
-    "second surrogate, held out",
-    "other printed numbers that agree",
-)
-_COUNT_HEADS = (
-    "loose joints",
-    "scenario",
-    "which",
-    "simulated again, window [%]",
-    "simulated again, settled [%]",
-    "error before [deg]",
-    "after [deg]",
-)
 
 
 def overview(loaded: Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]) -> pd.DataFrame:
@@ -115,31 +89,35 @@ def overview_page(table: pd.DataFrame) -> Page:
 
 def side_by_side(table: pd.DataFrame) -> list[Block]:
     """The `table` overview in words and tables."""
-    cells = tuple(map(_cells, table.itertuples(index=False)))
-    return [Paragraph(_TEXT), TableBlock(_HEADS, cells, "lllrrrrrrrrrrrr"), *_by_count(table)]
+    rows = map(_cells, table.itertuples(index=False))
+    return [Paragraph(_TEXT), TableBlock.of(rows, "lllrrrrrrrrrrrr"), *_by_count(table)]
 
 
-def _cells(row) -> tuple[str | Link, ...]:
-    reached = (row.training_reached, row.held_out_reached, row.second_reached)
-    return (
-        Link(row.scenario, f"{row.scenario}/summary.html"),
-        row.loose,
-        row.drive,
-        f"{row.friction:g}",
-        f"{np.degrees(row.window_start):.0f}-{np.degrees(row.window_end):.0f}",
-        f"{1e3 * row.crank_length:.3f}",
-        f"{1e3 * row.rod_length:.3f}",
-        f"{100 * row.networks_reduction:.2f}",
-        f"{100 * row.simulation_reduction:.2f}",
-        _spread(row.window_reduction, row.window_reduction_low, row.window_reduction_high),
-        _spread(row.settled_reduction, row.settled_reduction_low, row.settled_reduction_high),
-        *(f"{count} of {row.judged}" if row.judged else "–" for count in reached),
-        f"{row.printed_agree} of {row.printed}" if row.printed else "–",
-    )
+def _cells(row) -> dict[str, str | Link]:
+    window, learned = np.degrees([row.window_start, row.window_end]), f"of {row.judged}"
+    return {
+        "scenario": Link(row.scenario, f"{row.scenario}/summary.html"),
+        "loose joints (journal on)": row.loose,
+        "drive": row.drive,
+        "friction, largest": f"{row.friction:g}",
+        "window [deg]": "{:.0f}-{:.0f}".format(*window),
+        "crank [mm]": f"{1e3 * row.crank_length:.3f}",
+        "rod [mm]": f"{1e3 * row.rod_length:.3f}",
+        "networks, frozen [%]": f"{100 * row.networks_reduction:.2f}",
+        "simulation, frozen [%]": f"{100 * row.simulation_reduction:.2f}",
+        "simulated again, window [%]": _spread(row, "window_reduction"),
+        "simulated again, settled [%]": _spread(row, "settled_reduction"),
+        "training MSE reached": f"{row.training_reached} {learned}" if row.judged else "–",
+        "held-out MSE reached": f"{row.held_out_reached} {learned}" if row.judged else "–",
+        "second surrogate, held out": f"{row.second_reached} {learned}" if row.judged else "–",
+        "other printed numbers that agree": f"{row.printed_agree} of {row.printed}" if row.printed else "–",
+    }
 
 
-def _spread(middle: float, low: float, high: float) -> str:
-    return f"{100 * middle:.2f} ({100 * low:.2f} to {100 * high:.2f})"
+def _spread(row, name: str) -> str:
+    ends = "found" if name == "found_reduction" else name
+    low, high = getattr(row, f"{ends}_low"), getattr(row, f"{ends}_high")
+    return f"{100 * getattr(row, name):.2f} ({100 * low:.2f} to {100 * high:.2f})"
 
 
 def _by_count(table: pd.DataFrame) -> Iterator[Block]:
@@ -147,15 +125,16 @@ def _by_count(table: pd.DataFrame) -> Iterator[Block]:
     for _, rows in table.groupby("family", sort=False):
         if rows["loose_joints"].nunique() < 2:
             continue
-        cells = tuple(
-            (
-                str(row.loose_joints),
-                row.scenario,
-                ", ".join(joint.partition(" (")[0] for joint in row.loose.split(", ")),
-                _spread(row.found_reduction, row.found_low, row.found_high),
-                f"{100 * row.found_settled:.2f}",
-                *(f"{np.degrees(angle):.4f}" for angle in (row.found_original_error, row.found_error)),
-            )
+        cells = (
+            {
+                "loose joints": str(row.loose_joints),
+                "scenario": row.scenario,
+                "which": ", ".join(joint.partition(" (")[0] for joint in row.loose.split(", ")),
+                "simulated again, window [%]": _spread(row, "found_reduction"),
+                "simulated again, settled [%]": f"{100 * row.found_settled:.2f}",
+                "error before [deg]": f"{np.degrees(row.found_original_error):.4f}",
+                "after [deg]": f"{np.degrees(row.found_error):.4f}",
+            }
             for row in rows.sort_values("loose_joints", kind="stable").itertuples()
         )
         yield Heading("By count of loose joints")
@@ -163,4 +142,4 @@ def _by_count(table: pd.DataFrame) -> Iterator[Block]:
             "These scenarios differ only in their loose joints. RMS reductions at the lengths that the genetic "
             f"algorithm finds on each simulation's own motion, simulated again. {conclusion(rows)}"
         )
-        yield TableBlock(_COUNT_HEADS, cells, "rllrrrr")
+        yield TableBlock.of(cells, "rllrrrr")

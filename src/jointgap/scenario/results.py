@@ -10,11 +10,8 @@ from jointgap.config import Mechanism, Scenario
 from jointgap.core import joints, parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.schema import FIT_ERRORS, TRAJECTORY, Table
+from jointgap.core.schema import TRAJECTORY, Table
 from jointgap.networks import OF_NETWORKS
-
-CLEARANCE = "clearance"
-"""Stands for an output where the second surrogate has all of them in one file."""
 
 
 class ScenarioResults(ResultsFolder):
@@ -23,6 +20,11 @@ class ScenarioResults(ResultsFolder):
     def __init__(self, path: Path, scenario: Scenario, places: Mapping[str, Path] | None = None):
         super().__init__(path, places)
         self.scenario = scenario
+
+    @property
+    def name(self) -> str:
+        """The scenario's name: that of the folder."""
+        return self.path.resolve().name
 
     def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
         """The frame of `table`; where there is a file per output that of `part`, or all below each other with a column
@@ -68,9 +70,12 @@ def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def parts_of(table: Table, mechanism: Mechanism) -> tuple[str, ...]:
-    """What ``{output}`` stands for in the place of a `table` of a `mechanism`; errors as `outputs_of`."""
+    """What ``{output}`` stands for in the place of a `table` of a `mechanism`; errors as `outputs_of`.
+
+    The second surrogate has the errors of all outputs in one file.
+    """
     outputs = outputs_of(mechanism)
-    return (*outputs, CLEARANCE) if table.name == FIT_ERRORS.name else outputs
+    return (*outputs, "clearance") if table.name == "fit_errors" else outputs
 
 
 def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:

@@ -9,29 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from jointgap.core import schema
 from jointgap.core.files import write_text
-from jointgap.core.schema import (
-    CLEARANCE_FIT,
-    COMPARISON,
-    EVENTS,
-    FIT,
-    FIT_ERRORS,
-    FIT_HISTORY,
-    KINEMATICS,
-    KINEMATICS_CONTRADICTIONS,
-    KINEMATICS_ERRORS,
-    OPTIMISE_FLOOR,
-    OPTIMISE_LOADS,
-    OPTIMISE_OPTIMA,
-    OPTIMISE_PATHS,
-    OPTIMISE_POPULATION,
-    OPTIMISE_RESIMULATED,
-    OPTIMISE_TOLERANCE,
-    OPTIMISE_VALLEY,
-    OPTIMISE_WORTH,
-    OVERVIEW,
-    TRAJECTORY,
-)
 from jointgap.core.stage import Option, Stages
 from jointgap.networks import OF_NETWORKS
 
@@ -61,18 +40,16 @@ def drawn(learned: bool) -> list[str]:
     return [name for name in FIGURES.still if learned != of_networks.isdisjoint(FIGURES.needed_tables([name]))]
 
 
-PUBLISHED = "track/published.json"
-"""Place of what was published where."""
-
-IMPACTS_PAGE = "figures/impacts.html"
-"""Place of the page to zoom into the impacts, in the folder of a scenario."""
+PUBLISHED, IMPACTS_PAGE = "track/published.json", "figures/impacts.html"
+"""Places, in the folder of a scenario, of what was published where, and of the page to zoom into the impacts."""
 
 _MOTION = ("mechanism", "simulate")
 _LEARNING = (*_MOTION, "networks", "paper", "surrogate")
 _OPTIMUM = (*_LEARNING, "optimise")
+_SHOWN, _TOLD = (*_OPTIMUM, "figures"), ("description", *_OPTIMUM)
 
 
-@SCENARIO_STAGES.stage(writes=(TRAJECTORY, EVENTS), sections=_MOTION, does="simulate the contact")
+@SCENARIO_STAGES.stage(writes=(schema.TRAJECTORY, schema.EVENTS), sections=_MOTION, does="simulate the contact")
 def simulate(results: "ScenarioResults") -> None:
     """Simulate the slider-crank: each joint loose or ideal, with contact, friction and the effects that are listed.
 
@@ -97,13 +74,12 @@ def simulate(results: "ScenarioResults") -> None:
     for remark in remarks(scenario.mechanism):
         print(f"jointgap: {remark}", file=sys.stderr)
     run = simulated(scenario.mechanism, scenario.simulate)
-    results.write(EVENTS, run.events)
-    results.write(TRAJECTORY, run.samples)
+    results.write_all({"events": run.events, "trajectory": run.samples})
 
 
 @SCENARIO_STAGES.stage(
-    reads=(TRAJECTORY,),
-    writes=(FIT, FIT_HISTORY, FIT_ERRORS),
+    reads=(schema.TRAJECTORY,),
+    writes=(schema.FIT, schema.FIT_HISTORY, schema.FIT_ERRORS),
     sections=_LEARNING,
     does="train the networks of {output}",
     minutes=60,
@@ -126,15 +102,11 @@ def surrogate(
     outputs = outputs_of(results.scenario.mechanism)
     if output not in outputs:
         raise InputError(f"--output-name {output}: no such output; {did_you_mean(output, outputs)}")
-    trajectory, options = results.read(TRAJECTORY), results.scenario.surrogate
+    trajectory, options = results.read("trajectory"), results.scenario.surrogate
     fine = _first_revolution(results.scenario, min(SAMPLING, options.clearance_sampling))
     fits = [*train(trajectory, output, options), train_regularised(trajectory, fine, output, options)]
-    for table, frames in (
-        (FIT_HISTORY, [fit.history() for fit in fits]),
-        (FIT_ERRORS, [fit.errors() for fit in fits]),
-        (FIT, [fit.weights() for fit in fits]),
-    ):
-        results.write(table, pd.concat(frames, ignore_index=True), output)
+    for table, part in (("fit_history", "history"), ("fit_errors", "errors"), ("fit", "weights")):
+        results.write(table, pd.concat([getattr(fit, part)() for fit in fits], ignore_index=True), output)
 
 
 def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
@@ -147,8 +119,8 @@ def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
 
 
 @SCENARIO_STAGES.stage(
-    reads=(TRAJECTORY,),
-    writes=(CLEARANCE_FIT, FIT_ERRORS.at("clearance")),
+    reads=(schema.TRAJECTORY,),
+    writes=(schema.CLEARANCE_FIT, schema.FIT_ERRORS.at("clearance")),
     sections=_LEARNING,
     does="train the second surrogate",
     memory=3000,
@@ -157,14 +129,13 @@ def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
 def clearance(results: "ScenarioResults") -> None:
     """Train the second surrogate: one network per loose joint for the clearance vector, all outputs from it."""
     from jointgap.networks.clearance import train_clearance
-    from jointgap.scenario.results import CLEARANCE, outputs_of
+    from jointgap.scenario.results import outputs_of
 
     outputs_of(results.scenario.mechanism)  # complains where there is nothing to learn
-    held_out, scenario = results.read(TRAJECTORY), results.scenario
+    held_out, scenario = results.read("trajectory"), results.scenario
     fine = _first_revolution(scenario, scenario.surrogate.clearance_sampling)
     trained = train_clearance(held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose)
-    results.write(FIT_ERRORS, trained.errors(), CLEARANCE)
-    results.write(CLEARANCE_FIT, trained.weights())
+    results.write_all({"fit_errors": trained.errors(), "clearance_fit": trained.weights()}, "clearance")
 
 
 _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
@@ -172,7 +143,7 @@ _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
 
 @SCENARIO_STAGES.stage(
     reads=_TRAINED,
-    writes=(KINEMATICS, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS),
+    writes=(schema.KINEMATICS, schema.KINEMATICS_ERRORS, schema.KINEMATICS_CONTRADICTIONS),
     sections=_LEARNING,
     does="kinematics from networks and simulation",
 )
@@ -181,32 +152,14 @@ def kinematics(results: "ScenarioResults") -> None:
     from jointgap.scenario.kinematics import kinematics as compared
     from jointgap.scenario.trained import trained_surrogates
 
-    scenario = results.scenario
-    result = compared(
-        scenario.mechanism.applied(),
-        scenario.simulate,
-        scenario.surrogate.training_points,
-        results.read(TRAJECTORY),
-        trained_surrogates(results),
-    )
-    results.write(KINEMATICS_ERRORS, result.errors)
-    results.write(KINEMATICS_CONTRADICTIONS, result.contradictions)
-    results.write(KINEMATICS, result.motion)
+    scenario, points = results.scenario, results.scenario.surrogate.training_points
+    given = results.read("trajectory"), trained_surrogates(results)
+    results.write_all(compared(scenario.mechanism.applied(), scenario.simulate, points, *given))
 
 
 @SCENARIO_STAGES.stage(
     reads=_TRAINED,
-    writes=(
-        OPTIMISE_OPTIMA,
-        OPTIMISE_POPULATION,
-        OPTIMISE_PATHS,
-        OPTIMISE_TOLERANCE,
-        OPTIMISE_VALLEY,
-        OPTIMISE_FLOOR,
-        OPTIMISE_RESIMULATED,
-        OPTIMISE_WORTH,
-        OPTIMISE_LOADS,
-    ),
+    writes=tuple(table for table in schema.TABLES.values() if table.path.startswith("optimise/")),
     sections=_OPTIMUM,
     does="optimise the link lengths",
 )
@@ -215,23 +168,17 @@ def optimise(results: "ScenarioResults") -> None:
     from jointgap.lengths.optimise import optimise as optimised
     from jointgap.scenario.trained import trained_surrogates
 
-    scenario = results.scenario
-    result = optimised(
-        scenario.mechanism.applied(),
-        scenario.simulate,
-        scenario.optimise,
-        scenario.surrogate.training_points,
-        results.read(TRAJECTORY),
-        trained_surrogates(results),
-    )
+    scenario, points = results.scenario, results.scenario.surrogate.training_points
+    given = results.read("trajectory"), trained_surrogates(results)
+    found = optimised(scenario.mechanism.applied(), scenario.simulate, scenario.optimise, points, *given)
     for table in SCENARIO_STAGES["optimise"].writes:
-        results.write(table, getattr(result, table.name.removeprefix("optimise_")))
+        results.write(table, getattr(found, table.name.removeprefix("optimise_")))
 
 
 _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
 
 
-@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"), does="draw the figures")
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=_SHOWN, does="draw the figures")
 def figures(
     results: "ScenarioResults",
     names: Annotated[
@@ -244,28 +191,29 @@ def figures(
     ] = None,
 ) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
+    from jointgap.scenario.figure_data import revolution
     from jointgap.scenario.figures import FIGURES, draw_all
-    from jointgap.scenario.figures_base import predictions
-    from jointgap.scenario.trained import trained_surrogates
+    from jointgap.scenario.trained import predictions, trained_surrogates
 
     wanted = names or [*(drawn(True) if results.scenario.networks else ()), *drawn(False)]
-    needed = FIGURES.needed_tables(wanted)
-    frames = results.read_all(name for name in needed if name != "predictions")
+    needed = set(FIGURES.needed_tables(wanted))
+    frames = results.read_all(needed - {"predictions"})
     if "predictions" in needed:
-        frames["predictions"] = predictions(trained_surrogates(results), frames["trajectory"], results.scenario)
+        first = revolution(frames["trajectory"], results.scenario, 1)
+        frames["predictions"] = predictions(trained_surrogates(results), first)
     draw_all(frames, results.scenario, folder or results.path / "figures", wanted)
 
 
-@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=(*_OPTIMUM, "figures"), does="draw the figures of the networks")
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=_SHOWN, does="draw the figures of the networks")
 def learned_figures(results: "ScenarioResults") -> None:
     """Draw the figures of the networks alone."""
     figures(results, drawn(True))
 
 
 @SCENARIO_STAGES.stage(
-    reads=(TRAJECTORY, EVENTS),
+    reads=(schema.TRAJECTORY, schema.EVENTS),
     files=("figures/animation.gif", IMPACTS_PAGE),
-    sections=(*_OPTIMUM, "figures"),
+    sections=_SHOWN,
     does="animate, and a page to zoom into the impacts",
 )
 def animate(results: "ScenarioResults") -> None:
@@ -274,7 +222,7 @@ def animate(results: "ScenarioResults") -> None:
     explore(results)
 
 
-@SCENARIO_STAGES.stage(reads=(TRAJECTORY, EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION)
+@SCENARIO_STAGES.stage(reads=(schema.TRAJECTORY, schema.EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION)
 def explore(results: "ScenarioResults") -> None:
     """Write figures/impacts.html, to zoom into the impacts: gaps, contact forces and modes over the crank angle.
 
@@ -282,15 +230,15 @@ def explore(results: "ScenarioResults") -> None:
     """
     from jointgap.scenario.impacts_page import impacts_page
 
-    page = impacts_page(results.read(TRAJECTORY), results.read(EVENTS), results.scenario, results.path.resolve().name)
+    page = impacts_page(results.read("trajectory"), results.read("events"), results.scenario, results.name)
     write_text(results.path / IMPACTS_PAGE, page)
 
 
 @SCENARIO_STAGES.stage(
     reads=_COMPUTED,
-    writes=(COMPARISON,),
+    writes=(schema.COMPARISON,),
     files=("comparison.md", "comparison.html"),
-    sections=("description", *_OPTIMUM),
+    sections=_TOLD,
     does="compare with the paper",
 )
 def compare(
@@ -307,25 +255,23 @@ def compare(
     ],
 ) -> None:
     """Put every number and claim of the paper beside ours."""
-    from jointgap.core.page import to_html, to_markdown
+    from jointgap.core.page import write_page
     from jointgap.paper.compare import NEEDED, comparison_page, variant_optimum
     from jointgap.paper.compare import compare as compared
 
-    frames = results.read_all(NEEDED)
-    compared_with = {results.path.name: results, **siblings}
     variants = [
-        variant_optimum(name, each.scenario, each.read(OPTIMISE_RESIMULATED)) for name, each in compared_with.items()
+        variant_optimum(name, each.scenario, each.read("optimise_resimulated"))
+        for name, each in {results.path.name: results, **siblings}.items()
     ]
-    result = compared(frames, results.scenario, variants)
-    write_text(results.path / "comparison.html", to_html(comparison_page(result, results.scenario)))
-    write_text(results.path / "comparison.md", to_markdown(comparison_page(result, results.scenario)))
-    results.write(COMPARISON, result)
+    result = compared(results.read_all(NEEDED), results.scenario, variants)
+    write_page(results.path / "comparison", comparison_page(result, results.scenario))
+    results.write("comparison", result)
 
 
 @SCENARIO_STAGES.stage(
     reads=_COMPUTED,
     files=("summary.json", "summary.md", "summary.html"),
-    sections=("description", *_OPTIMUM),
+    sections=_TOLD,
     does="put what came out on one page",
     after=("figures", "learned-figures", "animate"),
 )
@@ -334,44 +280,39 @@ def summarise(results: "ScenarioResults") -> str:
 
     The page takes in the figures that lie in the scenario's folder.
     """
-    from jointgap.core.page import to_html, to_markdown
-    from jointgap.scenario.outcome import NEEDED, outcome, remarks
-    from jointgap.scenario.page import document, page
+    from jointgap.core.page import write_page
+    from jointgap.scenario.outcome import NEEDED, document, outcome, page, remarks
 
-    frames = results.read_all(results.made(NEEDED))
-    found = outcome(frames, results.scenario)
+    found = outcome(results.read_all(results.made(NEEDED)), results.scenario)
     remarked, name = remarks(found), results.path.name
-    shown, known = page(found, name, remarked), document(found, name, remarked)
-    write_text(results.path / "summary.html", to_html(shown, results.path / "figures"))
-    write_text(results.path / "summary.md", to_markdown(shown))
+    known = document(found, name, remarked)
+    write_page(results.path / "summary", page(found, name, remarked), "figures")
     write_text(results.path / "summary.json", json.dumps(known, indent=2, ensure_ascii=False) + "\n")
     return "\n".join([known["headline"], *(f"- {remark}" for remark in remarked)])
 
 
 @SCENARIO_STAGES.stage(
-    reads=(*_COMPUTED, COMPARISON),
-    writes=(OVERVIEW,),
+    reads=(*_COMPUTED, schema.COMPARISON),
+    writes=(schema.OVERVIEW,),
     files=("overview.md", "overview.html"),
-    sections=("description", *_OPTIMUM),
+    sections=_TOLD,
 )
 def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
-    from jointgap.core.page import to_html, to_markdown
+    from jointgap.core.page import write_page
     from jointgap.core.parquet import write
     from jointgap.scenario import overview as pages
 
     needed = {name: (results.read_all(pages.NEEDED), results.scenario) for name, results in scenarios.items()}
     result = pages.overview(needed)
-    page = pages.overview_page(result)
-    write_text(folder / "overview.html", to_html(page, folder))
-    write_text(folder / "overview.md", to_markdown(page, "."))
-    write(OVERVIEW, result, folder / OVERVIEW.path)
+    write_page(folder / "overview", pages.overview_page(result))
+    write(schema.OVERVIEW, result, folder / schema.OVERVIEW.path)
 
 
 @SCENARIO_STAGES.stage(
-    reads=(*_COMPUTED, COMPARISON),
+    reads=(*_COMPUTED, schema.COMPARISON),
     files=(PUBLISHED,),
-    sections=("description", *_OPTIMUM),
+    sections=_TOLD,
     does="publish to MLflow",
     after=("figures", "learned-figures", "animate"),
     minutes=20,
@@ -386,6 +327,6 @@ def track(results: "ScenarioResults") -> None:
     if not (files := results.files(SCENARIO_STAGES["track"].reads)):
         raise InputError(f"{results.path}: holds no tables, so there is nothing to publish; give a scenario's folder")
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
-    content, folder = scenario_records(results.scenario, sections, files, results.path), results.path.resolve()
-    summary = publish_records(folder.name, results.scenario.description, content, None, folder.parent)
+    content, folder = scenario_records(results.scenario, sections, files, results.path), results.path.resolve().parent
+    summary = publish_records(results.name, results.scenario.description, content, None, folder)
     write_text(results.path / PUBLISHED, json.dumps(summary, indent=2) + "\n")

@@ -1,0 +1,52 @@
+"""Data that several pictures of a scenario show."""
+
+import numpy as np
+import pandas as pd
+
+from jointgap.config import Joint, Scenario
+from jointgap.core.joints import JOINT, JOINT_NUMBERS
+
+MODES = ("flight", "impact", "contact")
+SMALLEST_FORCE = 1.0  # [N] where an axis of forces begins
+
+
+def round_number(value: float) -> float:
+    """The largest of 1, 2, 5, 10, 20 ... up to `value`, at least 1: a factor to draw by."""
+    if not 1.0 < value < np.inf:
+        return 1.0
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= value))
+
+
+def revolution(trajectory: pd.DataFrame, scenario: Scenario, number: int) -> pd.DataFrame:
+    """The samples of one revolution, both ends included."""
+    samples = scenario.simulate.samples_per_revolution
+    return trajectory.iloc[(number - 1) * samples : number * samples + 1].reset_index(drop=True)
+
+
+def loose_joints(scenario: Scenario) -> dict[str, int]:
+    """Names of the loose joints from the frame to the slider, with their numbers in the names of columns."""
+    return {joint: JOINT_NUMBERS[joint] for joint in scenario.mechanism.applied().loose}
+
+
+def degrees(crank_angle: pd.Series) -> np.ndarray:
+    """Crank angle for an abscissa, from the start of its revolution on [deg]: the revolution begins in [0, 360)."""
+    angle = np.degrees(crank_angle.to_numpy())
+    return angle - 360.0 * np.floor(angle[0] / 360.0 + 1e-9)
+
+
+def contacts_of(events: pd.DataFrame, joint: str) -> pd.DataFrame:
+    """One row a contact of a joint: its beginning, with what the table says at its end; null where it goes on."""
+    own = events[events["joint"] == joint]
+    begins, ends = (own[own["event"] == event].reset_index(drop=True) for event in ("impact", "separation"))
+    return begins[["crank_angle", "approach_speed"]].join(ends[["impulse", "peak_force", "maxima", "duration"]])
+
+
+def eccentricity(samples: pd.DataFrame, name: str, joint: Joint | None) -> np.ndarray:
+    """Journal's centre relative to its bearing's centre (n, 2) [m], in `samples` of the trajectory; nan where the
+    direction is undefined, because the centres coincide.
+    """
+    # the table's vector points to the centre of the joint's body, which may carry the journal or the bearing
+    sign = 1.0 if joint is not None and joint.journal == JOINT[name].body else -1.0
+    r, gamma = (samples[f"{quantity}{JOINT_NUMBERS[name]}"].to_numpy() for quantity in ("r", "gamma"))
+    return np.column_stack([sign * r * np.cos(gamma), sign * r * np.sin(gamma)])
