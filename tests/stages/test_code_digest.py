@@ -47,7 +47,7 @@ def test_imports_inside_functions_count():
 
 
 def test_figures_that_are_imported_by_name_count():
-    assert {"scenario.figures_motion", "scenario.figures_optimum"} <= modules_of("figures")
+    assert {"scenario.figures", "scenario.animation"} <= modules_of("figures")
     assert "campaign.figures" in modules_of("conclude")
 
 
