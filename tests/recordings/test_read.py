@@ -274,12 +274,12 @@ def changed(column, row, value):
         (table(SLOW).assign(M=np.nan), {}, ["column M: has 0 values", "take the channel out"]),
         (table(SLOW).assign(theta=np.nan), {}, ["column theta: holds no angles"]),
         (table(SLOW).head(11), {}, ["11 samples are too few; give 12"]),
-        (table(SLOW).head(70), {}, ["turns by 310.5 deg, less than one revolution"]),
+        (table(SLOW).head(70), {}, ["70 samples are 0.875 revolutions; at least one revolution", "measure again"]),
         (table(SLOW).iloc[::30], {}, ["8 samples are too few"]),
         (
             table(SLOW, turns=30).iloc[::4],
             {},
-            ["60 samples over 8.85 s", "30 revolutions", "4 samples in each", "check channels.time.unit"],
+            ["60 samples are 30 revolutions", "4 samples in each", "check channels.time.unit"],
         ),
         (table(SLOW).drop(columns="M"), {}, ["no column 'M'", "known here: t, theta, x"]),
         (
@@ -287,7 +287,11 @@ def changed(column, row, value):
             {"channels": {"time": {"unit": "ms"}}},
             ["0.003 revolutions at the nominal 200 rpm", "did you mean 's'?"],
         ),
-        (table(SLOW), {"channels": {"time": {"unit": "min"}}}, ["240 samples over 53.77 s", "did you mean 's'?"]),
+        (
+            table(SLOW),
+            {"channels": {"time": {"unit": "min"}}},
+            ["240 samples are 180 revolutions", "did you mean 's'?"],
+        ),
         (table(SLOW), {"channels": {"crank_angle": {"unit": "rad"}}}, ["column theta", "did you mean 'deg'?"]),
         (table(SLOW).assign(theta=lambda t: np.radians(t.theta)), {}, ["column theta", "did you mean 'rad'?"]),
         (table(SLOW, turns=1.4), run_with(role="split"), ["1.394 revolutions leave less than one for fitting"]),
@@ -310,12 +314,12 @@ def test_samples_that_cannot_be_used_are_refused_with_the_place_and_the_mend(tmp
         ({"time": {"unit": "s"}}, "crank_angle", table(SLOW).head(70), ["0.875 revolutions", "measure again"]),
         ({"crank_angle": {"unit": "rad"}}, "time", table(SLOW), ["row 3", "check channels.crank_angle.unit = 'rad'"]),
         ({"crank_angle": {"unit": "rad"}}, "time", table(SLOW, count=2400), ["channels.crank_angle.unit = 'rad'"]),
-        ({"crank_angle": {"unit": "deg"}}, "time", table(SLOW).head(70), ["310.5 deg, less than one revolution"]),
+        ({"crank_angle": {"unit": "deg"}}, "time", table(SLOW).head(70), ["0.875 revolutions", "measure again"]),
         (
             {"crank_angle": {"unit": "deg"}},
             "time",
             table(SLOW).assign(theta=lambda t: np.radians(t.theta)),
-            ["less than one revolution", "correct the unit of the channel crank_angle"],
+            ["at least one revolution", "check channels.crank_angle.unit = 'deg'"],
         ),
     ],
 )

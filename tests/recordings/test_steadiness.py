@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from jointgap.rig.checks import speed_variation, unsteady
-from tests.slider_crank.rigs import campaign, mechanism
 
 SPEED = 310.0  # rad/s
 
@@ -19,11 +18,6 @@ def crank(turns: float, half: float = 0.0, first: float = 0.0, noise: float = 0.
     return time, angle + noise * np.random.default_rng(3).standard_normal(angle.size)
 
 
-def remark(time, angle):
-    own = campaign(mechanism(), ("time", "crank_angle"), speeds=(SPEED, SPEED))
-    return unsteady(own, own.runs[0], time, angle)
-
-
 @pytest.mark.parametrize("turns", [6.0, 24.3])
 @pytest.mark.parametrize("phase", [0.0, 2.0])
 def test_a_speed_that_repeats_after_two_turns_is_told_with_its_size_and_order(turns, phase):
@@ -33,15 +27,15 @@ def test_a_speed_that_repeats_after_two_turns_is_told_with_its_size_and_order(tu
     assert over < 0.005
     assert error < 1e-3
     assert order == 0.5
-    assert "within two turns (most at order 0.5" in remark(time, angle)
+    assert "within two turns (most at order 0.5" in unsteady(time, angle)
 
 
 def test_a_speed_that_repeats_in_each_turn_is_told_as_before():
-    told = remark(*crank(12.0, first=0.03, noise=1e-3))
+    told = unsteady(*crank(12.0, first=0.03, noise=1e-3))
     assert "by 3 % either way within a turn" in told
     assert "order" not in told
 
 
 def test_a_steady_crank_has_no_half_orders_however_short_its_record():
     for turns in (1.5, 4.0, 5.0, 40.0):
-        assert remark(*crank(turns, noise=math.radians(0.2))) is None
+        assert not unsteady(*crank(turns, noise=math.radians(0.2)))

@@ -24,7 +24,7 @@ def driven(loose, effects=(), **keys):
     own = campaign(mechanism(loose, effects=effects), **keys)
     plan = build_model(own, recorded(own, kept=5)).plans["slow"]
     mechanism_ = with_effects(own.mechanism, ()).applied()
-    return constant_speed_run(mechanism_, plan.run, plan.samples, {}, 0.0, TOLERANCE)
+    return constant_speed_run(mechanism_, plan, {}, 0.0, TOLERANCE)
 
 
 def integrated(p, angles):
@@ -92,7 +92,7 @@ def test_a_force_with_a_frequency_of_its_own_is_simulated_throughout(ends):
 def test_a_motion_that_does_not_repeat_is_simulated_throughout(ends):
     own = campaign(mechanism(("crank_pin", "piston_pin"), friction=0.0))
     plan = build_model(own, recorded(own)).plans["slow"]
-    run = constant_speed_run(own.mechanism.applied(), plan.run, plan.samples, {}, 0.0, TOLERANCE)
+    run = constant_speed_run(own.mechanism.applied(), plan, {}, 0.0, TOLERANCE)
     ends.clear()
     found = seen_at(run)
     later = integrated(run.numbers, run.angles + 11 * TURN)  # it begins after two revolutions
@@ -220,7 +220,7 @@ def test_a_film_answers_smoothly_to_a_mass():
         heavier = model.model_copy(
             update={"slider": model.slider.model_copy(update={"mass": model.slider.mass * (1 + share)})}
         )
-        run = constant_speed_run(heavier, plan.run, plan.samples, {}, 0.0, motion.tolerance_for(heavier))
+        run = constant_speed_run(heavier, plan, {}, 0.0, motion.tolerance_for(heavier))
         seen.append(motion.channels_at(run.numbers, run.angles, motion.tolerance_for(heavier)))
     assert apart(*seen) < 2e-3  # a tenth of a noise of 2 %
 

@@ -84,7 +84,7 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path, label, nam
     model, measurements = rig(tmp_path)
     (candidate,) = (one for one in model.candidates if one.label == label)
     recording = measurements.runs["slow"]
-    faults = Faults([(candidate, {name: value})])
+    faults = Faults([(candidate, {name: value})], False, {})
     read = recording.channels["slider_acceleration"]
     if candidate.site == "slider_acceleration":
         true = faults.taken_out(recording).channels["slider_acceleration"]

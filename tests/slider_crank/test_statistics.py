@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from jointgap.core.joints import PINS
+from jointgap.rig.drives import RunPlan
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements, Recording
 from jointgap.rig.sampling import sample_grid
-from jointgap.rig.simulate_run import RunPlan, channels_read
+from jointgap.rig.simulate_run import channels_read
 from jointgap.rig.statistics import BINS, ChaoticRun, CycleStatistics, cycle_variance, measured_statistics, persistence
 from tests.slider_crank.rigs import campaign, mechanism
 

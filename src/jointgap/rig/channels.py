@@ -38,12 +38,8 @@ TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier than this after the 
 def tolerance_for(mechanism: Mechanism, usual: float = TOLERANCE) -> float:
     """Local error of a step [m] for a fit: smaller where steps would jump over the contacts of a small clearance."""
     film = any(mechanism.effect("lubricated_joint", joint) for joint in mechanism.loose)
-    return min(
-        [
-            FILM_TOLERANCE if film else usual,
-            *(TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose),
-        ]
-    )
+    shares = [TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose]
+    return min([FILM_TOLERANCE if film else usual, *shares])
 
 
 def options_of(speed: float, start_angle: float, tolerance: float, **drive) -> Simulate:
@@ -142,14 +138,12 @@ def _times(p: Parameters, angles: np.ndarray) -> np.ndarray:
 
 def _may_repeat(p: Parameters) -> bool:
     """Whether nothing but the state tells one revolution from the next."""
-    fluctuating = p.drive.kind == FLUCTUATING and p.drive.order == round(p.drive.order)
-    steady = p.drive.kind == CONSTANT or fluctuating
-    e = p.effects
+    e, drive = p.effects, p.drive
+    steady = drive.kind == CONSTANT or (drive.kind == FLUCTUATING and drive.order == round(drive.order))
     over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
     over_turns = over_turns or bool(e.crank_periodic and e.crank_periodic_order % 1)  # a half order
-    return bool(
-        steady and not e.harmonic and not over_turns and not p.slider_formula.length and not p.crank_formula.length
-    )
+    formulas = p.slider_formula.length or p.crank_formula.length
+    return bool(steady and not e.harmonic and not over_turns and not formulas)
 
 
 def _is_kinematic(p: Parameters) -> bool:

@@ -19,8 +19,10 @@ from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, 
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
-from jointgap.rig.channels import options_of, prescribed_angles
+from jointgap.rig.channels import TOLERANCE, options_of, prescribed_angles
 from jointgap.rig.sampling import SampleGrid
+
+Values = Mapping[str, float]  # Of nuisances, by name
 
 SETTLING_REVOLUTIONS = 2  # Simulated before the first sample, so that the transient of the start decays in contacts
 MAX_SETTLING_REVOLUTIONS = 30  # The most, for slow transients (a bending rod, a motor)
@@ -33,6 +35,17 @@ HARDLY_NOISY = 1.15
 
 
 @dataclass(frozen=True)
+class RunPlan:
+    """One run: its samples and what is read there."""
+
+    run: CampaignRun
+    samples: SampleGrid
+    channels: tuple[str, ...]  # That are compared
+    measured: "MeasuredDrive | None" = None  # A measured angle that drives the crank
+    tolerance: float = TOLERANCE  # [m] Local error of a step
+
+
+@dataclass(frozen=True)
 class DrivenRun:
     """A simulation, and where in it the samples of a run lie."""
 
@@ -40,6 +53,15 @@ class DrivenRun:
     angles: np.ndarray  # Crank angles of the samples [rad]
     begin: float  # Time [s] of the simulation at the run's first sample
     at: Callable[[np.ndarray], np.ndarray]  # Crank angles (m,) [rad] at times (m,) [s] since the first sample
+
+
+def _prescribed(p: Parameters, begin: float, samples: SampleGrid) -> DrivenRun:
+    """The run of a crank whose angle over time is prescribed."""
+
+    def at(elapsed: np.ndarray) -> np.ndarray:
+        return prescribed_angles(p, begin + elapsed)
+
+    return DrivenRun(p, at(samples.elapsed) if samples.timed else samples.angle, begin, at)
 
 
 def starts_with_record(run: CampaignRun) -> bool:
@@ -62,37 +84,29 @@ def _turned_before(run: CampaignRun, start: Start, first: float, speed: float) -
     return part + tau * max(round((turned - part) / tau), 0)
 
 
-def _settling_revolutions(mechanism: Mechanism, speed: float) -> int:
-    """Revolutions to simulate before the first sample: more than usual where a bending rod rings for long."""
-    bending = mechanism.effect("rod_flexibility")
-    if bending is None:
-        return SETTLING_REVOLUTIONS
-    decay_rate = max(bending.damping_ratio * tau * bending.frequency_Hz, 1e-6)
-    needed = math.ceil(SETTLING_TIME_CONSTANTS / decay_rate * speed / tau)
-    return min(max(SETTLING_REVOLUTIONS, needed), MAX_SETTLING_REVOLUTIONS)
+def _settling(time_constant: float, speed: float) -> float:
+    """How far the crank turns [rad] before the first sample, until a transient of `time_constant` [s] has decayed."""
+    needed = math.ceil(SETTLING_TIME_CONSTANTS * time_constant * speed / tau)
+    return tau * min(max(SETTLING_REVOLUTIONS, needed), MAX_SETTLING_REVOLUTIONS)
 
 
 def constant_speed_run(
-    mechanism: Mechanism,
-    run: CampaignRun,
-    samples: SampleGrid,
-    values: Mapping[str, float],
-    offset: float,
-    tolerance: float,
-    earlier: float = 0.0,
+    mechanism: Mechanism, plan: RunPlan, values: Values, offset: float, tolerance: float, earlier: float = 0.0
 ) -> DrivenRun:
     """A crank of prescribed speed, steady or fluctuating."""
+    run, samples, back = plan.run, plan.samples, earlier
     first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed)
-    back = earlier
     if isinstance(run.start, Start):
         back += _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
-        back += tau * _settling_revolutions(mechanism, speed)
+        bending = mechanism.effect("rod_flexibility")
+        decay = max(bending.damping_ratio * tau * bending.frequency_Hz, 1e-6) if bending else math.inf
+        back += _settling(1.0 / decay, speed)
     if not samples.timed:
-        angles = samples.angle + (first - samples.first_angle)
-        p = parameters(mechanism, options_of(speed, angles.min() - back, tolerance))
-        begin = float(crank_times(p, np.array([p.drive.start_angle, angles[0]]))[1])
-        return DrivenRun(p, angles, begin, lambda elapsed: prescribed_angles(p, begin + elapsed))
+        samples = replace(samples, angle=samples.angle + (first - samples.first_angle))
+        p = parameters(mechanism, options_of(speed, samples.angle.min() - back, tolerance))
+        begin = float(crank_times(p, np.array([p.drive.start_angle, samples.angle[0]]))[1])
+        return _prescribed(p, begin, samples)
     fluctuation = mechanism.effect("speed_fluctuation")
     slowed = math.sqrt(1.0 - fluctuation.ratio**2) if fluctuation else 1.0  # mean speed over w0
     w0 = speed / slowed if samples.encoded else speed
@@ -104,11 +118,7 @@ def constant_speed_run(
             p.drive.speed *= speed / slope
             begin = back / (p.drive.speed * slowed)
             p.drive.start_angle += first - line_first
-
-    def at(elapsed: np.ndarray) -> np.ndarray:
-        return prescribed_angles(p, begin + elapsed)
-
-    return DrivenRun(p, at(samples.elapsed), begin, at)
+    return _prescribed(p, begin, samples)
 
 
 def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.ndarray, np.ndarray, sparray, float]:
@@ -163,12 +173,7 @@ class MeasuredDrive:
         return moved
 
 
-def measured_drive(
-    samples: SampleGrid,
-    resolution: float,
-    noise: float | None,
-    back: int,
-) -> MeasuredDrive:
+def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, back: int) -> MeasuredDrive:
     """A measured angle made smooth, and how far that may be off.
 
     The record is led in by revolutions like its first one, and led out by half a revolution like its last one; time 0
@@ -239,72 +244,50 @@ def _rounding(angle: np.ndarray, step: float, noise: float) -> tuple[np.ndarray,
     return np.hstack([sizes * np.cos(phases), sizes * np.sin(phases)]), max(1.0 - float(shares.sum()), 0.0)
 
 
-def measured_angle_run(
-    mechanism: Mechanism,
-    samples: SampleGrid,
-    measured: MeasuredDrive,
-    offset: float,
-    lag: float,
-    tolerance: float,
-) -> DrivenRun:
+def measured_angle_run(mechanism: Mechanism, plan: RunPlan, offset: float, lag: float, tolerance: float) -> DrivenRun:
     """A crank that follows the measured angle."""
-    table, begin = measured.table.copy(), max(measured.begin + lag, 0.0)  # nothing is known from before the motion
+    table, begin = plan.measured.table.copy(), max(plan.measured.begin + lag, 0.0)  # no more is known of the motion
     table[:, 6] -= offset
-    p = parameters(mechanism, options_of(samples.speed, float(table[0, 6]), tolerance))
-    drive = DriveParameters(kind=MEASURED, speed=samples.speed, start_angle=float(table[0, 6]))
-    p = p._replace(drive=record(drive), knots=knots_record(table))
-
-    def at(elapsed: np.ndarray) -> np.ndarray:
-        return prescribed_angles(p, begin + elapsed)
-
-    return DrivenRun(p, at(samples.elapsed), begin, at)
+    speed, first = plan.samples.speed, float(table[0, 6])
+    p = parameters(mechanism, options_of(speed, first, tolerance))
+    drive = DriveParameters(kind=MEASURED, speed=speed, start_angle=first)
+    return _prescribed(p._replace(drive=record(drive), knots=knots_record(table)), begin, plan.samples)
 
 
 def motor_run(
     mechanism: Mechanism,
     campaign: Campaign,
-    run: CampaignRun,
-    samples: SampleGrid,
-    values: Mapping[str, float],
+    plan: RunPlan,
+    values: Values,
     offset: float,
     tolerance: float,
     earlier: float = 0.0,
 ) -> DrivenRun:
     """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
+    run, samples = plan.run, plan.samples
     line = {key: values[key] for key in MOTOR_LINE if key in values}
     motor, speed = campaign.motor.model_copy(update=line), values.get("speed", run.speed)
     first = values.get("first_angle", samples.first_angle) - offset
-    start_speed, back = speed, 0.0
-    if run.start == "at_rest":
-        start_speed = REST_SPEED
-    elif isinstance(run.start, Start):
+    start_speed, back = REST_SPEED if run.start == "at_rest" else speed, 0.0
+    if isinstance(run.start, Start):
         back = _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
         crank = mechanism.crank
-        reciprocating = (
-            mechanism.slider.mass + mechanism.rod.mass
-        ) * crank.length**2  # more than its mean at the crank
-        inertia = (
-            motor.inertia
-            + crank.inertia
-            + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
-            + reciprocating
-        )
-        settling_time = SETTLING_TIME_CONSTANTS * inertia * motor.no_load_speed / motor.stall_torque
-        needed = max(SETTLING_REVOLUTIONS, math.ceil(settling_time * speed / tau))
-        back = tau * min(needed, MAX_SETTLING_REVOLUTIONS) + earlier
+        inertia = motor.inertia + crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
+        # more than the mean of what moves to and fro at the crank
+        inertia += (mechanism.slider.mass + mechanism.rod.mass) * crank.length**2
+        back = _settling(inertia * motor.no_load_speed / motor.stall_torque, speed) + earlier
     p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
     # a little more than the crank turns at no load, the fastest that it can be
     reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, tau)
-    per_revolution = MOTOR_SAMPLES_PER_REVOLUTION
-    count = math.ceil((back + reach) / tau * per_revolution)
-    coarse = p.drive.start_angle + np.arange(count + 1) * (tau / per_revolution)
+    count = math.ceil((back + reach) / tau * MOTOR_SAMPLES_PER_REVOLUTION)
+    coarse = p.drive.start_angle + np.arange(count + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
     angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
     begin = float(np.interp(first, coarse, angle_over_time.x))
     if samples.encoded and back:
+        finite = np.isfinite(samples.read)
+        shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
         for _ in range(4):
-            finite = np.isfinite(samples.read)
-            shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
             away = angle_over_time(begin + samples.elapsed[finite]) + shift - samples.read[finite]
             begin = max(begin - float(np.mean(away)) / speed, 0.0)
 

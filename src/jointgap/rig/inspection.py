@@ -14,82 +14,53 @@ from jointgap.rig.recording import Measurements, Recording
 if TYPE_CHECKING:
     from jointgap.core.plot import Drawing
 
-_FIRST, _LATER = "first cycle", "later cycles"
-_DEPARTURE = "departure from steady rotation"
-_MARKED_BELOW_PER_REVOLUTION = (
-    100.0  # samples a revolution below which each is marked, as a line alone would hide the gaps
-)
+MARKED_BELOW = 100.0  # [samples a revolution] Each is marked then, as a line alone would hide the gaps
 
 
 def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFrame, dict[str, Drawing]]":
     """Numbers and figures of measured data."""
-    runs = {run.id: run for run in campaign.runs}
-    recordings = [(runs[recording.run], recording) for recording in measurements.runs.values()]
+    recordings = [(run, measurements.runs[run.id]) for run in campaign.runs if run.id in measurements.runs]
     numbers = [row for run, recording in recordings for row in _numbers(run, recording)]
     return pd.DataFrame(numbers), {run.id: _draw(campaign, run, recording) for run, recording in recordings}
 
 
-def _turned(run: CampaignRun, recording: Recording) -> np.ndarray:
-    """Crank angle (n,) [rad]: measured, gaps bridged; else from times and the nominal speed, from 0 on."""
+def _turned(run: CampaignRun, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Crank angle (n,) [rad]: measured, gaps bridged; else from times and the nominal speed, from 0 on. And its
+    departure from the straight line nearest to it, NaN in gaps.
+    """
+    angle, known = recording.crank_angle, np.isfinite(recording.crank_angle)
     if not recording.has_angle:
-        return run.speed * (recording.time - recording.time[0])
-    angle = recording.crank_angle
-    finite = np.isfinite(angle)
-    if finite.all():
-        return angle
-    steady = _steady_rotation(recording)  # gaps at the ends are bridged by it
-    departure = angle - steady
-    return steady + np.interp(recording.time, recording.time[finite], departure[finite])
-
-
-def _steady_rotation(recording: Recording) -> np.ndarray:
-    """Crank angle (n,) [rad] if the crank turned steadily: the straight line nearest to the measured ones."""
-    finite = np.isfinite(recording.crank_angle)
+        return run.speed * (recording.time - recording.time[0]), angle
+    if not recording.has_time:
+        return angle, np.full(angle.size, np.nan)
     time = recording.time - recording.time[0]  # times since an epoch would leave no digits
-    return np.polyval(np.polyfit(time[finite], recording.crank_angle[finite], 1), time)
+    steady = np.polyval(np.polyfit(time[known], angle[known], 1), time)
+    departure = angle - steady
+    return np.where(known, angle, steady + np.interp(time, time[known], departure[known])), departure
 
 
 def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
-    angle = _turned(run, recording)
-    samples = angle.size
-    revolutions = (angle[-1] - angle[0]) * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample stands for a step too
-    cycles = int(revolutions + 1e-6)
+    angle, _ = _turned(run, recording)
+    total, samples = angle[-1] - angle[0], angle.size
+    revolutions = total * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample stands for a step too
     mean = spread = np.nan
     if recording.has_time and recording.has_angle:
-        mean = (angle[-1] - angle[0]) / (recording.time[-1] - recording.time[0])
-        if cycles >= 2:
-            spread = _speed_spread(recording.time, angle)
+        mean = total / (recording.time[-1] - recording.time[0])
+        rising = np.maximum.accumulate(angle)  # an encoder's noise may step back
+        passed = np.interp(np.arange(angle[0], angle[-1] + 1e-9, tau), rising, recording.time)
+        spread = float(np.std(tau / np.diff(passed), ddof=1)) if passed.size > 2 else np.nan
     rows = []
     for name, values in recording.all_channels.items():
-        if name == "crank_angle" and run.direction == "clockwise":
-            values = -values
-        noise = recording.noise[name]
-        rows.append(
-            {
-                "run": recording.run,
-                "channel": name,
-                "unit": CHANNELS[name],
-                "role": run.role,
-                "samples": samples,
-                "gaps": int(np.count_nonzero(~np.isfinite(values))),
-                "cycles": cycles,
-                "samples_per_revolution": samples / revolutions,
-                "mean_speed": mean,
-                "speed_spread": spread,
-                "low": float(np.nanmin(values)),
-                "high": float(np.nanmax(values)),
-                "scatter": cycle_scatter(angle, values) if name != "crank_angle" else np.nan,
-                "stated_noise": np.nan if noise is None else noise,
-            }
-        )
+        encoder, noise = name == "crank_angle", recording.noise[name]
+        ends = [float(np.nanmin(values)), float(np.nanmax(values))]
+        if encoder and run.direction == "clockwise":
+            ends = [-end for end in ends[::-1]]
+        row = {"run": run.id, "channel": name, "unit": CHANNELS[name], "role": run.role, "samples": samples}
+        row |= {"gaps": int(np.count_nonzero(~np.isfinite(values))), "cycles": int(revolutions + 1e-6)}
+        row |= {"samples_per_revolution": samples / revolutions, "mean_speed": mean, "speed_spread": spread}
+        row |= {"low": ends[0], "high": ends[1], "scatter": np.nan if encoder else cycle_scatter(angle, values)}
+        rows.append(row | {"stated_noise": np.nan if noise is None else noise})
     return rows
-
-
-def _speed_spread(time: np.ndarray, angle: np.ndarray) -> float:
-    """Standard deviation of the mean speeds [rad/s] of whole cycles, counted from the first sample."""
-    passed = np.arange(angle[0], angle[-1] + 1e-9, tau)
-    rising = np.maximum.accumulate(angle)  # an encoder's noise may step back
-    return float(np.std(tau / np.diff(np.interp(passed, rising, time)), ddof=1)) if passed.size > 2 else np.nan
 
 
 def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawing":
@@ -97,41 +68,34 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
     from jointgap.core import plot
     from jointgap.core.plot import CRANK_ANGLE, DENSE_LINE, Quantity, Sheet
 
-    angle = _turned(run, recording)
+    angle, departure = _turned(run, recording)
     cycle = np.floor(angle / tau).astype(int)
     within = angle - cycle * tau
     mirrored = run.direction == "clockwise" and recording.has_angle  # recordings of a clockwise crank are mirror images
-    shown_angle = np.degrees(tau - within if mirrored else within)
-    sparse = angle.size * tau / (angle[-1] - angle[0]) < _MARKED_BELOW_PER_REVOLUTION
+    shown = np.degrees(tau - within if mirrored else within)
     look = {"linewidth": 0.9, "rasterized": angle.size > DENSE_LINE}
-    look |= {"marker": ".", "markersize": 3.0} if sparse else {}
-    no_encoder = Quantity("crank angle since the first sample, at nominal speed", "deg")
-    abscissa = CRANK_ANGLE if recording.has_angle else no_encoder
-    panels = [
-        (in_words(name), unit_in_words(unit), values / factor)
-        for name, values in recording.channels.items()
-        for unit, factor in [campaign.shown_unit(name)]
-    ]
+    if angle.size * tau / (angle[-1] - angle[0]) < MARKED_BELOW:
+        look |= {"marker": ".", "markersize": 3.0}
+    abscissa = CRANK_ANGLE
+    if not recording.has_angle:
+        abscissa = Quantity("crank angle since the first sample, at nominal speed", "deg")
+    panels = []
     if recording.has_angle and recording.has_time:
-        departure = (-1.0 if mirrored else 1.0) * np.degrees(recording.crank_angle - _steady_rotation(recording))
-        panels.insert(0, (_DEPARTURE, "deg", departure))
+        degrees = (-1.0 if mirrored else 1.0) * np.degrees(departure)
+        panels.append(("departure from steady rotation", Quantity("departure", "deg"), degrees))
+    for name, values in recording.channels.items():
+        unit, factor = campaign.shown_unit(name)
+        title = in_words(name)
+        panels.append((title, Quantity(title.split()[-1], unit_in_words(unit)), values / factor))
     with plot.matplotlib_style():
-        sheet = Sheet(0.9 + 1.6 * len(panels), len(panels), 1)
-        panel = None
-        for row, (title, unit, values) in enumerate(panels):
-            words = "departure" if title == _DEPARTURE else title.split()[-1]
-            panel = sheet.panel((row, 0), f"{recording.run}: {title}", abscissa, Quantity(words, unit), below=panel)
+        sheet, panel = Sheet(0.9 + 1.6 * len(panels), len(panels), 1), None
+        for row, (title, quantity, values) in enumerate(panels):
+            panel = sheet.panel((row, 0), f"{run.id}: {title}", abscissa, quantity, below=panel)
             for number in np.unique(cycle):
                 own, first = cycle == number, number == cycle[0]
-                panel.line(
-                    _FIRST if first else _LATER,
-                    shown_angle[own],
-                    values[own],
-                    "first" if first else "settled",
-                    alpha=1.0 if first else 0.5,
-                    zorder=3 if first else 2,
-                    **look,
-                )
+                name, colour = ("first cycle", "first") if first else ("later cycles", "settled")
+                above = {"alpha": 1.0, "zorder": 3} if first else {"alpha": 0.5, "zorder": 2}
+                panel.line(name, shown[own], values[own], colour, **above, **look)
         panel.over_crank_angle(0.0, 360.0)
         sheet.legend()
         return sheet.drawing()

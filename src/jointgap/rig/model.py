@@ -1,7 +1,7 @@
 """The slider-crank as a model for identification."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from math import tau
@@ -20,13 +20,12 @@ from jointgap.effects.base import GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionS
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
 from jointgap.rig.contradictions import contradictions
-from jointgap.rig.drives import SETTLING_REVOLUTIONS, measured_drive, starts_with_record
+from jointgap.rig.drives import SETTLING_REVOLUTIONS, RunPlan, Values, measured_drive, starts_with_record
 from jointgap.rig.read_files import check_runs_left
 from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
 from jointgap.rig.sampling import SampleGrid, own_rows, planned_grid, sample_grid, speed_from_periodicity
-from jointgap.rig.sensors import Faults, sensor_candidates
+from jointgap.rig.sensors import ENCODER_LAG, ENCODER_OFFSET, ENCODER_ZEROS, Faults, sensor_candidates
 from jointgap.rig.simulate_run import (
-    RunPlan,
     augmented_mechanism,
     channels_read,
     friction_speed,
@@ -79,21 +78,29 @@ def _is_possible(context: FitContext, candidate: Candidate) -> bool:
     return True
 
 
+def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
+    return Parameter(name, nominal, low, high, STEP_SHARE_OF_BOUNDS * (high - low), unit, run)
+
+
+def _listed(campaign: Campaign, keys: Iterable[str], run: str | None = None) -> list[Parameter]:
+    """Those of the nuisances `keys` that a campaign lists and that have something to act on."""
+    return [
+        _parameter(key, nominal, *campaign.bounds(key, nominal), NUISANCES[key] or "1", run)
+        for key in keys
+        if key in campaign.nuisance and key not in campaign.idle_nuisances
+        for nominal in campaign.nominals(key)[:1]
+    ]
+
+
 def shared_nuisances(campaign: Campaign) -> tuple[Parameter, ...]:
     """Those of the mechanism and its sensors that all runs share."""
-    nuisances = []
-    for key in campaign.nuisance:
-        if key not in RUN_NUISANCES and key not in campaign.idle_nuisances:
-            nominal = campaign.nominals(key)[0]
-            low, high = campaign.bounds(key, nominal)
-            nuisances.append(_parameter(key, nominal, low, high, NUISANCES[key] or "1"))
+    found = _listed(campaign, (key for key in campaign.nuisance if key not in RUN_NUISANCES))
     if (width := friction_speed(campaign.mechanism)) is not None:
         low, high = width / FRICTION_SPEED_FACTOR, width * FRICTION_SPEED_FACTOR
-        nuisances.append(_parameter("friction_speed", width, low, high, "m/s"))
+        found.append(_parameter("friction_speed", width, low, high, "m/s"))
     reach = math.log(LASTING_DAMPING_FACTOR)
-    for name in lasting_damping(campaign.mechanism).values():
-        nuisances.append(_parameter(name, 0.0, -reach, reach, "1"))
-    return tuple(nuisances)
+    names = lasting_damping(campaign.mechanism).values()
+    return (*found, *(_parameter(name, 0.0, -reach, reach, "1") for name in names))
 
 
 def check_bounds(campaign: Campaign) -> None:
@@ -106,55 +113,37 @@ def check_bounds(campaign: Campaign) -> None:
     together = {key: bounds[key][end] for key, end in tightest.items() if key in bounds}
     alone = [{key: end} for key, ends in bounds.items() for end in ends]
     for values in [*alone, together] if len(together) > 1 else alone:
-        _check_possible(campaign, values)
+        at = ", ".join(f"{key} = {value:g} {NUISANCES[key]}".rstrip() for key, value in values.items())
+        source = f"campaign {campaign.name}, nuisance, at the bound {at}"
+        try:
+            validate(Mechanism, with_nuisances(campaign.mechanism, values).model_dump(), source)
+        except InputError as error:
+            raise InputError(f"{error}; or give narrower bounds") from error
 
 
-def _check_possible(campaign: Campaign, values: Mapping[str, float]) -> None:
-    at = ", ".join(f"{key} = {value:g} {NUISANCES[key]}".rstrip() for key, value in values.items())
-    source = f"campaign {campaign.name}, nuisance, at the bound {at}"
-    try:
-        validate(Mechanism, with_nuisances(campaign.mechanism, values).model_dump(), source)
-    except InputError as error:
-        raise InputError(f"{error}; or give narrower bounds") from error
-
-
-def run_nuisances(
-    campaign: Campaign,
-    run: CampaignRun,
-    samples: SampleGrid,
-    first_angle_searched: bool,
-) -> tuple[Parameter, ...]:
-    """What a run has for itself, as far as it is not exact: zeros of its sensors, speed, first angle, motor's line.
+def run_nuisances(campaign: Campaign, run: CampaignRun, samples: SampleGrid, searched: bool) -> tuple[Parameter, ...]:
+    """What a run has for itself, as far as it is not exact: zeros of its sensors, speed, first angle (perhaps found by
+    a search), motor's line.
 
     Where the measured angle drives the crank, its speed and first angle are in the drive, and are no nuisances.
     """
-    nuisances = []
-    for key in RUN_NUISANCES:
-        if key != "speed" and key in campaign.nuisance and key not in campaign.idle_nuisances:
-            (nominal,) = campaign.nominals(key)
-            low, high = campaign.bounds(key, nominal)
-            nuisances.append(_parameter(key, nominal, low, high, NUISANCES[key], run.id))
+    found = _listed(campaign, (key for key in RUN_NUISANCES if key != "speed"), run.id)
     if campaign.drive == "measured_angle":
-        return tuple(nuisances)
-    if samples.encoded and samples.speed_reach > 0:
-        low, high = samples.speed - samples.speed_reach, samples.speed + samples.speed_reach
-        nuisances.append(_parameter("speed", samples.speed, low, high, "rad/s", run.id))
+        return tuple(found)
+    speed, first, reach = samples.speed, samples.first_angle, samples.speed_reach
+    if samples.encoded and reach > 0:
+        found.append(_parameter("speed", speed, speed - reach, speed + reach, "rad/s", run.id))
     elif not samples.encoded and "speed" in campaign.nuisance:
         low, high = campaign.bounds("speed", run.speed)
-        nuisances.append(_parameter("speed", min(max(samples.speed, low), high), low, high, "rad/s", run.id))
-    reach = FIRST_ANGLE_REACH if first_angle_searched else samples.first_reach
+        found.append(_parameter("speed", min(max(speed, low), high), low, high, "rad/s", run.id))
+    reach = FIRST_ANGLE_REACH if searched else samples.first_reach
     if reach > 0:
-        first = samples.first_angle
-        nuisances.append(_parameter("first_angle", first, first - reach, first + reach, "rad", run.id))
-    return tuple(nuisances)
+        found.append(_parameter("first_angle", first, first - reach, first + reach, "rad", run.id))
+    return tuple(found)
 
 
-def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
-    return Parameter(name, nominal, low, high, STEP_SHARE_OF_BOUNDS * (high - low), unit, run)
-
-
+# Channels smooth enough for what grows with their rate to be the time stamps' doing
 POSITIONS = ("crank_angle", "slider_position", "rod_angle")
-"""Channels smooth enough for what grows with their rate to be the time stamps' doing."""
 
 
 class RunData(NamedTuple):
@@ -163,7 +152,7 @@ class RunData(NamedTuple):
     plan: RunPlan
     values: dict[str, np.ndarray]  # By channel [SI]; NaN where the run is yet to be measured
     held_out: np.ndarray  # Samples that take no part in fitting or choosing
-    first_angle_searched: bool = False
+    searched: bool = False  # Whether the first angle was found by a search
 
 
 class SliderCrankModel:
@@ -175,9 +164,8 @@ class SliderCrankModel:
         self.campaign, self.name, self.left_out = campaign, campaign.name, left_out
         self.plans = {run: data.plan for run, data in runs.items()}
         self._told_encoder_offset = told_encoder_offset
-        self.nuisances: tuple[Parameter, ...] = shared_nuisances(campaign)
-        for plan, _, _, searched in runs.values():
-            self.nuisances += run_nuisances(campaign, plan.run, plan.samples, searched)
+        own = [run_nuisances(campaign, data.plan.run, data.plan.samples, data.searched) for data in runs.values()]
+        self.nuisances: tuple[Parameter, ...] = sum(own, shared_nuisances(campaign))
         self.numerics = numerics_for(campaign)
         self._rows = {
             (run, channel): own_rows(data.plan.samples.elapsed, data.values[channel])
@@ -193,7 +181,7 @@ class SliderCrankModel:
                 self._chaotic[run] = chaotic_run(campaign, data.plan, channels, values, fitted, noise)
             series += [self._samples(data, channel, noise.get(channel)) for channel in self._sampled(run)]
             if run in self._chaotic:
-                series += self._statistics(run, data.values, data.held_out)
+                series += self._statistics(run, data)
         self.series = tuple(series)
 
     def nominal(self, run: str) -> dict[str, float]:
@@ -212,95 +200,59 @@ class SliderCrankModel:
         rows = self._rows[run, channel]
         if jitter is None and not (samples.timed and channel in POSITIONS):
             jitter = 0.0  # what impacts do not repeat in velocities and accelerations is a motion
-        return Series(
-            run,
-            channel,
-            CHANNELS[channel],
-            data.values[channel][rows],
-            samples.time[rows],
-            samples.angle[rows],
-            data.held_out[rows],
-            None if noise is None else np.full(np.count_nonzero(rows), noise),
-            resolution=(self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(channel),
-            jitter=jitter,
-        )
+        resolution = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(channel)
+        sd = None if noise is None else np.full(np.count_nonzero(rows), noise)
+        columns = [column[rows] for column in (data.values[channel], samples.time, samples.angle, data.held_out)]
+        return Series(run, channel, CHANNELS[channel], *columns, sd, resolution=resolution, jitter=jitter)
 
-    def _statistics(self, run: str, measured, held_out) -> list[Series]:
+    def _statistics(self, run: str, data: RunData) -> Iterator[Series]:
         """Series of the chaotic channels: statistics of the samples for fitting, then of those held out."""
-        chaotic, angle = self._chaotic[run], self.plans[run].samples.angle
+        chaotic, angle, held_out = self._chaotic[run], data.plan.samples.angle, data.held_out
         groups = [part for part in (False, True) if (held_out == part).any()]
-        parts = [
-            measured_statistics(chaotic, angle[held_out == part], {c: v[held_out == part] for c, v in measured.items()})
-            for part in groups
-        ]
+        parts = []
+        for part in groups:
+            measured = {channel: value[held_out == part] for channel, value in data.values.items()}
+            parts.append(measured_statistics(chaotic, angle[held_out == part], measured))
         middles = np.tile((np.arange(BINS) + 0.5) * (tau / BINS), len(groups))
-        return [
-            Series(
-                run,
-                name,
-                CHANNELS[name.partition(" ")[0]],
-                np.concatenate([part[name][0] for part in parts]),
-                np.full(middles.size, np.nan),
-                middles,
-                np.repeat(groups, BINS),
-                np.concatenate([part[name][1] for part in parts]),
-                statistic=True,
-            )
-            for name in parts[0]
-        ]
+        unknown = np.full(middles.size, np.nan)
+        for name in parts[0]:
+            value, error = (np.concatenate([part[name][i] for part in parts]) for i in (0, 1))
+            unit = CHANNELS[name.partition(" ")[0]]
+            yield Series(run, name, unit, value, unknown, middles, np.repeat(groups, BINS), error, statistic=True)
 
-    def drive_errors(self, run: str, values: Mapping[str, float]) -> dict[str, np.ndarray]:
+    def drive_errors(self, run: str, values: Values) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Driven.drive_errors`."""
         plan = replace(self.plans[run], channels=self._sampled(run))
         if plan.measured is None or not plan.channels:
             return {}
         usual = self._read(plan, values)
         moved = [self._read(replace(plan, measured=each), values) for each in plan.measured.moved]
-        return {
-            channel: np.array([each[channel] - usual[channel] for each in moved]).reshape(-1, usual[channel].size).T
-            for channel in usual
-        }
+        changes = {channel: [each[channel] - usual[channel] for each in moved] for channel in usual}
+        return {channel: np.array(each).reshape(-1, usual[channel].size).T for channel, each in changes.items()}
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
         """Every effect and every fault of a sensor that could be missing."""
-        run, plan = next(iter(self.plans.items()))
-        speed = float(np.mean([plan.samples.speed for plan in self.plans.values()]))
-        read = channels_read(self.campaign, plan, self.nominal(run))
-        spreads = {
-            name: (float(np.ptp(values) and np.std(values)), CHANNELS[name])
-            for name, values in read.items()
-            if name != "crank_angle"
-        }
-        context = FitContext(
-            self.campaign.mechanism,
-            MotionScale.of(self.campaign.mechanism, speed),
-            {p.name: p for p in self.nuisances if p.run is None},
-            self.campaign.drive == "constant_speed",
-            PLANNED_FORCE_ORDER * speed / tau,
-            tuple(self.plans),
-            unknown_starts(self.campaign),
-        )
-        encoder = "crank_angle" in self.campaign.channels
+        campaign, runs = self.campaign, tuple(self.plans)
+        scale = motion_scale(self)
+        read = channels_read(campaign, self.plans[runs[0]], self.nominal(runs[0]))
+        spreads = {name: float(np.ptp(v) and np.std(v)) for name, v in read.items() if name != "crank_angle"}
+        shared = {p.name: p for p in self.nuisances if p.run is None}
+        constant, frequency = campaign.drive == "constant_speed", PLANNED_FORCE_ORDER * scale.turning / tau
+        starts = unknown_starts(campaign)
+        context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs, starts)
         # in a single run for fitting a zero of its own is the offset that all runs have
         several = sum(plan.run.role != "confirm" for plan in self.plans.values()) > 1
-        drives = self.campaign.drive == "measured_angle"
-        return (
-            *physical_candidates(context),
-            *sensor_candidates(
-                spreads,
-                encoder,
-                speed,
-                drives,
-                {p.name for p in self.nuisances},
-                tuple(self.plans) if several else (),
-                self._told_encoder_offset,
-            ),
-        )
+        encoder = [ENCODER_OFFSET] if "crank_angle" in campaign.channels else []
+        listed = {p.name for p in self.nuisances}
+        if encoder and several and "encoder_zero" not in listed:
+            encoder.append(ENCODER_ZEROS)
+        if encoder and campaign.drive == "measured_angle":
+            encoder.append(ENCODER_LAG)
+        sensors = sensor_candidates(spreads, encoder, scale.turning, listed, runs, self._told_encoder_offset)
+        return (*physical_candidates(context), *sensors)
 
-    def simulate(
-        self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
-    ) -> dict[str, np.ndarray]:
+    def simulate(self, run: str, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Model.simulate`."""
         plan, chaotic = replace(self.plans[run], channels=self._sampled(run)), self._chaotic.get(run)
         read = self._read(plan, values, effects, numerics) if plan.channels else {}
@@ -311,58 +263,36 @@ class SliderCrankModel:
             read |= {name: np.tile(bins, sizes[name] // bins.size) for name, bins in statistics.items()}
         return read
 
-    def _read(
-        self, plan: RunPlan, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
-    ) -> dict[str, np.ndarray]:
+    def _read(self, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
         """What the sensors read, each at its own rows."""
         read = channels_read(self.campaign, plan, values, effects, numerics)
         return {channel: value[self._rows[plan.run.id, channel]] for channel, value in read.items()}
 
 
+def motion_scale(model: SliderCrankModel) -> MotionScale:
+    """Magnitudes of the motion at the mean speed of the runs."""
+    speeds = [plan.samples.speed for plan in model.plans.values()]
+    return MotionScale.of(model.campaign.mechanism, float(np.mean(speeds)))
+
+
 def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
     """One candidate for each term of a force on the slider and of a torque on the crank."""
-    mean_speed = float(np.mean([plan.samples.speed for plan in model.plans.values()]))
-    scale = MotionScale.of(model.campaign.mechanism, mean_speed)
-    stroke, speed, turning = scale.stroke, scale.speed, scale.turning
-    y = f"(x - {scale.middle!r})"
-    sign = f"tanh(v/{SLIDER_SIGN_SPEED!r})"
-    slider = {
-        "1": 1.0,
-        "v": speed,
-        "|v|": speed,
-        sign: 1.0,
-        "v*|v|": speed**2,
-        "v^3": speed**3,
-        y: stroke,
-        f"{y}^3": stroke**3,
-        f"|{y}|": stroke,
-        "cos(theta)": 1.0,
-        "sin(theta)": 1.0,
-        f"{y}*v": stroke * speed,
-        f"{y}*|v|": stroke * speed,
-        f"{y}*{sign}": stroke,
-        "v*cos(theta)": speed,
-        "v*sin(theta)": speed,
-    }
-    crank = {
-        "1": 1.0,
-        "w": turning,
-        "w*|w|": turning**2,
-        "cos(theta)": 1.0,
-        "sin(theta)": 1.0,
-        "cos(2*theta)": 1.0,
-        "sin(2*theta)": 1.0,
-    }
-    torque = scale.force * stroke
-    return (
-        *(_term("discovered_slider_force", "slider", text, scale.force / size) for text, size in slider.items()),
-        *(_term("discovered_crank_torque", "crank", text, torque / size) for text, size in crank.items()),
-    )
-
-
-def _term(effect: str, site: str, text: str, step: float) -> Candidate:
-    coefficient = Parameter("coefficient", 0.0, step=step)
-    return Candidate(f"{effect}[{text}]", site, (coefficient,), ("coefficient",))
+    scale = motion_scale(model)
+    symbols = {"Y": f"(x - {scale.middle!r})", "S": f"tanh(v/{SLIDER_SIGN_SPEED!r})"}
+    slider = "1 v |v| S v*|v| v^3 Y Y^3 |Y| cos(theta) sin(theta) Y*v Y*|v| Y*S v*cos(theta) v*sin(theta)"
+    crank = "1 w w*|w| cos(theta) sin(theta) cos(2*theta) sin(2*theta)"
+    sizes, found = {"Y": scale.stroke, "v": scale.speed, "w": scale.turning}, []
+    for effect, site, terms, largest in (
+        ("discovered_slider_force", "slider", slider, scale.force),
+        ("discovered_crank_torque", "crank", crank, scale.force * scale.stroke),
+    ):
+        for term in terms.split():
+            power = 3 if "^3" in term else 1
+            size = math.prod(one ** (power * term.count(symbol)) for symbol, one in sizes.items())
+            coefficient = Parameter("coefficient", 0.0, step=largest / size)
+            text = term.replace("Y", symbols["Y"]).replace("S", symbols["S"])
+            found.append(Candidate(f"{effect}[{text}]", site, (coefficient,), ("coefficient",)))
+    return tuple(found)
 
 
 def remaining_doubts(
@@ -378,23 +308,21 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
     """
     corrected, erring = {}, False
     sensors = tuple(candidate for candidate in fit.hypothesis if candidate.sensor)
-    for run in model.plans:
-        recording = measurements.runs[run]
+    for run, plan in model.plans.items():
         own = [p.key for p in model.nuisances if p.run == run and p.name in Faults.NUISANCES]
         own += [f"{candidate.label}.{p.key}" for candidate in sensors for p in candidate.coordinates if p.run == run]
-        if any(key not in fit.mapping for key in own):
-            continue
-        nuisances, effects = values_in_run(model, run, fit.mapping, sensors)
-        faults = Faults(effects, model.plans[run].run.direction == "clockwise", nuisances)
-        corrected[run] = faults.taken_out(recording)
-        erring |= bool(faults)
-    if not erring:
-        return [found.channel for found in measurements.contradictions if found.doubtful]
-    # what is clipped or stuck cannot be undone: there any fault of that sensor counts
-    sites = {candidate.site for candidate in sensors}
-    lost = [one for one in measurements.contradictions if one.kind in OF_SAMPLES and one.channel not in sites]
-    left = contradictions(model.campaign, corrected)
-    return [one.channel for one in (*lost, *left) if one.doubtful]
+        if all(key in fit.mapping for key in own):
+            nuisances, effects = values_in_run(model, run, fit.mapping, sensors)
+            faults = Faults(effects, plan.run.direction == "clockwise", nuisances)
+            corrected[run] = faults.taken_out(measurements.runs[run])
+            erring |= bool(faults)
+    left = measurements.contradictions
+    if erring:
+        # what is clipped or stuck cannot be undone: there any fault of that sensor counts
+        sites = {candidate.site for candidate in sensors}
+        lost = [one for one in left if one.kind in OF_SAMPLES and one.channel not in sites]
+        left = lost + contradictions(model.campaign, corrected)
+    return [one.channel for one in left if one.doubtful]
 
 
 def build_model(
@@ -407,15 +335,13 @@ def build_model(
     check_bounds(campaign)
     runs, left_out = {}, dict(measurements.left_out) if measurements else {}
     for run in campaign.runs:
-        if run.id in left_out:
-            continue
         if measurements is None:
             runs[run.id] = _planned(campaign, run, (revolutions or {}).get(run.id))
-            continue
-        try:
-            runs[run.id] = _recorded(campaign, run, measurements.runs[run.id])
-        except (InputError, SimulationError) as error:
-            left_out[run.id] = str(error)
+        elif run.id not in left_out:
+            try:
+                runs[run.id] = _recorded(campaign, run, measurements.runs[run.id])
+            except (InputError, SimulationError) as error:
+                left_out[run.id] = str(error)
     check_runs_left(campaign, left_out)
     campaign = campaign.model_copy(update={"runs": tuple(run for run in campaign.runs if run.id in runs)})
     doubts = measurements.contradictions if measurements else ()
@@ -424,11 +350,11 @@ def build_model(
 
 
 def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
+    drives, encoder = campaign.drive == "measured_angle", "crank_angle" in campaign.channels
     channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
-    if "crank_angle" in campaign.channels and samples.encoded and campaign.drive != "measured_angle":
-        channels.append("crank_angle")
+    channels += ["crank_angle"] if encoder and samples.encoded and not drives else []
     drive = None
-    if campaign.drive == "measured_angle":
+    if drives:
         back = 0 if starts_with_record(run) else SETTLING_REVOLUTIONS
         drive = measured_drive(samples, _resolution(campaign), noise_of(campaign, run.id).get("crank_angle"), back)
     return RunPlan(run, samples, tuple(channels), drive)
@@ -443,8 +369,7 @@ def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) ->
         plan = _plan(campaign, run, planned_grid(*planned, longer))
     count = plan.samples.time.size
     held_out = math.ceil({"confirm": 1.0, "split": 1.0 / 3.0}.get(run.role, 0.0) * count)
-    values = {channel: np.full(count, np.nan) for channel in plan.channels}
-    return RunData(plan, values, np.arange(count) >= count - held_out)
+    return RunData(plan, dict.fromkeys(plan.channels, np.full(count, np.nan)), np.arange(count) >= count - held_out)
 
 
 def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> RunData:
@@ -458,9 +383,11 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
         hidden = recording.held_out & (not recording.held_out.all())
         fitted = {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
         if "speed" in campaign.nuisance:
-            plan = _with_speed(campaign, plan, fitted)
-        searched = run.first_angle is None
-        if searched:
+            own, bounds = plan.samples, campaign.bounds("speed", run.speed)
+            speed = speed_from_periodicity(own.elapsed, list(fitted.values()), *bounds)
+            own = replace(own, speed=speed, angle=own.first_angle + speed * own.elapsed)
+            plan = replace(plan, samples=own)
+        if searched := run.first_angle is None:
             plan = _with_first_angle(campaign, plan, fitted)
     for channel, read in channels_read(campaign, plan, _nominal(campaign, plan)).items():
         if not np.isfinite(read).all():
@@ -481,13 +408,6 @@ def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
 def _first_angle(run: CampaignRun) -> float | None:
     """As stated [rad]; of a clockwise crank the mirror image turns, as its angles are read."""
     return -run.first_angle if run.first_angle is not None and run.direction == "clockwise" else run.first_angle
-
-
-def _with_speed(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
-    """The plan with the speed, within its bounds, at which what was measured repeats best."""
-    own, (low, high) = plan.samples, campaign.bounds("speed", plan.run.speed)
-    speed = speed_from_periodicity(own.elapsed, list(measured.values()), low, high)
-    return replace(plan, samples=replace(own, speed=speed, angle=own.first_angle + speed * own.elapsed))
 
 
 def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:

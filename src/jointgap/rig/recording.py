@@ -8,11 +8,10 @@ import pandas as pd
 
 from jointgap.config.campaign import Campaign
 
+# Kinds of contradictions that are told by a channel's samples alone; no gain or zero of a sensor undoes them
 OF_SAMPLES = ("clipped", "stuck", "no_data")
-"""Kinds of contradictions that are told by a channel's samples alone; no gain or zero of a sensor undoes them."""
-
+# Kinds for which a run is left out: its crank angle steps and stays there, or the crank does not turn on
 OF_A_RUN = ("step", "standstill", "turns_back")
-"""Kinds for which a run is left out: its crank angle steps and stays there, or the crank does not turn on."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +35,11 @@ class Contradiction:
 
 def sentences(found: Sequence[Contradiction]) -> list[str]:
     """The remarks of `found`, each once with the runs that it is of."""
-    runs: dict[str, list[str]] = {}
-    for one in found:
-        runs.setdefault(one.remark, []).append(one.run)
-    return [
-        f"run{'s' if len(own) > 1 else ''} {', '.join(dict.fromkeys(own))}: {sentence}"
-        for sentence, own in runs.items()
-    ]
+    told = []
+    for remark in dict.fromkeys(one.remark for one in found):
+        runs = dict.fromkeys(one.run for one in found if one.remark == remark)
+        told.append(f"run{'s' if len(runs) > 1 else ''} {', '.join(runs)}: {remark}")
+    return told
 
 
 @dataclass(frozen=True)
@@ -88,12 +85,8 @@ class Measurements:
 
 def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
     """`Recording.noise` of a `run` of the `campaign`."""
-    noise = {}
-    for name, channel in campaign.channels.items():
-        stated = channel.noise_of(run)
-        if name != "time":
-            noise[name] = None if stated is None else float(stated * campaign.factor(name))
-    return noise
+    stated = {name: channel.noise_of(run) for name, channel in campaign.channels.items() if name != "time"}
+    return {name: None if sd is None else float(sd * campaign.factor(name)) for name, sd in stated.items()}
 
 
 def to_frame(measurements: Measurements) -> pd.DataFrame:
@@ -108,24 +101,15 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
 
 
 def from_frame(
-    frame: pd.DataFrame,
-    campaign: Campaign,
-    remarks: tuple[str, ...] = (),
-    contradictions: tuple[Contradiction, ...] = (),
+    frame: pd.DataFrame, campaign: Campaign, remarks: tuple[str, ...] = (), found: tuple[Contradiction, ...] = ()
 ) -> Measurements:
     """The measurements in a table that `to_frame` made."""
     runs = {}
     for run, own in frame.groupby("run", sort=False, observed=True):
-        channels = dict(list(own.groupby("channel", sort=False, observed=True)))
-        samples = next(iter(channels.values()))
-        runs[run] = Recording(
-            run=run,
-            time=samples["time"].to_numpy(dtype=float),
-            crank_angle=samples["crank_angle"].to_numpy(dtype=float),
-            channels={
-                name: part["value"].to_numpy(dtype=float) for name, part in channels.items() if name != "crank_angle"
-            },
-            noise=noise_of(campaign, run),
-            held_out=samples["held_out"].to_numpy(dtype=bool),
-        )
-    return Measurements(runs, remarks, contradictions)
+        parts = dict(list(own.groupby("channel", sort=False, observed=True)))
+        channels = {name: part["value"].to_numpy(float) for name, part in parts.items() if name != "crank_angle"}
+        samples = next(iter(parts.values()))
+        time, angle = (samples[key].to_numpy(float) for key in ("time", "crank_angle"))
+        held_out = samples["held_out"].to_numpy(bool)
+        runs[run] = Recording(run, time, angle, channels, noise_of(campaign, run), held_out)
+    return Measurements(runs, remarks, found)

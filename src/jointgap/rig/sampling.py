@@ -7,10 +7,6 @@ from math import tau
 
 import numpy as np
 
-from jointgap.core.errors import InputError
-
-PLANNED_REVOLUTIONS = 4  # Of a run yet to be measured: four cycles tell what repeats from what does not
-PLANNED_SAMPLES_PER_REVOLUTION = 120  # They resolve the orders that effects have
 OUTLIER = 5.0  # [1, robust standard deviations] A reading of the crank angle farther from its straight line
 EVEN_ROWS = math.radians(0.5)  # [rad] Angles without times this near a line over their rows were sampled evenly in time
 # [1] An estimated speed or phase may be off by this many standard errors, which are twice as large as those of
@@ -78,13 +74,11 @@ class SampleGrid:
 
 
 def planned_grid(
-    speed: float,
-    first_angle: float,
-    encoded: bool,
-    revolutions: int = PLANNED_REVOLUTIONS,
-    per_revolution: int = PLANNED_SAMPLES_PER_REVOLUTION,
+    speed: float, first_angle: float, encoded: bool, revolutions: int = 4, per_revolution: int = 120
 ) -> SampleGrid:
-    """Samples of a run that is yet to be measured, at even times."""
+    """Samples of a run that is yet to be measured, at even times: four cycles tell what repeats from what does not, 120
+    samples resolve the orders that effects have.
+    """
     count = revolutions * per_revolution
     elapsed = np.arange(count) * (tau / speed / per_revolution)
     angle = first_angle + speed * elapsed
@@ -104,11 +98,8 @@ def sample_grid(
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
         slope, first, sd = _robust_line(elapsed[finite], read[finite])
-        error = REACH * sd / math.sqrt(finite.sum())
-        span = max(float(np.ptp(elapsed[finite])), 1e-300)
-        angle = first + slope * elapsed
-        if not constant:
-            angle = np.interp(elapsed, elapsed[finite], read[finite])
+        error, span = REACH * sd / math.sqrt(finite.sum()), max(float(np.ptp(elapsed[finite])), 1e-300)
+        angle = first + slope * elapsed if constant else np.interp(elapsed, elapsed[finite], read[finite])
         # of a line through n points the first value has twice the standard error of the mean, the slope sqrt(12) / span
         first_reach = 2.0 * error + 0.5 * resolution
         speed_reach = (math.sqrt(12.0) * error + 0.5 * resolution) / span
@@ -116,8 +107,6 @@ def sample_grid(
     if timed:
         first = first_angle or 0.0
         return SampleGrid(time, read, first + speed * (time - time[0]), first, speed)
-    if finite.sum() < 2:
-        raise InputError("a run has neither times nor crank angles; give the column of one of them")
     rows = np.arange(read.size)
     slope, start, _ = _robust_line(rows[finite].astype(float), read[finite])
     angle = start + slope * rows
@@ -151,19 +140,25 @@ def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     return float(slope), float(first), float(np.sqrt(np.mean(away[kept] ** 2)))
 
 
-def speed_from_periodicity(
-    elapsed: np.ndarray,
-    values: Sequence[np.ndarray],
-    low: float,
-    high: float,
-) -> float:
+def speed_from_periodicity(elapsed: np.ndarray, values: Sequence[np.ndarray], low: float, high: float) -> float:
     """The speed [rad/s] with which channels repeat best, of a crank whose angle nobody read.
 
     A Fourier series of the crank angle is fitted at each speed; the one that leaves least is refined by a parabola.
     """
     step = tau * SPEED_STEP / max(float(elapsed[-1]), 1e-300)
     speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)
-    misfit = np.array([_aperiodic_share(elapsed, values, speed) for speed in speeds])
+
+    def aperiodic_share(speed: float) -> float:
+        angle = np.arange(1, SPEED_HARMONICS + 1) * (speed * elapsed)[:, None]
+        series, total = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)]), 0.0
+        for value in values:
+            finite = np.isfinite(value)
+            centred = value[finite] - value[finite].mean()
+            residual = centred - series[finite] @ np.linalg.lstsq(series[finite], centred, rcond=None)[0]
+            total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
+        return total
+
+    misfit = np.array([aperiodic_share(speed) for speed in speeds])
     best = int(np.argmin(misfit))
     if not 0 < best < speeds.size - 1:
         return float(speeds[best])
@@ -171,17 +166,3 @@ def speed_from_periodicity(
     curvature = before - 2.0 * here + after
     shift = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
     return float(speeds[best] + shift * (speeds[1] - speeds[0]))
-
-
-def _aperiodic_share(elapsed: np.ndarray, values: Sequence[np.ndarray], speed: float) -> float:
-    """Share of the variance that a Fourier series at `speed` [rad/s] leaves, summed over channels."""
-    angle = np.arange(1, SPEED_HARMONICS + 1) * (speed * elapsed)[:, None]
-    series = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)])
-    total = 0.0
-    for value in values:
-        finite = np.isfinite(value)
-        centred = value[finite] - value[finite].mean()
-        weight = np.linalg.lstsq(series[finite], centred, rcond=None)[0]
-        residual = centred - series[finite] @ weight
-        total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
-    return total

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
-from jointgap.config.campaign import FILTER_ORDER
+from jointgap.config.campaign import CHANNELS, FILTER_ORDER
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude
 from jointgap.rig.recording import Recording
@@ -18,22 +18,14 @@ SAMPLES_PER_CORNER_PERIOD = 10.0
 SAMPLES_PER_REVOLUTION = 720  # On which filters and lags are computed, at least: short of most impacts' ringing
 PADDING_REVOLUTIONS = 0.25  # Before and after the samples, for transients of filters and lags to decay
 
-STANDARD_GRAVITY = 9.80665
-"""[m/s^2] What an accelerometer that reads gravity reads at rest."""
-
+STANDARD_GRAVITY = 9.80665  # [m/s^2] What an accelerometer that reads gravity reads at rest
+# Accelerations and the component of a direction along them
 _AXES = {"slider_acceleration": math.cos, "rod_acceleration_x": math.cos, "rod_acceleration_y": math.sin}
-"""Accelerations and the component of a direction along them."""
 
+# Channels whose sign turns when the mechanism is seen from behind; the crank angle is mirrored where it is read
 MIRRORED = (
-    "crank_speed",
-    "rod_angle",
-    "rod_angular_velocity",
-    "rod_acceleration_y",
-    "crank_torque",
-    "guide_force",
-    "frame_force_y",
+    "crank_speed rod_angle rod_angular_velocity rod_acceleration_y crank_torque guide_force frame_force_y".split()
 )
-"""Channels whose sign turns when the mechanism is seen from behind; the crank angle is mirrored where it is read."""
 
 
 def gravity_read(channel: str, direction: float) -> float:
@@ -102,31 +94,23 @@ class SensorFault:
         `Candidate`; `runs` are those of the campaign.
         """
         step, low, high = self.bounds(reading)
-        coordinate = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
-        coordinates = tuple(replace(coordinate, run=run) for run in runs) if self.of_each_run else (coordinate,)
+        one = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
+        several = tuple(replace(one, run=run) for run in runs) if self.of_each_run else (one,)
+        keys, has_site = tuple(each.key for each in several), self.name not in ENCODER_FAULTS
+        families = _families_of(self, site, one) if self.name in DELAY_SHARES else ()
+        replaces = replaces or {}
         return Candidate(
-            self.name,
-            site,
-            coordinates,
-            tuple(each.key for each in coordinates),
-            replaces=replaces or {},
-            sensor=True,
-            has_site=self.name not in ENCODER_FAULTS,
-            families=_families_of(self, site, coordinate) if self.name in DELAY_SHARES else (),
+            self.name, site, several, keys, replaces=replaces, sensor=True, has_site=has_site, families=families
         )
 
 
-ENCODER_OFFSET = "encoder_offset"
-ENCODER_LAG = "encoder_lag"
-ENCODER_ZEROS = "encoder_zeros"
+ENCODER_OFFSET, ENCODER_LAG, ENCODER_ZEROS = "encoder_offset", "encoder_lag", "encoder_zeros"
+# Faults of the one sensor that reads the crank angle, on which the motion is laid: they have no channel to choose
 ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_ZEROS, ENCODER_LAG)
-"""Faults of the one sensor that reads the crank angle, on which the motion is laid: they have no channel to choose."""
 
 SENSOR_LAG, SENSOR_DELAY, LAG_AND_DELAY = "sensor_lag", "sensor_delay", "sensor_lag_and_delay"
+# Faults that are one shape of `LAG_AND_DELAY`, first order plus dead time, and the share [1] of the delay there
 DELAY_SHARES = {SENSOR_LAG: 0.0, SENSOR_DELAY: 1.0}
-"""Faults that are one shape of `LAG_AND_DELAY`, first order plus dead time, and the share [1] of the delay there."""
-
-_INF = math.inf
 
 
 def _late(reading: Reading) -> tuple[float, float, float]:
@@ -179,8 +163,8 @@ FAULTS = {
             "",
             "a bias of the sensor of {site}",
             law="y = u + bias",
-            bounds=lambda reading: (DETECTABLE_SHARE * (reading.spread or 1.0), -_INF, _INF),
-            trial=lambda rig, channel: (0.1 * rig.spread[channel], _INF),
+            bounds=lambda reading: (DETECTABLE_SHARE * (reading.spread or 1.0), -math.inf, math.inf),
+            trial=lambda rig, channel: (0.1 * rig.spread[channel], math.inf),
             steady=True,
             after_filter=lambda values, bias: values + bias,
             undone=lambda values, bias, times: values - bias,
@@ -235,22 +219,18 @@ FAULTS = {
 
 
 def sensor_candidates(
-    spreads: Mapping[str, tuple[float, str]],
-    encoder: bool,
+    spreads: Mapping[str, float],
+    encoder: Sequence[str],
     turning: float,
-    drives: bool = False,
-    nuisances: Collection[str] = (),
-    runs: Sequence[str] = (),
-    told_offset: float | None = None,
+    nuisances: Collection[str],
+    runs: Sequence[str],
+    told_offset: float | None,
 ) -> list[Candidate]:
-    """Faults that the sensors could have."""
-    present = {
-        ENCODER_OFFSET: encoder,
-        ENCODER_ZEROS: encoder and bool(runs) and "encoder_zero" not in nuisances,
-        ENCODER_LAG: encoder and drives,
-    }
+    """Faults that the sensors could have: those named of the `encoder`, which other channels may say to be off by
+    `told_offset` [rad], and those of channels, whose readings vary by `spreads`.
+    """
     found = []
-    for name in (name for name, is_present in present.items() if is_present):
+    for name in encoder:
         parameter = FAULTS[name].parameter
         replaces = {name: parameter} if name in nuisances else {}
         candidate = FAULTS[name].candidate("sensor", Reading(0.0, "rad", turning), replaces, runs)
@@ -258,8 +238,8 @@ def sensor_candidates(
             candidate = replace(candidate, initial_guesses=({}, {parameter: told_offset}))
         found.append(candidate)
     return found + [
-        fault.candidate(channel, Reading(spread, unit, turning))
-        for channel, (spread, unit) in spreads.items()
+        fault.candidate(channel, Reading(spread, CHANNELS[channel], turning))
+        for channel, spread in spreads.items()
         for fault in FAULTS.values()
         if fault.name not in (*ENCODER_FAULTS, LAG_AND_DELAY) and (fault.steady or spread > 0.0)
     ]
@@ -271,31 +251,24 @@ class Faults:
     NUISANCES = ("encoder_zero", "encoder_lag", "slider_position_zero")
     """Names of the nuisances that are faults of sensors."""
 
-    def __init__(
-        self,
-        effects: Iterable[tuple[Candidate, Values]],
-        mirrored: bool = False,
-        nuisances: Mapping[str, float] | None = None,
-    ):
-        known = nuisances or {}
+    def __init__(self, effects: Iterable[tuple[Candidate, Values]], mirrored: bool, nuisances: Mapping[str, float]):
         side = -1.0 if mirrored else 1.0
-        self.offset, self.lag = side * known.get("encoder_zero", 0.0), known.get("encoder_lag", 0.0)
+        self.offset, self.lag = side * nuisances.get("encoder_zero", 0.0), nuisances.get("encoder_lag", 0.0)
         self._faults: list[tuple[SensorFault, str, float]] = []
-        if position_zero := known.get("slider_position_zero", 0.0):
+        if position_zero := nuisances.get("slider_position_zero", 0.0):
             self._faults.append((FAULTS["sensor_bias"], "slider_position", position_zero))
         for candidate, values in effects:
-            if candidate.name == ENCODER_OFFSET:
-                self.offset += side * values["offset_rad"]
-            elif candidate.name == ENCODER_ZEROS:
-                self.offset += side * values["zero_rad"]
-            elif candidate.name == ENCODER_LAG:
+            name, site = candidate.name, candidate.site
+            if name == ENCODER_LAG:
                 self.lag += values["lag_s"]
-            elif candidate.name == LAG_AND_DELAY:
-                late = values[FAULTS[LAG_AND_DELAY].parameter]
-                parts = {SENSOR_LAG: (1.0 - values["delay_share"]) * late, SENSOR_DELAY: values["delay_share"] * late}
-                self._faults += [(FAULTS[name], candidate.site, part) for name, part in parts.items()]
+            elif name in ENCODER_FAULTS:
+                self.offset += side * values[FAULTS[name].parameter]
+            elif name == LAG_AND_DELAY:
+                late, share = values[FAULTS[name].parameter], values["delay_share"]
+                parts = {SENSOR_LAG: (1.0 - share) * late, SENSOR_DELAY: share * late}
+                self._faults += [(FAULTS[part], site, value) for part, value in parts.items()]
             elif candidate.sensor:
-                self._faults.append((FAULTS[candidate.name], candidate.site, values[candidate.amplitudes[0]]))
+                self._faults.append((FAULTS[name], site, values[candidate.amplitudes[0]]))
 
     def __bool__(self) -> bool:
         """Whether any sensor errs."""

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from math import tau
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from jointgap.config import EFFECTS, Effect, Mechanism
-from jointgap.config.campaign import Campaign, CampaignRun
+from jointgap.config.campaign import Campaign
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.load import validate
 from jointgap.core.candidates import FAST, Candidate, Effects
@@ -19,9 +18,9 @@ from jointgap.core.joints import JOINTS, PINS
 from jointgap.dynamics.parameters import Parameters
 from jointgap.effects.clearance import START
 from jointgap.rig import drives, sensors
-from jointgap.rig.channels import FAST_TOLERANCE, TOLERANCE, Columns, channels_at, tolerance_for
+from jointgap.rig.channels import FAST_TOLERANCE, Columns, channels_at, tolerance_for
+from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.recording import noise_of
-from jointgap.rig.sampling import SampleGrid
 from jointgap.rig.sensors import Faults
 
 # From so many starts the motion of a run is simulated of which nobody knows where it began. In blind trials a motion
@@ -33,8 +32,6 @@ OTHER_START_REVOLUTIONS, MOST_START_REVOLUTIONS = 1.382, 2.0
 # [1, of the noise] Root of the mean square of the changes at which a search takes a motion as settled
 FAST_SETTLED = 0.3
 UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise where it is not stated
-
-_DISCOVERED = "discovered_"
 
 
 def friction_speed(mechanism: Mechanism) -> float | None:
@@ -53,67 +50,52 @@ def lasting_damping(mechanism: Mechanism) -> dict[str, str]:
     Nobody measures it, and how each reversal of load rings down depends on it. The nuisance is the natural logarithm of
     damping over what the contact says, on which readings depend about linearly; on the damping itself less so.
     """
-    return {
-        pin: f"lasting_damping_{pin}"
-        for pin in mechanism.loose
-        if mechanism.joint(pin).contact.reference_speed is not None
-    }
+    fading = [pin for pin in mechanism.loose if mechanism.joint(pin).contact.reference_speed is not None]
+    return {pin: f"lasting_damping_{pin}" for pin in fading}
 
 
-def with_nuisances(mechanism: Mechanism, values: Mapping[str, float]) -> Mechanism:
+def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
     """`mechanism` with other masses, lengths, clearances, friction and restitution."""
-    get = values.get
-    modified = mechanism.with_lengths(
-        get("crank_length", mechanism.crank.length), get("rod_length", mechanism.rod.length)
-    )
+    lengths = (values.get(f"{body}_length", getattr(mechanism, body).length) for body in ("crank", "rod"))
+    modified = mechanism.with_lengths(*lengths)
     rod = {key: values[f"rod_{key}"] for key in ("mass", "inertia") if f"rod_{key}" in values}
     slider = {key: values[f"slider_{key}"] for key in ("mass", "offset") if f"slider_{key}" in values}
     joints = {}
     for pin in mechanism.loose:
         joint = mechanism.joint(pin)
-        contact = {
-            key: values.get(f"{name}_{pin}", values.get(name, getattr(joint.contact, key)))
-            for name, key in (("joint_friction", "friction"), ("restitution", "restitution"))
-            if pin in PINS and getattr(joint.contact, key) is not None  # not every law of contact has a restitution
-        }
+        own, contact = joint.contact, {}
+        if pin in PINS:
+            contact["friction"] = values.get(f"joint_friction_{pin}", values.get("joint_friction", own.friction))
+            if own.restitution is not None:  # not every law of contact has one
+                shared = values.get("restitution", own.restitution)
+                contact["restitution"] = values.get(f"restitution_{pin}", shared)
         if "friction_speed" in values:
-            contact["friction_speed"] = (
-                joint.contact.friction_speed * values["friction_speed"] / friction_speed(mechanism)
-            )
+            contact["friction_speed"] = own.friction_speed * values["friction_speed"] / friction_speed(mechanism)
         if (name := f"lasting_damping_{pin}") in values:
-            contact["reference_approach_speed"] = joint.contact.reference_speed * math.exp(-values[name])
-        change: dict[str, Any] = {"contact": joint.contact.model_copy(update=contact)}
+            contact["reference_approach_speed"] = own.reference_speed * math.exp(-values[name])
+        change: dict[str, Any] = {"contact": own.model_copy(update=contact)}
         if f"{pin}_clearance" in values:
             change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]
         joints[pin] = joint.model_copy(update=change)
+    changes = {"rod": rod, "slider": slider, "joints": joints}
     return modified.model_copy(
-        update={
-            "rod": modified.rod.model_copy(update=rod),
-            "slider": modified.slider.model_copy(update=slider),
-            "joints": modified.joints.model_copy(update=joints),
-        }
+        update={part: getattr(modified, part).model_copy(update=change) for part, change in changes.items()}
     )
 
 
-def with_effects(mechanism: Mechanism, effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> Mechanism:
+def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
     """`mechanism` with physical effects added to those that it has."""
     added, formulas = [], {}
     for candidate, values in effects:
-        if candidate.sensor:
-            continue
-        if candidate.name.startswith(_DISCOVERED):
+        if candidate.name.startswith("discovered_"):
             formulas.setdefault(candidate.name.partition("[")[0], []).append((candidate, values))
-        elif EFFECTS[candidate.name].ACTS_AT_ZERO or any(
-            value for key, value in values.items() if key in _names(candidate)
-        ):
-            added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
+        elif not candidate.sensor:
+            # keys of an effect's sizes, and their names within a run
+            sizes = {name for key in candidate.amplitudes for name in (key, key.partition("@")[0])}
+            if EFFECTS[candidate.name].ACTS_AT_ZERO or any(values[key] for key in sizes & values.keys()):
+                added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
     added += [_formula(name, terms) for name, terms in formulas.items()]
     return mechanism.model_copy(update={"effects": (*mechanism.effects, *added)})
-
-
-def _names(candidate: Candidate) -> set[str]:
-    """Keys of an effect's sizes, and their names within a run."""
-    return {name for key in candidate.amplitudes for name in (key, key.partition("@")[0])}
 
 
 def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
@@ -122,7 +104,7 @@ def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
     return validate(effect, data, name)
 
 
-def _formula(name: str, terms: Sequence[tuple[Candidate, Mapping[str, float]]]) -> Effect:
+def _formula(name: str, terms: Effects) -> Effect:
     """One law of several found terms: a candidate ``discovered_slider_force[v^3]`` has one size, its coefficient."""
     parts, coefficients = [], {}
     for place, (candidate, values) in enumerate(terms, 1):
@@ -134,12 +116,12 @@ def _formula(name: str, terms: Sequence[tuple[Candidate, Mapping[str, float]]]) 
     return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients})
 
 
-def simulated_effects(effects: Sequence[tuple[Candidate, Mapping[str, float]]]) -> tuple[list, list, float]:
+def simulated_effects(effects: Effects) -> tuple[list, list, float]:
     """Effects as they can be simulated, those that can be as they are, and what share of the others' effect acts."""
     limited, exact, share = [], [], 1.0
     for candidate, values in effects:
-        page = EFFECTS.get(candidate.name)
-        nearest, part = page.simulated(values) if page and not candidate.sensor else (values, 1.0)
+        effect = EFFECTS.get(candidate.name)
+        nearest, part = effect.simulated(values) if effect else (values, 1.0)
         limited.append((candidate, nearest))
         exact += [(candidate, values)] if part == 1.0 else []
         share *= part
@@ -152,26 +134,20 @@ def augmented_mechanism(
     """The mechanism with re-fitted nuisances and physical effects written in."""
     values = values or {}
     modified = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
-    effects = [(candidate, _own(candidate, values)) for candidate in hypothesis]
-    for _, own in effects:
+    effects = []
+    for candidate in hypothesis:
+        # those that a fit has: of held-out runs it has none
+        keys = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates}
+        own = {key: values[name] for key, name in keys.items() if name in values}
+        effects.append((candidate, own))
         # a nuisance that an effect replaced in part, such as the other pin's friction
         modified = with_nuisances(modified, own)
     return validate(Mechanism, with_effects(modified, effects).model_dump(), "the mechanism with what was found")
 
 
-def _own(candidate: Candidate, values: Mapping[str, float]) -> dict[str, float]:
-    """Values of an effect's coordinates by key, as far as a fit has them: those of held-out runs it has not."""
-    keys = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates}
-    return {key: values[name] for key, name in keys.items() if name in values}
-
-
-NUMERICS = (
-    "friction regularised by Threlfall's law",
-    "a tenth of the tolerance",
-    "another start",
-)
-"""Other numerics that are as good as the usual ones, in words: what they change in a prediction is no disagreement. The
-last one is for joints that are loose and a start that nobody knows."""
+# Other numerics that are as good as the usual ones, in words: what they change in a prediction is no disagreement. The
+# last one is for joints that are loose and a start that nobody knows
+NUMERICS = ("friction regularised by Threlfall's law", "a tenth of the tolerance", "another start")
 
 
 def numerics_for(campaign: Campaign) -> tuple[str, ...]:
@@ -191,24 +167,8 @@ def unknown_starts(campaign: Campaign) -> dict[str, int]:
     return {} if campaign.mechanism.applied().loose else dict.fromkeys(_free_runs(campaign), STARTS)
 
 
-@dataclass(frozen=True)
-class RunPlan:
-    """One run: its samples and what is read there."""
-
-    run: CampaignRun
-    samples: SampleGrid
-    channels: tuple[str, ...]  # That are compared
-    measured: drives.MeasuredDrive | None = None  # A measured angle that drives the crank
-    tolerance: float = TOLERANCE  # [m] Local error of a step
-
-
 def channels_read(
-    campaign: Campaign,
-    plan: RunPlan,
-    values: Mapping[str, float],
-    effects: Effects = (),
-    numerics: int = 0,
-    perturbation: np.ndarray | None = None,
+    campaign: Campaign, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0, perturbation=None
 ) -> dict[str, np.ndarray]:
     """What the sensors of a run read at its samples."""
     effects, without, share = simulated_effects(effects)
@@ -219,9 +179,11 @@ def channels_read(
     return read
 
 
-def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> dict[str, np.ndarray]:
+def _read_at_limit(
+    campaign: Campaign, plan: RunPlan, values: Values, effects: Effects, numerics: int, perturbation
+) -> dict[str, np.ndarray]:
     """`channels_read` of a rod that is no stiffer than can be simulated."""
-    clockwise = plan.run.direction == "clockwise"
+    clockwise, fast = plan.run.direction == "clockwise", numerics == FAST
     faults, nuisances = Faults(effects, clockwise, values), dict(values)
     for candidate, own in effects:  # a nuisance that an effect took over in part, such as the other pin's friction
         nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
@@ -229,7 +191,7 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
     if clockwise:
         mechanism = mechanism.mirrored()
     finer, change = other_numerics(numerics)
-    tolerance = finer * tolerance_for(mechanism, FAST_TOLERANCE if numerics == FAST else plan.tolerance)
+    tolerance = finer * tolerance_for(mechanism, FAST_TOLERANCE if fast else plan.tolerance)
     start = sum(round(own.get(START, 0.0)) for _, own in effects)  # of two joints it is one of the same starts
     if numerics == len(NUMERICS) and drives.began_anywhere(plan.run):
         start += 1
@@ -239,7 +201,7 @@ def _read_at_limit(campaign, plan, values, effects, numerics, perturbation) -> d
     harmonic = driven.numbers.effects
     # phases of forces count from the record's time 0, that of the simulation is earlier
     harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
-    return _read(campaign, plan, driven, faults, tolerance, perturbation, numerics == FAST)
+    return _read(campaign, plan, driven, faults, tolerance, perturbation, fast)
 
 
 def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
@@ -261,14 +223,14 @@ def _threlfall(p: Parameters) -> None:
 def _driven_run(
     campaign: Campaign, plan: RunPlan, mechanism: Mechanism, values, faults: Faults, tolerance: float, earlier: float
 ) -> drives.DrivenRun:
-    run, samples = plan.run, plan.samples
+    samples = plan.samples
     offset = faults.offset - faults.lag * values.get("speed", samples.speed)  # an encoder that lags reads less
     if plan.measured is not None:
-        driven = drives.measured_angle_run(mechanism, samples, plan.measured, faults.offset, faults.lag, tolerance)
+        driven = drives.measured_angle_run(mechanism, plan, faults.offset, faults.lag, tolerance)
     elif campaign.drive == "motor":
-        driven = drives.motor_run(mechanism, campaign, run, samples, values, offset, tolerance, earlier)
+        driven = drives.motor_run(mechanism, campaign, plan, values, offset, tolerance, earlier)
     else:
-        driven = drives.constant_speed_run(mechanism, run, samples, values, offset, tolerance, earlier)
+        driven = drives.constant_speed_run(mechanism, plan, values, offset, tolerance, earlier)
     effects = driven.numbers.effects
     if effects.table_over == 2:  # a load over time: that of the record, which begins later than the simulation
         if not samples.timed:
@@ -280,16 +242,20 @@ def _driven_run(
 def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -> dict[str, np.ndarray]:
     """What the sensors make of the motion at the samples."""
     channels = {name: campaign.channels[name] for name in plan.channels}
-    late = driven.at(plan.samples.elapsed - faults.lag) if faults.lag and plan.measured is None else driven.angles
+    samples, delay = plan.samples, faults.lag if plan.measured is None else 0.0
+    late = driven.at(samples.elapsed - delay) if delay else driven.angles
     if channels.keys() == {"crank_angle"}:
         return {"crank_angle": late + faults.offset}
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
     grid, count = np.empty(0), driven.angles.size
     if corners or any(map(faults.need_grid, channels)):
-        grid = _filter_times(plan, driven, corners)
+        revolution = tau / samples.speed
+        padding = sensors.PADDING_REVOLUTIONS * revolution
+        last = samples.elapsed[-1] + (0.0 if plan.measured else padding)  # a measured angle ends with the record
+        grid = sensors.filter_times(-min(padding, driven.begin), last, revolution, corners)
     # the motion is simulated at the times that a late sensor reads: impacts stay as sharp as they are
     delays = list(dict.fromkeys([0.0, *map(faults.delay, channels)]))
-    earlier = [driven.at(np.maximum(plan.samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
+    earlier = [driven.at(np.maximum(samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
     angles = np.concatenate([driven.angles, *earlier, driven.at(grid)])
     change = _change_over_noise(campaign, plan, count, fast) if drives.began_anywhere(plan.run) else None
     true = channels_at(driven.numbers, angles, tolerance, perturbation, change, count, fast)
@@ -319,9 +285,7 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
     return readings
 
 
-def _change_over_noise(
-    campaign: Campaign, plan: RunPlan, count: int, fast: bool
-) -> Callable[[Columns, Columns], float]:
+def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int, fast: bool) -> Callable:
     """Length of the change of what is read at `count` samples, over its noise, by those that are compared; if `fast`,
     over what a search need not see of each sample.
 
@@ -336,16 +300,6 @@ def _change_over_noise(
         for name in channels:
             sd = stated.get(name) or UNSTATED_NOISE_SHARE * float(np.std(other[name])) or 1e-300
             squares += float(np.mean(((one[name] - other[name]) / sd) ** 2))
-        if fast:
-            return math.sqrt(squares / len(channels)) / FAST_SETTLED
-        return math.sqrt(count * squares)
+        return math.sqrt(squares / len(channels)) / FAST_SETTLED if fast else math.sqrt(count * squares)
 
     return change
-
-
-def _filter_times(plan: RunPlan, driven: drives.DrivenRun, corners: list[float]) -> np.ndarray:
-    revolution = tau / plan.samples.speed
-    padding = sensors.PADDING_REVOLUTIONS * revolution
-    after = 0.0 if plan.measured is not None else padding  # a measured angle ends with the record
-    first, last = -min(padding, driven.begin), plan.samples.elapsed[-1] + after
-    return sensors.filter_times(first, last, revolution, corners)

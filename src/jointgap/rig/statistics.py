@@ -14,7 +14,10 @@ from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects
 from jointgap.dynamics.parallel import cores
 from jointgap.dynamics.simulation import perturbed_start
-from jointgap.rig.simulate_run import UNSTATED_NOISE_SHARE, RunPlan, channels_read
+from jointgap.rig.drives import RunPlan, Values
+from jointgap.rig.simulate_run import UNSTATED_NOISE_SHARE, channels_read
+
+Columns = Sequence[np.ndarray]  # Values (n,) [SI] of each channel
 
 BINS = 24  # Of the crank angle: 15 deg, as long as a contact's ringing at usual speeds (experience)
 MEDIAN_ANGLES = 144  # Of the median course, six in a bin: the course turns little between them
@@ -58,16 +61,11 @@ class CycleStatistics:
 
     @classmethod
     def of(
-        cls,
-        channels: Sequence[str],
-        angle: np.ndarray,
-        values: Sequence[np.ndarray],
-        finer: int = 1,
+        cls, channels: Sequence[str], angle: np.ndarray, values: Sequence[np.ndarray], finer: int = 1
     ) -> "CycleStatistics":
         """Learnt from many simulated cycles."""
         within = _within_revolution(angle)
-        count = MEDIAN_ANGLES
-        fine = np.minimum((within * (count / tau)).astype(int), count - 1)
+        fine = np.minimum((within * (MEDIAN_ANGLES / tau)).astype(int), MEDIAN_ANGLES - 1)
         # a bin's medians belong to its samples' angle: where these keep to a few angles, that is not its middle
         angles, *median_curves = (
             np.array([np.median(value[fine == place]) for place in np.unique(fine)]) for value in (within, *values)
@@ -86,8 +84,7 @@ class CycleStatistics:
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
         """Statistics of every cycle, shape (cycles, m); NaN where a bin has no sample."""
-        bins = BINS
-        first = np.floor(np.min(angle) / tau)
+        first, bins = np.floor(np.min(angle) / tau), BINS
         place = np.floor((angle / tau - first) * bins + EDGE_SHARE_OF_BIN).astype(int)
         count = int(place.max()) // bins + 1
         rows = np.full((count, len(self.channels), len(KINDS), bins), np.nan)
@@ -111,11 +108,7 @@ class CycleStatistics:
         return independent
 
     def noise(
-        self,
-        angle: np.ndarray,
-        measured: Sequence[np.ndarray],
-        simulated_angle: np.ndarray,
-        simulated: Sequence[np.ndarray],
+        self, angle: np.ndarray, measured: Columns, simulated_angle: np.ndarray, simulated: Columns
     ) -> np.ndarray:
         """Standard deviation (channels,) [SI] of noise: what measured channels spread beyond noise-free simulated ones.
 
@@ -127,16 +120,14 @@ class CycleStatistics:
             mean = np.nanmean(rows, axis=0)
             squares.append(mean**2)
             variances.append(4.0 * mean**2 * cycle_variance(rows) / np.isfinite(rows).sum(axis=0))
-        weight = 1.0 / (variances[0] + variances[1])
+        weight = 1.0 / sum(variances)
         excess = np.sum(weight * (squares[0] - squares[1]), axis=1) / np.sum(weight, axis=1)
         return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))  # of a normal number's mean size
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
         """Statistics `row` (m,) by the name of their series, (bins,) each."""
-        parts = row.reshape(len(self.channels), len(KINDS), BINS)
-        return {
-            f"{channel} {kind}": parts[i, k] for i, channel in enumerate(self.channels) for k, kind in enumerate(KINDS)
-        }
+        names = (f"{channel} {kind}" for channel in self.channels for kind in KINDS)
+        return dict(zip(names, row.reshape(-1, BINS), strict=True))
 
 
 def _within_revolution(angle: np.ndarray) -> np.ndarray:
@@ -146,15 +137,14 @@ def _within_revolution(angle: np.ndarray) -> np.ndarray:
 
 def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """For each statistic the least-squares weights of those that may predict it."""
-    bins = BINS
-    places = np.arange(rows.shape[1]).reshape(channels, len(KINDS), bins)
+    places = np.arange(rows.shape[1]).reshape(channels, len(KINDS), BINS)
     centred = rows - np.nanmean(rows, axis=0)
     sizes = np.maximum(np.nanstd(rows, axis=0), 1e-300)
     centred = np.nan_to_num(centred / sizes)
     predictions = []
     for i, kind, place in np.ndindex(places.shape):
         others = [places[i, kind, place - back] for back in range(1, PREDICTING_BINS + 1) if place >= back]
-        others += [places[j, kind, (place + near) % bins] for j in range(i) for near in (-1, 0, 1)]
+        others += [places[j, kind, (place + near) % BINS] for j in range(i) for near in (-1, 0, 1)]
         others += [places[i, 0, place]] if kind else []
         chosen, own = np.array(others, dtype=int), places[i, kind, place]
         weights = np.linalg.lstsq(centred[:, chosen], centred[:, own], rcond=1e-6)[0]
@@ -192,21 +182,20 @@ class ChaoticRun:
 
 
 def chaotic_channels(
-    campaign: Campaign, plan: RunPlan, values: Mapping[str, float], noise: Mapping[str, float | None]
+    campaign: Campaign, plan: RunPlan, values: Values, noise: Mapping[str, float | None]
 ) -> tuple[str, ...]:
     """Channels in which two simulations from starts that hardly differ come out farther apart than noise would hide."""
     if not campaign.mechanism.applied().loose:
         return ()
-    chaotic = []
     start = _start(campaign.mechanism, np.full(3, START_DISTANCE), np.zeros(3))
-    first = channels_read(campaign, plan, values)
-    second = channels_read(campaign, plan, values, perturbation=start)
-    for channel in plan.channels:
+    first, second = (channels_read(campaign, plan, values, perturbation=each) for each in (None, start))
+
+    def is_chaotic(channel: str) -> bool:
         sd = noise.get(channel) or UNSTATED_NOISE_SHARE * float(np.std(first[channel]))
         departure = np.sqrt(np.mean((first[channel] - second[channel]) ** 2))
-        if channel != "crank_angle" and departure > MAX_DEPARTURE_SHARE_OF_NOISE * sd:
-            chaotic.append(channel)
-    return tuple(chaotic)
+        return channel != "crank_angle" and departure > MAX_DEPARTURE_SHARE_OF_NOISE * sd
+
+    return tuple(filter(is_chaotic, plan.channels))
 
 
 def _start(mechanism: Mechanism, distance: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -219,33 +208,29 @@ def chaotic_run(
     campaign: Campaign,
     plan: RunPlan,
     channels: tuple[str, ...],
-    values: Mapping[str, float],
+    values: Values,
     measured: Mapping[str, np.ndarray],
     noise: Mapping[str, float | None],
 ) -> ChaoticRun:
     """Learn the statistics of a run's chaotic channels from its model as it stands."""
     recorded = max(int(plan.samples.turned / tau) - SETTLING_CYCLES, 1)
     # a measured angle ends with the record; a crank that turns by itself goes on
-    cycles = CYCLES_PER_SIMULATION
-    cycles = cycles if plan.measured is None else min(cycles, recorded)
+    cycles = CYCLES_PER_SIMULATION if plan.measured is None else min(CYCLES_PER_SIMULATION, recorded)
     finer = math.ceil(SAMPLES_PER_REVOLUTION * plan.samples.turned / tau / plan.samples.angle.size)
 
     def of_length(cycles: int) -> RunPlan:
         turned = (cycles + SETTLING_CYCLES) * tau
         samples = plan.samples.extended(turned) if plan.measured is None else plan.samples
-        return replace(
-            plan, channels=channels, samples=samples.first(turned).refined(finer), tolerance=STATISTICS_TOLERANCE
-        )
+        samples = samples.first(turned).refined(finer)
+        return replace(plan, channels=channels, samples=samples, tolerance=STATISTICS_TOLERANCE)
 
     remembered = max(min(recorded, REMEMBERED_CYCLES), cycles)
     many, members = math.ceil(LEARNING_CYCLES / remembered), math.ceil(CYCLES / cycles)
     angle, read = _ensemble(campaign, of_length(remembered), values, (), 0, many)
-    clean = CycleStatistics.of(channels, angle, list(read.values()), finer)
+    clean, seen = list(read.values()), [measured[channel] for channel in channels]
     sds = {channel: noise.get(channel) for channel in channels}
-    if any(np.isfinite(measured[channel]).any() for channel in channels):
-        excess = clean.noise(
-            plan.samples.angle, [measured[channel] for channel in channels], angle, list(read.values())
-        )
+    if any(np.isfinite(value).any() for value in seen):
+        excess = CycleStatistics.of(channels, angle, clean, finer).noise(plan.samples.angle, seen, angle, clean)
         sds = {channel: excess[i] if sds[channel] is None else sds[channel] for i, channel in enumerate(channels)}
     sds = {channel: sd or 0.0 for channel, sd in sds.items()}
     noisy = [_noisy(read[channel], sds[channel], place) for place, channel in enumerate(channels)]
@@ -283,7 +268,7 @@ def measured_statistics(
 
 
 def simulated_statistics(
-    campaign: Campaign, chaotic: ChaoticRun, values: Mapping[str, float], effects: Effects, numerics: int
+    campaign: Campaign, chaotic: ChaoticRun, values: Values, effects: Effects, numerics: int
 ) -> dict[str, np.ndarray]:
     """Statistics (bins,) [SI] of the chaotic channels, by the name of their series: the same for the same arguments."""
     angle, read = _ensemble(campaign, chaotic.plan, values, effects, numerics, chaotic.members)
@@ -303,10 +288,9 @@ def _ensemble(campaign, plan, values, effects, numerics, count) -> tuple[np.ndar
     """
     spread = np.mod((np.arange(count)[:, None] + 0.5) * _SPREADING, 1.0)
     mechanism = campaign.mechanism.applied()
-    clearances = (
+    radius = 0.5 * min(
         min(values.get(f"{joint}_clearance", np.inf), mechanism.clearance(joint)) for joint in mechanism.loose
     )
-    radius = 0.5 * min(clearances)
 
     def member(place: int) -> dict[str, np.ndarray]:
         # the square root spreads starts evenly over the disc
