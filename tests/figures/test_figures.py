@@ -124,11 +124,11 @@ def test_the_data_fits_its_table(drawings):
 @pytest.mark.parametrize("name", ["figure_15", "animation"])
 def test_saving_the_same_drawing_anew_gives_the_same_bytes(name, tables, scenario, tmp_path):
     one, two = (plot.save(draw(name, tables, scenario), tmp_path / run / name) for run in ("one", "two"))
-    suffixes = [".gif", ".parquet"] if name == "animation" else [".svg", ".png", ".parquet"]
+    suffixes = [".gif", ".parquet"] if name == "animation" else [".png", ".svg", ".parquet"]
     assert [path.suffix for path in one] == suffixes
     assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]
     if name != "animation":
-        svg, png, _ = one
+        png, svg, _ = one
         text = svg.read_text()
         assert "dc:date" not in text and "Matplotlib" not in text and not Image.open(png).text
 
@@ -209,7 +209,7 @@ def test_a_missing_table_is_named(scenario):
 def test_figures_are_saved_by_name(tables, scenario, tmp_path):
     assert FIGURES.needed_tables(("figure_15", "contact_forces")) == ("kinematics", "trajectory")
     written = draw_all(tables, scenario, tmp_path / "a folder", ("figure_15",))
-    assert [path.name for path in written] == ["figure_15.svg", "figure_15.png", "figure_15.parquet"]
+    assert [path.name for path in written] == ["figure_15.png", "figure_15.svg", "figure_15.parquet"]
 
 
 def test_the_registry_loads_no_matplotlib():

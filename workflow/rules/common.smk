@@ -42,8 +42,8 @@ except InputError as error:
 COMPARED = [name for name, scenario in SCENARIOS.items() if "compare" in stages_of(scenario)]
 CAMPAIGNS_SHOWN = [text for name in CAMPAIGNS for text in ("--campaign", name)]
 
-# Names of the figures that a job draws, each as a picture, a drawing and a table.
-FIGURES = {"figures": drawn(False), "learned-figures": drawn(True), "conclude": CAMPAIGN_FIGURES}
+# Names of the figures that a job draws, each as a picture, a drawing and a table; where there are networks it draws theirs too.
+FIGURES = {"figures": drawn(False), "conclude": CAMPAIGN_FIGURES}
 
 OF_SWEEP = ("sweep", "sensitivity", "infer-settings")  # their commands write to a folder of their own
 
@@ -168,9 +168,6 @@ def command_of_scenario(stage):
             more += ["--designs", f"results/{scenario}/sweep/designs"]
         more += ["--output-name", wildcards.output] if name == "surrogate" else []
         more += ["--workers", stage.threads] if stage.threads > 1 else []
-        more += (
-            [text for figure in FIGURES[name] for text in ("--figure", figure)] if name == "figures" else []
-        )
         more += named_options("--beside", siblings(scenario), name) if name == "compare" else []
         return [name, "--options", options, *more]
 

@@ -107,26 +107,24 @@ class Drawing:
 
     def writers(self) -> dict[str, Callable]:
         """Functions that write the drawing to a file, by suffix."""
-        if self.frames:
-            return {".gif": self._write_gif}
-        with matplotlib_style():
-            self.figure.draw_without_rendering()  # lays the panels out, once for both formats
-        self.figure.set_layout_engine("none")
-        return {".svg": self._write_svg, ".png": self._write_png}
+        return {".gif": self._write_gif} if self.frames else {".png": self._write_png, ".svg": self._write_svg}
 
     def _write_svg(self, file) -> None:
         with matplotlib_style():
             self.figure.savefig(file, format="svg", dpi=DOTS_PER_INCH, metadata={"Date": None, "Creator": None})
 
     def _write_png(self, file) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from PIL import Image
 
-        drawn = BytesIO()
+        canvas = FigureCanvasAgg(self.figure)
         with matplotlib_style():
-            self.figure.savefig(drawn, format="png", dpi=DOTS_PER_INCH)
+            canvas.draw()
+        self.figure.set_layout_engine("none")  # the panels are laid out, for SVG too
         # a palette of 256 colours is enough for curves and maps, and halves the size of pages and reports
-        reduced = Image.open(drawn).convert("RGB").quantize(256, dither=Image.Dither.NONE)
-        reduced.save(file, format="PNG", optimize=True, dpi=(DOTS_PER_INCH, DOTS_PER_INCH))
+        drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        reduced = drawn.quantize(256, dither=Image.Dither.NONE)
+        reduced.save(file, format="PNG", dpi=(DOTS_PER_INCH, DOTS_PER_INCH))
 
     def _write_gif(self, file) -> None:
         from PIL import Image
@@ -453,7 +451,7 @@ class Sheet:
     def __init__(self, height: float, rows: int, columns: int, width: float = WIDTH, **grid):
         from matplotlib.figure import Figure
 
-        self.figure = Figure(figsize=(width, height), layout="constrained")
+        self.figure = Figure(figsize=(width, height), dpi=DOTS_PER_INCH, layout="constrained")
         self.grid = self.figure.add_gridspec(rows, columns, **grid)
         self.panels: list[Panel] = []
 

@@ -57,11 +57,23 @@ def first_and_settled(tables: Tables, scenario: Scenario) -> dict[str, tuple[str
     }
 
 
+def _over_angle(
+    sheet: Sheet, place: tuple, title: str, y: Quantity, angle: np.ndarray, curves: Mapping[str, tuple]
+) -> Panel:
+    """A panel of curves over the crank `angle` [deg]: values and colour by series."""
+    panel = sheet.panel(place, title, CRANK_ANGLE, y)
+    for series, (values, colour) in curves.items():
+        panel.line(series, angle, values, colour)
+    panel.over_crank_angle(angle[0], angle[-1])
+    panel.spread_scale(np.concatenate([values for values, _ in curves.values()]))
+    return panel
+
+
 # -- motion
 
-_ACTUAL = (  # series, source in the table kinematics (of networks only where some were trained), colour, width
-    ("with clearance: networks", "networks_paper_form", "network", 0.8),
-    ("with clearance: simulation", "simulation", "simulation", 0.9),
+_ACTUAL = (  # series, source in the table kinematics (of networks only where some were trained), colour
+    ("with clearance: networks", "networks_paper_form", "network"),
+    ("with clearance: simulation", "simulation", "simulation"),
 )
 _ORDERS = {"position": ("mm", 1e3), "velocity": ("m/s", 1.0), "acceleration": ("m/s²", 1.0)}
 
@@ -79,14 +91,14 @@ def _compare(
         below = sheet.panel((1, place), "deviation", CRANK_ANGLE, Quantity("actual − desired", unit), below=above)
         for panel, less in ((above, 0.0), (below, desired)):
             largest = 0.0
-            for series, source, colour, width in _ACTUAL:
+            for series, source, colour in _ACTUAL:
                 if source in sources:
                     shown = factor * sources[source][column].to_numpy() - less
-                    panel.line(series, angle, shown, colour, linewidth=width)
+                    panel.line(series, angle, shown, colour)
                     largest = max(largest, np.nanmax(np.abs(shown)))
             if largest > IMPACTS_DWARF * (peak := np.max(np.abs(desired))):
                 panel.linear_then_logarithmic(round_up(peak))
-        above.line("without clearance (desired)", angle, desired, "ideal", linestyle="--", linewidth=1.1)
+        above.line("without clearance (desired)", angle, desired, "ideal", linestyle="--")
         below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()
     return sheet.drawing()
@@ -94,40 +106,11 @@ def _compare(
 
 for _number, _body, _order, _about in (
     (9, "rod", "position", "The deviation stays within about one clearance."),
-    (
-        10,
-        "rod",
-        "velocity",
-        "Steps are impacts, most of them early in the revolution. The paper's equations take the clearance as "
-        "constant, so the networks cannot follow the free flight at the start.",
-    ),
-    (
-        11,
-        "rod",
-        "acceleration",
-        "Impacts exceed the desired acceleration many times. In free flight the rod has nearly no acceleration; the "
-        "paper's equations, which neglect derivatives of the clearance, differ there.",
-    ),
-    (
-        12,
-        "piston",
-        "position",
-        "The deviation reaches plus and minus the sum of all clearances, because they align with the rod at load "
-        "reversal.",
-    ),
-    (
-        13,
-        "piston",
-        "velocity",
-        "Deviations are largest at the start, where the piston flies freely, and at load reversals.",
-    ),
-    (
-        14,
-        "piston",
-        "acceleration",
-        "Zero acceleration is free flight, spikes are impacts; in contact the journal oscillates along its bearing's "
-        "wall.",
-    ),
+    (10, "rod", "velocity", "Steps are impacts; the paper's equations cannot follow the free flight at the start."),
+    (11, "rod", "acceleration", "Spikes are impacts; in free flight the rod has nearly no acceleration."),
+    (12, "piston", "position", "The clearances add up where they align with the rod, at load reversal."),
+    (13, "piston", "velocity", "Deviations are largest in the free flight at the start and at load reversals."),
+    (14, "piston", "acceleration", "Zero is free flight, spikes are impacts; in contact the journal oscillates."),
 ):
     _columns = {f"rod_{_order}_{axis}": f"rod's mass centre, {axis}" for axis in "xy"}
     figure(
@@ -179,13 +162,13 @@ def orbits(tables: Tables, scenario: Scenario) -> Drawing:
             magnified = round_number(DEPTH_DRAWN * joint.clearance / deepest) if colour == "settled" else 1.0
             stretch = 1.0 + (magnified - 1.0) * beyond / np.maximum(distance, joint.clearance)
             centre = 1e3 * stretch * eccentricity(samples, name, joint).T
-            panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
-            panel.line(series, *centre, colour, linewidth=0.9)
+            panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit")
+            panel.line(series, *centre, colour)
             panel.square(1.4 * radius)
             if magnified != 1.0:
                 panel.axes.text(0, 0, f"depth ×{magnified:g}", ha="center", va="center", color=COLOURS["limit"])
             angle = degrees(samples["crank_angle"])
-            depth.line(series, angle, 1e6 * (distance - joint.clearance), colour, linewidth=0.8)
+            depth.line(series, angle, 1e6 * (distance - joint.clearance), colour)
             depth.over_crank_angle(angle[0], angle[-1])
         usual = 1e6 * np.quantile(np.abs(distance - joint.clearance), 0.9)  # of the settled revolution
         depth.linear_then_logarithmic(min(round_number(2.0 * usual), INNERMOST))
@@ -206,7 +189,7 @@ def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
         below = sheet.panel((2 * row + 1, 0), f"{title}: modes", CRANK_ANGLE, Quantity("joint", ""), below=panel)
         for place, name in zip(range(len(joints))[::-1], joints, strict=True):
             force, words = samples[f"{name}_normal_force"].to_numpy(), in_words(name)
-            panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.9)
+            panel.line(words, angle, np.where(force > 0.0, force, np.nan), words)
             below.bands(place, words, angle, samples[f"{name}_mode"].to_numpy(), MODES)
         panel.axes.set_yscale("log")
         panel.axes.set_ylim(SMALLEST_FORCE, 2.0 * max(largest, SMALLEST_FORCE))
@@ -257,8 +240,8 @@ def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
     """Speed of the crank and torque of its drive; force of the guide on the slider, and its moment about the piston
     pin, which balances the friction moment in the pin. First and settled revolution. The speed is constant unless
     a motor, a measured angle or a fluctuation drives the crank."""
-    parts = first_and_settled(tables, scenario)
-    sheet = Sheet(5.2, 2, 2)
+    parts, sheet = first_and_settled(tables, scenario), Sheet(5.2, 2, 2)
+    angle = degrees(tables["trajectory"]["crank_angle"])[: scenario.simulate.samples_per_revolution + 1]
     for place, (column, title, words, unit, factor) in enumerate(
         (
             ("crank_speed", "crank's speed", "speed", "rpm", 30.0 / np.pi),
@@ -267,22 +250,15 @@ def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
             ("guide_moment", "moment of the guide about the pin", "moment", "N m", 1.0),
         )
     ):
-        panel = sheet.panel(divmod(place, 2), title, CRANK_ANGLE, Quantity(words, unit))
-        for series, (colour, samples) in parts.items():
-            angle = degrees(samples["crank_angle"])
-            width = 1.7 if colour == "first" else 0.9
-            panel.line(series, angle, factor * samples[column].to_numpy(), colour, linewidth=width)
-            panel.over_crank_angle(angle[0], angle[-1])
-        drawn = np.array([factor * samples[column].to_numpy() for _, samples in parts.values()])
-        middle = float(drawn.mean())
-        if column != "crank_speed":
-            panel.spread_scale(drawn.ravel())
-        elif np.ptp(drawn) <= CONSTANT * abs(middle):
+        curves = {series: (factor * samples[column].to_numpy(), colour) for series, (colour, samples) in parts.items()}
+        panel = _over_angle(sheet, divmod(place, 2), title, Quantity(words, unit), angle, curves)
+        panel.axes.get_lines()[0].set_linewidth(1.7)  # the settled revolution may lie on it
+        values = np.array([values for values, _ in curves.values()])
+        middle = float(values.mean())
+        if column == "crank_speed" and np.ptp(values) <= CONSTANT * abs(middle):
             panel.axes.set_ylim(0.9 * middle, 1.1 * middle)
             panel.axes.set_yticks([middle], [f"{middle:.4g}"])
             panel.axes.text(0.5, 0.55, "constant", ha="center", va="bottom", transform=panel.axes.transAxes)
-        else:
-            panel.axes.margins(y=0.15)
     sheet.legend()
     return sheet.drawing()
 
@@ -329,14 +305,14 @@ def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenari
             simulated, network = samples[output].to_numpy(), predicted(tables, output)["value"].to_numpy()
             value = Quantity(words, unit, symbol(output))
             above = sheet.panel((2 * row, column), f"{name}: {words} {symbol(output)}", CRANK_ANGLE, value)
-            above.line("simulation", angle, factor * simulated, "simulation", linewidth=1.0)
-            above.line("network", angle, factor * network, "network", linewidth=0.8, linestyle=(0, (4, 2)))
+            above.line("simulation", angle, factor * simulated, "simulation")
+            above.line("network", angle, factor * network, "network", linestyle=(0, (4, 2)))
             if output == "gamma2":
-                above.line("crank angle", angle, angle, "limit", linewidth=0.9, linestyle=":")
+                above.line("crank angle", angle, angle, "limit", linestyle=":")
             above.spread_scale(factor * np.concatenate([simulated, network]))
             error, place = error_factor * (network - simulated), (2 * row + 1, column)
             below = sheet.panel(place, f"{name}: error", CRANK_ANGLE, Quantity("error", error_unit), below=above)
-            below.line(EVERYWHERE, angle, error, "network", linewidth=0.7)
+            below.line(EVERYWHERE, angle, error, "network")
             below.marks(AT_POINTS, angle[points], error[points], "ideal", markersize=1.6)
             below.over_crank_angle(angle[0], angle[-1])
             below.spread_scale(error)
@@ -345,30 +321,17 @@ def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenari
 
 
 for _number, _title, _kinds, _about in (
-    (5, "clearances", ("r",), "Top: distance of the centres in each loose joint."),
-    (
-        6,
-        "directions",
-        ("gamma",),
-        "Top: direction of the clearance, unwrapped; dotted: the crank angle. The direction does not follow the crank: "
-        "it turns at load reversals and oscillates around the journal's equilibrium.",
-    ),
-    (
-        7,
-        "derivatives",
-        ("gamma_dot", "gamma_ddot"),
-        "Top of each pair: rate or acceleration of the direction. Steel contacts oscillate at some kHz, about once per "
-        "degree at 600 rpm; one training point per degree cannot resolve this.",
-    ),
+    (5, "clearances", ("r",), "distance of the centres in each loose joint"),
+    (6, "directions", ("gamma",), "direction of the clearance, which does not follow the crank angle (dotted)"),
+    (7, "derivatives", ("gamma_dot", "gamma_ddot"), "rate and acceleration of the direction, which oscillates at kHz"),
 ):
     figure(
         f"figure_{_number:02}",
         f"{_title.capitalize()} (the paper's figure {_number})",
         "Networks",
         ("trajectory", "predictions"),
-        f"First revolution, simulation and network. {_about} Bottom: network minus simulation, at the training "
-        "points (black) and at all samples. A small error at the training points says nothing about the error "
-        "between them.",
+        f"First revolution, simulation and network. Top: {_about}. Bottom: network minus simulation, at the training "
+        "points (black) and at all samples. A small error at the training points says nothing about those between.",
         call=_title,
     )(partial(_values_and_errors, _kinds))
 
@@ -488,42 +451,29 @@ def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
     shares = 2 * len(joints)  # the piston's two panels take half of the width each, those of the joints a share each
     sheet = Sheet(5.6, 2, shares, width=plot.width_for(len(joints)))
     angle = degrees(sources["simulation"]["crank_angle"])
-
-    def panel(place: tuple, title: str, quantity: Quantity, curves: dict[str, tuple]) -> None:
-        shown = sheet.panel(place, title, CRANK_ANGLE, quantity)
-        for series, (values, colour, width) in curves.items():
-            shown.line(series, angle, values, colour, linewidth=width)
-        shown.over_crank_angle(angle[0], angle[-1])
-        shown.spread_scale(np.concatenate([values for values, _, _ in curves.values()]))
-
+    rate = Quantity("contradiction", "rad/s")
     for place, (joint, number) in enumerate(joints.items()):
         name = f"gamma{number}"
         difference = (predicted(tables, name)["rate"] - predicted(tables, f"{name}_dot")["value"]).to_numpy()
-        panel(
-            (0, slice(2 * place, 2 * place + 2)),
-            f"{in_words(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}",
-            Quantity("contradiction", "rad/s"),
-            {"derivative of one network − the other network": (difference, "ideal", 0.8)},
-        )
+        curves = {"derivative of one network − the other network": (difference, "ideal")}
+        title = f"{in_words(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}"
+        _over_angle(sheet, (0, slice(2 * place, 2 * place + 2)), title, rate, angle, curves)
     for half, (quantity, title, unit, factor, form) in enumerate(
         (
             ("slider_position", r"piston: position, $\gamma$ integrated", "mm", 1e3, "integrated"),
             ("slider_acceleration", r"piston: acceleration, $\gamma$ differentiated", "m/s²", 1.0, "own_rates"),
         )
     ):
-        derived, own = (
-            factor * (sources[f"networks_{source}"][quantity] - sources["simulation"][quantity].to_numpy()).to_numpy()
-            for source in (form, "paper_form")
-        )
-        panel(
-            (1, slice(half * shares // 2, (half + 1) * shares // 2)),
-            title,
-            Quantity("networks − simulation", unit),
-            {
-                "one output derived from another's network": (derived, "spline", 0.9),
-                "each output from its own network": (own, "network", 0.9),
-            },
-        )
+        true = sources["simulation"][quantity].to_numpy()
+        curves = {
+            series: (factor * (sources[f"networks_{source}"][quantity].to_numpy() - true), colour)
+            for series, source, colour in (
+                ("one output derived from another's network", form, "spline"),
+                ("each output from its own network", "paper_form", "network"),
+            )
+        }
+        place = slice(half * shares // 2, (half + 1) * shares // 2)
+        _over_angle(sheet, (1, place), title, Quantity("networks − simulation", unit), angle, curves)
     sheet.legend()
     return sheet.drawing()
 
@@ -590,7 +540,7 @@ def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
             ("desired − optimised", found, "genetic"),
         ):
             actual = transmission_angle(*lengths, crank_angle, lift, offset)
-            panel.line(series, angle, np.degrees(desired - actual), colour, linewidth=1.0)
+            panel.line(series, angle, np.degrees(desired - actual), colour)
         panel.horizontal_line("zero", 0.0)
         for edge in np.degrees(scenario.optimise.window):
             if 0.0 < edge < 359.99:
@@ -657,15 +607,15 @@ def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: 
 
     bounds = scenario.optimise.boxes[box]
     (left, right), (low, high) = (1e3 * np.array(edges) for edges in (bounds.crank_length, bounds.rod_length))
-    panel.line("bounds", [left, right, right, left, left], [low, low, high, high, low], "ideal", linewidth=1.0)
+    panel.line("bounds", [left, right, right, left, left], [low, low, high, high, low], "ideal")
     if (ratio := scenario.optimise.ratio_limit) is not None:
         limit = np.array([low, high])
-        panel.line(f"$L_2$ = {ratio:g} $L_3$", ratio * limit, limit, "ideal", linestyle=":", linewidth=1.2)
+        panel.line(f"$L_2$ = {ratio:g} $L_3$", ratio * limit, limit, "ideal", linestyle=":")
     floor = shown["floor"][shown["floor"]["measure"] == "rms"]
     panel.line("valley's floor", floor["crank_length"], floor["rod_length"], "second surrogate", linewidth=2.2)
     for number, path in shown["paths"].groupby("start"):
         x, y = path["crank_length"], path["rod_length"]
-        panel.line("local paths", x, y, "local", linewidth=0.9)
+        panel.line("local paths", x, y, "local")
         panel.marks("starting points", x.iloc[:1], y.iloc[:1], "local", markerfacecolor="white", labels=[str(number)])
     best = shown["population"].loc[shown["population"].groupby("generation")["sum_of_squares"].idxmin()]
     generations, mark = "genetic, generations' best", {"marker": "+", "zorder": 4}

@@ -348,28 +348,36 @@ def _definition(outcome: Outcome) -> str:
     )
 
 
+def _change(words: str, before: float, after: float, decimals: int | None = None) -> dict[str, str]:
+    """A row of what changes; in percent too but for angles and shares."""
+    old, new = _alike(before, after) if decimals is None else (f"{value:.{decimals}f}" for value in (before, after))
+    is_relative = before and not words.endswith(("[deg]", "[%]"))
+    return {
+        "": words,
+        "before": old,
+        "after": new,
+        "change": _signed(float(new) - float(old), len(old.partition(".")[2])),
+        "change [%]": _signed(100 * (after / before - 1), 2) if is_relative else "–",
+    }
+
+
 def _lengths(outcome: Outcome) -> Iterator[Block]:
-    options, box = outcome.scenario.optimise, outcome.scenario.optimise.boxes[outcome.box]
+    options, searched = outcome.scenario.optimise, f"searched (box {outcome.box})"
+    box, (crank, rod), (new_crank, new_rod) = options.boxes[outcome.box], outcome.original, outcome.lengths
+    (least, most), (low, high) = 1e3 * np.array([box.crank_length, box.rod_length])
     limit = "–" if options.ratio_limit is None else f"up to {options.ratio_limit:g}"
-    rows = []
-    for before, after, (low, high), words in zip(
-        outcome.original, outcome.lengths, (box.crank_length, box.rod_length), ("crank", "rod"), strict=True
-    ):
-        searched = f"{1e3 * low:g} to {1e3 * high:g}"
-        shown = _short(1e3 * before, 3), _short(1e3 * after, 3), _signed(1e3 * (after - before), 3)
-        rows.append((f"{words} length [mm]", *shown, _signed(100 * (after / before - 1), 2), searched))
-    before, after = (crank / rod for crank, rod in (outcome.original, outcome.lengths))
-    change = _signed(after - before, 5), _signed(100 * (after / before - 1), 2)
-    rows.append(("crank over rod [1]", f"{before:.5f}", f"{after:.5f}", *change, limit))
-    heads = ("", "before", "after", "change", "change [%]", f"searched (box {outcome.box})")
-    yield TableBlock(heads, tuple(rows), "lrrrrr")
+    rows = (
+        _change("crank length [mm]", 1e3 * crank, 1e3 * new_crank, 3) | {searched: f"{least:g} to {most:g}"},
+        _change("rod length [mm]", 1e3 * rod, 1e3 * new_rod, 3) | {searched: f"{low:g} to {high:g}"},
+        _change("crank over rod [1]", crank / rod, new_crank / new_rod, 5) | {searched: limit},
+    )
+    yield TableBlock.of(rows, "lrrrrr")
     if not outcome.bounds and outcome.keeps_force():
         kept = " The crank keeps its length; `optimise.boxes` lets both vary." if outcome.keeps_crank else ""
         yield Paragraph(f"No bound is active.{kept}")
     floor = outcome.frames["optimise_floor"]
     floor = floor[(floor["source"] == outcome.chosen["source"]) & (floor["box"] == outcome.box)]
     ratios, reductions = (floor.loc[floor["measure"] == "rms", column] for column in ("ratio", "reduction"))
-    low, high = 1e3 * np.array(box.rod_length)
     yield Paragraph(
         f"The ratio determines the error. With frozen joint motion and the best crank for each rod from {low:g} "
         f"to {high:g} mm, the ratio is {ratios.min():.5f} to {ratios.max():.5f} and the RMS error falls by "
@@ -380,21 +388,22 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
 
 def _gains(outcome: Outcome) -> Iterator[Block]:
     rows = []
-    for stretch in (outcome.stretch, *({"settled", "window"} - {outcome.stretch})):
+    for stretch in (outcome.stretch, "window" if outcome.stretch == "settled" else "settled"):
         for measure, words in _MEASURES.items():
             gain = outcome.gains.loc[(stretch, measure)]
+            before, after = _alike(*np.degrees([gain["original_error"], gain["error"]]))
             rows.append(
-                (
-                    f"{words}, {outcome.words_of(stretch)}",
-                    *_alike(*np.degrees([gain["original_error"], gain["error"]])),
-                    _fall(gain["reduction"]),
-                    f"{_fall(gain['reduction_high'])} to {_fall(gain['reduction_low'])}",
-                    _fall(gain["frozen_reduction"]),
-                    f"{100 * gain['share_better']:.0f}",
-                )
+                {
+                    "error": f"{words}, {outcome.words_of(stretch)}",
+                    "before [deg]": before,
+                    "after [deg]": after,
+                    "simulated again [%]": _fall(gain["reduction"]),
+                    "5 to 95 % [%]": f"{_fall(gain['reduction_high'])} to {_fall(gain['reduction_low'])}",
+                    "frozen [%]": _fall(gain["frozen_reduction"]),
+                    "improved in [% of run pairs]": f"{100 * gain['share_better']:.0f}",
+                }
             )
-    heads = ("error", "before [deg]", "after [deg]", "simulated again [%]", "5 to 95 % [%]", "frozen [%]")
-    yield TableBlock((*heads, "improved in [% of run pairs]"), tuple(rows), "lrrrrrr")
+    yield TableBlock.of(rows, "lrrrrrr")
     yield Paragraph(
         "Simulated again: the result that counts, medians and spread over pairs of "
         f"{outcome.gains['members'].iloc[0]} runs from perturbed starts for each pair of lengths. Frozen: estimate "
@@ -420,13 +429,7 @@ def _side_effects(outcome: Outcome) -> Iterator[Block]:
         changes[f"RMS force in the {in_words(joint)} [N]"] = load["rms_force"]
     for joint in applied.loose:
         changes[f"share of time in contact, {in_words(joint)} [%]"] = 100 * loads[joint]["contact_share"]
-    rows = []
-    for words, (before, after) in changes.items():
-        old, new = _alike(before, after)
-        relative = before and not words.endswith(("[deg]", "[%]"))
-        percent = _signed(100 * (after / before - 1), 1) if relative else "–"
-        rows.append((words, old, new, _signed(float(new) - float(old), len(old.partition(".")[2])), percent))
-    yield TableBlock(("", "before", "after", "change", "change [%]"), tuple(rows), "lrrrr")
+    yield TableBlock.of((_change(words, *pair) for words, pair in changes.items()), "lrrrr")
     yield Paragraph(
         "Medians over the runs with clearance, over a settled revolution. Crank angles of the dead centres: without "
         "clearance, from the slide's direction. Forces come from inertia and from the effects listed in the "
@@ -451,9 +454,8 @@ def _constraints(outcome: Outcome) -> Iterator[Block]:
         forces = (f"{force:.4g} N" for force in outcome.peak_force)
         rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.keeps_force()))
     if rows:
-        met = {True: Cell("yes", "good"), False: Cell("no", "bad")}
         yield Heading("Constraints")
-        shown = tuple((*words, met[bool(is_met)]) for *words, is_met in rows)
+        shown = tuple((*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows)
         yield TableBlock(("", "required", "before", "after", "met"), shown, "lrrrl")
         yield Paragraph("Lengths and angles without clearance; forces simulated with clearance.")
 
@@ -463,22 +465,17 @@ def _motions(outcome: Outcome) -> Iterator[Block]:
     again = again[again["measure"] == "rms"].set_index(["point", "stretch"])
     rows = []
     for source, point in outcome.found.items():
-        lengths = optima[(optima["source"] == source) & (optima["point"] == point)].iloc[0]
+        own = optima[(optima["source"] == source) & (optima["point"] == point)].iloc[0]
         chosen = " (chosen)" if source == outcome.chosen["source"] else ""
-        errors = (again.loc[(point, stretch)] for stretch in ("settled", "window"))
-        rows.append(
-            (
-                f"{MOTIONS[source]}{chosen}",
-                *(f"{1e3 * lengths[key]:.3f}" for key in ("crank_length", "rod_length")),
-                *(
-                    f"{_fall(row['reduction'])} ({_fall(row['reduction_high'])} to {_fall(row['reduction_low'])})"
-                    for row in errors
-                ),
-            )
-        )
+        row = {"motion from": f"{MOTIONS[source]}{chosen}"}
+        row |= {f"{link} [mm]": f"{1e3 * own[f'{link}_length']:.3f}" for link in ("crank", "rod")}
+        for stretch in ("settled", "window"):
+            middle, high, low = (again.loc[(point, stretch), f"reduction{end}"] for end in ("", "_high", "_low"))
+            shown = f"{_fall(middle)} ({_fall(high)} to {_fall(low)})"
+            row[f"RMS error, {outcome.words_of(stretch)} [%]"] = shown
+        rows.append(row)
     yield Paragraph(
         "The search uses frozen joint motion from several sources. The lengths with the smallest re-simulated RMS "
         f"error over {outcome.words_of(outcome.stretch)} are chosen."
     )
-    heads = (f"RMS error, {outcome.words_of(stretch)} [%]" for stretch in ("settled", "window"))
-    yield TableBlock(("motion from", "crank [mm]", "rod [mm]", *heads), tuple(rows), "lrrrr")
+    yield TableBlock.of(rows, "lrrrr")

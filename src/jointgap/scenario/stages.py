@@ -27,17 +27,17 @@ def stages_of(scenario: "Scenario") -> list[str]:
     """The stages that a scenario goes through: networks and the comparison with the paper where they are asked for."""
     if not scenario.mechanism.applied().loose:
         return ["simulate", "animate"]
-    left_out = set() if scenario.networks else {"surrogate", "clearance", "learned-figures"}
+    left_out = set() if scenario.networks else {"surrogate", "clearance"}
     left_out |= set() if scenario.paper else {"compare"}
     return [name for name in SCENARIO_STAGES.jobs() if name not in left_out]
 
 
-def drawn(learned: bool) -> list[str]:
-    """Names of the figures that need networks, or that need none."""
+def drawn(networks: bool) -> list[str]:
+    """Names of the still figures of a scenario that trains networks, or none."""
     from jointgap.scenario.figures import FIGURES
 
-    of_networks = {"predictions", *(table.name for table in OF_NETWORKS)}
-    return [name for name in FIGURES.still if learned != of_networks.isdisjoint(FIGURES.needed_tables([name]))]
+    left_out = set() if networks else {"predictions", *(table.name for table in OF_NETWORKS)}
+    return [name for name in FIGURES.still if left_out.isdisjoint(FIGURES.needed_tables([name]))]
 
 
 PUBLISHED, IMPACTS_PAGE = "track/published.json", "figures/impacts.html"
@@ -195,19 +195,13 @@ def figures(
     from jointgap.scenario.figures import FIGURES, draw_all
     from jointgap.scenario.trained import predictions, trained_surrogates
 
-    wanted = names or [*(drawn(True) if results.scenario.networks else ()), *drawn(False)]
+    wanted = names or drawn(results.scenario.networks)
     needed = set(FIGURES.needed_tables(wanted))
     frames = results.read_all(needed - {"predictions"})
     if "predictions" in needed:
         first = revolution(frames["trajectory"], results.scenario, 1)
         frames["predictions"] = predictions(trained_surrogates(results), first)
     draw_all(frames, results.scenario, folder or results.path / "figures", wanted)
-
-
-@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=_SHOWN, does="draw the figures of the networks")
-def learned_figures(results: "ScenarioResults") -> None:
-    """Draw the figures of the networks alone."""
-    figures(results, drawn(True))
 
 
 @SCENARIO_STAGES.stage(
@@ -273,7 +267,7 @@ def compare(
     files=("summary.json", "summary.md", "summary.html"),
     sections=_TOLD,
     does="put what came out on one page",
-    after=("figures", "learned-figures", "animate"),
+    after=("figures", "animate"),
 )
 def summarise(results: "ScenarioResults") -> str:
     """Put the outcome on one page: lengths, gain, price and remarks, for whoever designs the mechanism.
@@ -314,7 +308,7 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     files=(PUBLISHED,),
     sections=_TOLD,
     does="publish to MLflow",
-    after=("figures", "learned-figures", "animate"),
+    after=("figures", "animate"),
     minutes=20,
     publishes=True,
 )
