@@ -13,7 +13,7 @@ from PIL import Image
 from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError
 from jointgap.core.plot import LINEAR_BAND, Quantity, Sheet
-from jointgap.scenario.figures import FIGURES, draw, draw_all
+from jointgap.scenario.figures import FIGURES, draw
 
 every_still_figure = pytest.mark.parametrize("name", FIGURES.still)
 
@@ -208,7 +208,7 @@ def test_a_missing_table_is_named(scenario):
 
 def test_figures_are_saved_by_name(tables, scenario, tmp_path):
     assert FIGURES.needed_tables(("figure_15", "contact_forces")) == ("kinematics", "trajectory")
-    written = draw_all(tables, scenario, tmp_path / "a folder", ("figure_15",))
+    written = plot.save(draw("figure_15", tables, scenario), tmp_path / "a folder/figure_15")
     assert [path.name for path in written] == ["figure_15.png", "figure_15.svg", "figure_15.parquet"]
 
 

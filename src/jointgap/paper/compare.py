@@ -297,24 +297,13 @@ def gain_claims(again: pd.DataFrame, worth: pd.DataFrame, scenario: Scenario) ->
     point = f"networks_{next(iter(scenario.optimise.boxes))}_genetic"
     rows = again[(again["point"] == point) & (again["measure"] == "rms")].set_index("stretch")
     machine = worth[(worth["point"] == point) & (worth["cycle"] == "simulated")].iloc[0]
+    stroke, angle = 1e3 * machine["stroke_change"], np.degrees(machine["smallest_transmission_angle_change"])
     for stretch in ("window", "settled"):
         row = rows.loc[stretch]
-        low, middle, high = (100 * row[name] for name in ("reduction_low", "reduction", "reduction_high"))
-        yield claim(
-            f"gain_{stretch}",
-            middle,
-            True if low > 0 else False if high < 0 else None,
-            before=np.degrees(row["original_error"]),
-            after=np.degrees(row["error"]),
-            low=low,
-            middle=middle,
-            high=high,
-            members=row["members"],
-            better=row["share_better"],
-            frozen=100 * row["frozen_reduction"],
-            stroke=1e3 * machine["stroke_change"],
-            angle=np.degrees(machine["smallest_transmission_angle_change"]),
-        )
+        holds = True if row["reduction_low"] > 0 else False if row["reduction_high"] < 0 else None
+        before, after = np.degrees([row["original_error"], row["error"]])
+        shown = {"before": before, "after": after, "stroke": stroke, "angle": angle}
+        yield claim(f"gain_{stretch}", 100 * row["reduction"], holds, **row, **shown)
 
 
 # -- scenarios that differ in their loose joints alone

@@ -1,8 +1,7 @@
 """The figures of a scenario. A figure is a function with the decorator `figure`; its docstring is the caption."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -29,12 +28,6 @@ FIGURES = Figures()
 figure, draw = FIGURES.figure, FIGURES.draw
 
 DEGREES = 180.0 / np.pi
-
-
-def draw_all(tables: Tables, scenario: Scenario, folder: Path | str, names: Iterable[str] = ()) -> tuple[Path, ...]:
-    """Draw the figures `names` (all still ones by default) and save them in `folder`; the files written."""
-    drawn = ((name, draw(name, tables, scenario)) for name in names or FIGURES.still)
-    return tuple(path for name, drawing in drawn for path in plot.save(drawing, Path(folder) / name))
 
 
 def by_source(tables: Tables) -> dict[str, pd.DataFrame]:

@@ -1,9 +1,10 @@
 """A page to zoom into the impacts: gaps, contact forces and modes of the loose joints over the crank angle."""
 
-from html import escape
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from jinja2 import Template
 
 from jointgap.config import Scenario
 from jointgap.core.errors import needs
@@ -13,28 +14,6 @@ from jointgap.scenario.figure_data import MODES, contacts_of, degrees, loose_joi
 
 MOST_POINTS = 20_000  # of a curve: 0.2 MB as the page holds them
 _FIRST_LOOK = 60.0  # [deg] from the start: there the journals fly and hit
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<style>
-body {{ font-family: system-ui, sans-serif; color: #222222; margin: 1rem; line-height: 1.45; }}
-p {{ max-width: 60rem; }}
-</style>
-</head>
-<body>
-<h1>{title}</h1>
-<p>Draw a rectangle to zoom: the three panels share their crank angle. Double-click to see all of it, click a name in
-the legend to hide a joint, point at a curve for its numbers. Top: distance of the centres less the clearance; below
-zero the journal flies, above it the contact is pressed in. Middle: normal force of the contact; a circle where each
-contact begins, at its peak force, tells approach speed, impulse and duration. Bottom: what each joint is in.</p>
-{figure}
-</body>
-</html>
-"""
 
 
 def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scenario, name: str) -> str:
@@ -74,7 +53,9 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
         default_height="max(85vh, 600px)",
         config={"responsive": True, "displaylogo": False, "toImageButtonOptions": {"format": "svg"}},
     )
-    return _PAGE.format(title=escape(f"{in_words(name)}: impacts in the joints"), figure=drawn)
+    template = Path(__file__).parent / "templates/impacts.html.j2"
+    page = Template(template.read_text(encoding="utf-8"), autoescape=True)
+    return page.render(title=f"{in_words(name)}: impacts in the joints", figure=drawn)
 
 
 def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> None:

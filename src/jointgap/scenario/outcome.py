@@ -194,10 +194,8 @@ def _limits(outcome: Outcome) -> Iterator[str]:
 
 def _changes(outcome: Outcome) -> Iterator[str]:
     """Side effects that a designer may not want, and how to limit them."""
-    constraints, (stroke, new) = (
-        outcome.scenario.optimise.constraints,
-        outcome.pair("optimise_worth", "simulated")["stroke"],
-    )
+    constraints = outcome.scenario.optimise.constraints
+    stroke, new = outcome.pair("optimise_worth", "simulated")["stroke"]
     if constraints.stroke is None and abs(new / stroke - 1) > NOTICED["stroke"]:
         yield (
             f"The stroke changes by {1e3 * (new - stroke):+.3g} mm ({100 * (new / stroke - 1):+.1f} %); fix it with "
@@ -324,9 +322,9 @@ def _signed(value: float, decimals: int) -> str:
     return text if float(text) else text[1:]
 
 
-def _fall(reduction: float, decimals: int = 1) -> str:
+def _fall(reduction: float) -> str:
     """The change [%] that a reduction is."""
-    return f"{-100 * reduction:+.{decimals}f}"
+    return f"{-100 * reduction:+.1f}"
 
 
 def _alike(before: float, after: float) -> tuple[str, str]:

@@ -185,14 +185,11 @@ def figures(
         Sequence[str],
         Option("--figure", multiple=True, help="Name of a figure, repeatable; all still figures when absent."),
     ] = (),
-    folder: Annotated[
-        Path | None,
-        Option("--folder", type="folder", help="Folder to write to; figures/ among the results when absent."),
-    ] = None,
 ) -> None:
     """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
+    from jointgap.core import plot
     from jointgap.scenario.figure_data import revolution
-    from jointgap.scenario.figures import FIGURES, draw_all
+    from jointgap.scenario.figures import FIGURES, draw
     from jointgap.scenario.trained import predictions, trained_surrogates
 
     wanted = names or drawn(results.scenario.networks)
@@ -201,7 +198,8 @@ def figures(
     if "predictions" in needed:
         first = revolution(frames["trajectory"], results.scenario, 1)
         frames["predictions"] = predictions(trained_surrogates(results), first)
-    draw_all(frames, results.scenario, folder or results.path / "figures", wanted)
+    for name in wanted:
+        plot.save(draw(name, frames, results.scenario), results.path / "figures" / name)
 
 
 @SCENARIO_STAGES.stage(
