@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.effects import EFFECTS
-from jointgap.rig.sensors import DELAY_SHARES, ENCODER_OFFSET, FAULTS, LAG_AND_DELAY, SENSOR_DELAY, SensorFault
+from jointgap.rig.sensors import DELAY_SHARES, ENCODER_OFFSET, FAULTS, LAG_AND_DELAY, SENSOR_DELAY, Reading, SensorFault
 
 Parameters = dict[str, float]
 
@@ -202,7 +202,9 @@ def _fault(fault: SensorFault) -> DrawEffect:
     def make(rig: RigScales, rng: np.random.Generator) -> InjectedEffect:
         encoder = fault.name == ENCODER_OFFSET
         channel = "crank_angle" if encoder else str(rng.choice(rig.channels))
-        sign = _random_sign(rng) if fault.either_sign else max(_random_sign(rng), 1.0)
+        sign = _random_sign(rng)
+        if fault.bounds(Reading(1.0, "1", rig.speed))[1] >= 0.0:
+            sign = 1.0
         size = TrialSize.of(fault.parameter, *fault.trial(rig, channel), sign)
         return InjectedEffect(fault.name, "sensor" if encoder else channel, *size, sensor=channel)
 

@@ -55,7 +55,7 @@ def both(channel, kind, other=""):
 def test_the_ideal_channels_are_those_of_the_simulation_without_clearance():
     from jointgap.config import Simulate
     from jointgap.core.schema import TRAJECTORY
-    from jointgap.rig.channels import channels_at
+    from jointgap.rig.simulate_run import channels_at
 
     mechanism = paper()
     joints = {name: joint.model_copy(update={"loose": False}) for name, joint in dict(mechanism.joints).items()}

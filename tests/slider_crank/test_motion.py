@@ -8,7 +8,7 @@ import pytest
 from jointgap.core.errors import SimulationError
 from jointgap.dynamics.integrate import beginning
 from jointgap.dynamics.simulation import integrate_on, integrate_to_angles, start_state
-from jointgap.rig import channels as motion
+from jointgap.rig import simulate_run as motion
 from jointgap.rig.drives import constant_speed_run, measured_drive
 from jointgap.rig.model import build_model
 from jointgap.rig.sampling import planned_grid

@@ -22,8 +22,7 @@ from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.equations import crank_losses, slider_force
 from jointgap.dynamics.simulation import simulate
 from jointgap.identification.fit import determined_values, effect_estimates, is_taken_over
-from jointgap.rig.channels import tolerance_for
-from jointgap.rig.simulate_run import augmented_mechanism
+from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
 
 DIGITS = 7  # of a number that was found: far below what it is known to, and far from digits that mean nothing
 EXACT = 17  # digits that every number keeps its value with

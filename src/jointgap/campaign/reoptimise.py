@@ -11,7 +11,7 @@ from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.kinematics import Fit
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.optimise import optimise
-from jointgap.rig.channels import tolerance_for
+from jointgap.rig.simulate_run import tolerance_for
 
 NETWORK = "network"
 

@@ -9,10 +9,10 @@ from pydantic import Field
 from jointgap.effects import bodies, clearance, crank, pins, slider, slider_force_table  # noqa: F401
 from jointgap.effects.base import CATALOGUE, CRANK_SIGN_SPEED, GROUPS, SLIDER_SIGN_SPEED, Effect
 
+#: Every effect by its name, in the order of the catalogue.
 EFFECTS: dict[str, type[Effect]] = {effect.NAME: effect for effect in sorted(CATALOGUE, key=lambda one: one.ORDER)}
-"""Every effect by its name, in the order of the catalogue."""
 
+#: One effect of a mechanism file, identified by its name.
 AnyEffect = Annotated[reduce(or_, EFFECTS.values()), Field(discriminator="name")]
-"""One effect of a mechanism file, identified by its name."""
 
 __all__ = ["CRANK_SIGN_SPEED", "EFFECTS", "GROUPS", "SLIDER_SIGN_SPEED", "AnyEffect", "Effect"]

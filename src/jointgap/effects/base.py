@@ -14,30 +14,30 @@ from jointgap.core.formula import compile_formula
 from jointgap.core.section import Section
 from jointgap.core.units import quantity
 
+#: Width [m/s] of the sign of the slider's velocity in its friction: sgn v = tanh(v / 0.01 m/s).
 SLIDER_SIGN_SPEED = 0.01
-"""Width [m/s] of the sign of the slider's velocity in its friction: sgn v = tanh(v / 0.01 m/s)."""
 
+#: Width [rad/s] of the sign of a speed of rotation in friction: sgn w = tanh(w / 0.1 rad/s).
 CRANK_SIGN_SPEED = 0.1
-"""Width [rad/s] of the sign of a speed of rotation in friction: sgn w = tanh(w / 0.1 rad/s)."""
 
 CRANK_SIGN = f"sgn w = tanh(w / {CRANK_SIGN_SPEED:g} rad/s)"
 
 FRICTION_SURVEY = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083-1138"
 
+#: Share of a quantity that noise could just hide: steps of finite differences are of this order.
 DETECTABLE_SHARE = 0.02
-"""Share of a quantity that noise could just hide: steps of finite differences are of this order."""
 
+#: What effects act on, in the order in which a fit tries them.
 GROUPS = ("slider", "crank", "bodies", "pins", "clearances")
-"""What effects act on, in the order in which a fit tries them."""
 
+#: Values of a fit's coordinates by key.
 Values = Mapping[str, float]
-"""Values of a fit's coordinates by key."""
 
+#: How a fit varies an effect, one candidate for each site.
 Candidates = Iterable[Candidate]
-"""How a fit varies an effect, one candidate for each site."""
 
+#: Fields by record of `jointgap.dynamics.parameters.Parameters`; and programs under ``formulas``.
 Records = dict[str, dict[str, Any]]
-"""Fields by record of `jointgap.dynamics.parameters.Parameters`; and programs under ``formulas``."""
 
 
 @dataclass(frozen=True)
@@ -367,8 +367,8 @@ def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
     return entry
 
 
+#: Every effect, as they are written one after the other.
 CATALOGUE: list[type[Effect]] = []
-"""Every effect, as they are written one after the other."""
 
 
 def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:

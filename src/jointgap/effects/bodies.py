@@ -4,18 +4,8 @@ import math
 from typing import Any
 
 from jointgap.core.candidates import Parameter
-from jointgap.effects.base import (
-    DETECTABLE_SHARE,
-    Candidates,
-    DataEffect,
-    Effect,
-    FitContext,
-    Records,
-    Values,
-    amplitude,
-    parameter,
-    register_effect,
-)
+from jointgap.effects import base
+from jointgap.effects.base import DETECTABLE_SHARE, DataEffect, Effect, amplitude, parameter, register_effect
 
 # The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns
 # about its mass centre at the distance b from midspan: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi
@@ -56,7 +46,7 @@ class AddedSliderMass(DataEffect):
     mass_kg = parameter("kg", "m, mass beyond nominal", 0.05)
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         mass, replaces = context.mechanism.slider.mass, context.replaced({"slider_mass": "mass_kg"})
         yield cls.candidate(amplitude("mass_kg", DETECTABLE_SHARE * mass, "kg", -0.95 * mass), replaces=replaces)
 
@@ -72,7 +62,7 @@ class SliderOffset(DataEffect):
     offset_m = parameter("m", "b, offset beyond nominal", 0.01, odd=True)
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         crank, rod = context.mechanism.crank.length, context.mechanism.rod.length
         replaces = context.replaced({"slider_offset": "offset_m"})
         yield cls.candidate(amplitude("offset_m", 0.01 * crank, "m", -rod, rod), replaces=replaces)
@@ -96,7 +86,7 @@ class LinkLengthError(DataEffect):
             link["length"] += error
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         crank, rod = context.mechanism.crank.length, context.mechanism.rod.length
         lengths = (("crank_m", crank), ("rod_m", rod))
         replaces = context.replaced({"crank_length": "crank_m", "rod_length": "rod_m"})
@@ -125,22 +115,21 @@ class RodFlexibility(Effect):
         if left < least * rod.inertia:
             farthest = math.sqrt((1 - least) * rod.inertia / (_BENDING_COUPLING * rod.mass))
             raise ValueError(
-                f"effects: rod_flexibility is the law of a uniform beam, of which rod.mass_centre {rod.mass_centre:g} "
-                f"m is too far from the middle: bending leaves {left:.3g} of rod.inertia {rod.inertia:g} kg m^2, less "
-                f"than {least:g} of it; put the mass centre within {farthest:.3g} m of {rod.length / 2:g} m, or leave "
-                "the effect out"
+                f"effects: rod_flexibility is the law of a uniform beam; with rod.mass_centre {rod.mass_centre:g} m "
+                f"bending leaves {left:.3g} of rod.inertia {rod.inertia:g} kg m^2; put the mass centre within "
+                f"{farthest:.3g} m of {rod.length / 2:g} m, or leave the effect out"
             )
 
-    def compile_into(self, records: Records) -> None:
+    def compile_into(self, records: base.Records) -> None:
         frequency, damping = 2 * math.pi * self.parameters.frequency_Hz, self.parameters.damping_ratio
         records["bodies"] |= {"rod_angular_frequency": frequency, "rod_damping_ratio": damping}
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         turning, damping = context.scale.turning, {"damping_ratio": 0.02}
         compliances = [(order * turning) ** -2.0 for order in _BENDING_ORDERS]
 
-        def parameters(values: Values) -> dict[str, float]:
+        def parameters(values: base.Values) -> dict[str, float]:
             frequency = 1.0 / (2.0 * math.pi * math.sqrt(max(values["compliance_s2"], 1e-300)))
             return {"frequency_Hz": frequency, "damping_ratio": values["damping_ratio"]}
 
@@ -154,7 +143,7 @@ class RodFlexibility(Effect):
         )
 
     @classmethod
-    def simulated(cls, values: Values) -> tuple[Values, float]:
+    def simulated(cls, values: base.Values) -> tuple[base.Values, float]:
         compliance = values["compliance_s2"]
         if not 0.0 < compliance < _LEAST_COMPLIANCE:
             return values, 1.0

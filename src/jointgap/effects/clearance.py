@@ -17,8 +17,8 @@ from jointgap.core.section import Section
 from jointgap.core.units import FrictionCoefficient, quantity
 from jointgap.effects.base import Candidates, DataEffect, FitContext, Values, amplitude, joint_data, register_effect
 
+#: [m] Far less is lost in the rounding of the radii too.
 LEAST_CLEARANCE = 1e-9
-"""[m] Far less is lost in the rounding of the radii too."""
 
 # [m] of a joint that was ideal, from which fits start: any of them lets the pin fly and hit
 _FIRST_CLEARANCES = (2e-5, 1e-4)
@@ -29,17 +29,17 @@ _CLEARANCES = (2e-6, 2e-3)
 # [1, of the nominal clearance] of a loose joint, between which it is searched: what a gauge misread, and long wear
 _LOOSER = (0.5, 3.0)
 
+#: What the contact of a joint may have that was taken as ideal: nobody measured it. Steel on bronze or steel, dry to
+#: greased.
 RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
-"""What the contact of a joint may have that was taken as ideal: nobody measured it. Steel on bronze or steel, dry to
-greased."""
 
+#: By what factor its stiffness may differ from what the file says of its contact, either way, and the damping of a
+#: contact that lasts: lengths of bearings and their alignment are not in Hertz's formula; and the sliding speed over
+#: which its friction rises: where a journal sticks, what is read depends on it by many times the noise.
 STIFFNESS_FACTOR, DAMPING_FACTOR, FRICTION_SPEED_FACTOR = 3.0, 4.0, 4.0
-"""By what factor its stiffness may differ from what the file says of its contact, either way, and the damping of a
-contact that lasts: lengths of bearings and their alignment are not in Hertz's formula; and the sliding speed over which
-its friction rises: where a journal sticks, what is read depends on it by many times the noise."""
 
+#: Coordinate of a run: from which of several starts its motion came.
 START = "start"
-"""Coordinate of a run: from which of several starts its motion came."""
 
 
 def _none_or_more_than_atoms(clearance: float) -> float:

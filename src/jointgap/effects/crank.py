@@ -5,19 +5,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
-from jointgap.effects.base import (
-    CRANK_SIGN,
-    FRICTION_SURVEY,
-    Candidates,
-    DiscoveredLaw,
-    Effect,
-    FitContext,
-    MotionScale,
-    Records,
-    Values,
-    parameter,
-    register_effect,
-)
+from jointgap.effects import base
+from jointgap.effects.base import CRANK_SIGN, FRICTION_SURVEY, DiscoveredLaw, Effect, parameter, register_effect
 
 # Angles [rad] of most friction from which fits begin: each within 60 degrees of any other
 _TIGHTEST = (0.0, -2.0 * math.pi / 3.0, 2.0 * math.pi / 3.0)
@@ -31,15 +20,15 @@ _FITTED_ORDERS = range(3, 25)
 _USUAL_ORDERS = (3, 4, 6, 8, 12)
 
 
-def _torque(scale: MotionScale) -> float:
+def _torque(scale: base.MotionScale) -> float:
     return scale.force * scale.stroke
 
 
-def _damping(scale: MotionScale) -> float:
+def _damping(scale: base.MotionScale) -> float:
     return scale.force * scale.stroke / scale.turning
 
 
-def _unbalance(scale: MotionScale) -> float:
+def _unbalance(scale: base.MotionScale) -> float:
     return scale.force / scale.turning**2
 
 
@@ -82,7 +71,7 @@ class CrankAngleFriction(CrankEffect):
     )
 
     @classmethod
-    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
+    def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
         # A revolution to either side of 0, so that no angle is a bound of what is periodic.
         angle = Parameter("tightest_angle_rad", 0.0, -2.0 * math.pi, 2.0 * math.pi, 0.1, "rad")
         guesses = tuple({angle.name: tightest} for tightest in _TIGHTEST)
@@ -105,7 +94,7 @@ class PeriodicEffect(CrankEffect):
     ANGLE = "phase_rad"
 
     @classmethod
-    def in_step(cls, context: FitContext, whole: range, first: Sequence[int], **attributes: Any) -> Candidate:
+    def in_step(cls, context: base.FitContext, whole: range, first: Sequence[int], **attributes: Any) -> Candidate:
         """The candidate whose ``order`` is one of the `whole` numbers, or of the halves between them where there is one
         run alone, as in which of two turns a run began nobody knows; fits begin at the orders `first`.
         """
@@ -119,7 +108,7 @@ class PeriodicEffect(CrankEffect):
         return cls.candidate(*sizes, order, amplitudes=("cosine", "sine"), **attributes)
 
     @classmethod
-    def stated(cls, values: Values) -> dict[str, float]:
+    def stated(cls, values: base.Values) -> dict[str, float]:
         """The order is the whole or half one next to the fitted value."""
         doubled = round(2.0 * values["order"])
         return super().stated(values) | {"order": doubled // 2 if doubled % 2 == 0 else doubled / 2.0}
@@ -140,7 +129,7 @@ class CrankPeriodicTorque(PeriodicEffect):
         "rad", "angle k theta of the largest torque", 0.5, default=0.0, compiled="crank_periodic_phase"
     )
 
-    def compile_into(self, records: Records) -> None:
+    def compile_into(self, records: base.Records) -> None:
         super().compile_into(records)
         records["effects"]["crank_periodic_order"] = float(self.parameters.order)
 
@@ -149,7 +138,7 @@ class CrankPeriodicTorque(PeriodicEffect):
         return self.with_parameters(phase_rad=math.pi - self.parameters.phase_rad)
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         yield cls.in_step(context, _FITTED_ORDERS, _USUAL_ORDERS, steady_counterpart=CrankCoulombFriction.NAME)
 
 
@@ -169,7 +158,7 @@ class CrankUnbalance(CrankEffect):
     unbalance_kg_m = parameter("kg*m", "U, mass times distance from the pivot", 0.005, ge=0, step=_unbalance)
     angle_rad = parameter("rad", "its direction, from the crank's own", 1.0, default=0.0, odd=True)
 
-    def compile_into(self, records: Records) -> None:
+    def compile_into(self, records: base.Records) -> None:
         bodies, unbalance, angle = records["bodies"], self.parameters.unbalance_kg_m, self.parameters.angle_rad
         bodies["crank_mass"] += unbalance / bodies["crank_length"]
         bodies["crank_moment_x"] += unbalance * math.cos(angle)
@@ -189,12 +178,12 @@ class SpeedFluctuation(PeriodicEffect):
     order = parameter("", "k, cycles per revolution", 2, ge=0.5, le=12, multiple_of=0.5)
     phase_rad = parameter("rad", "angle k theta of the largest speed", 0.5, default=0.0, odd=True)
 
-    def compile_into(self, records: Records) -> None:
+    def compile_into(self, records: base.Records) -> None:
         ratio, order, phase = self.parameters.ratio, float(self.parameters.order), self.parameters.phase_rad
         records["drive"] |= {"kind": "fluctuating", "ratio": ratio, "order": order, "phase": phase}
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         return [cls.in_step(context, range(1, 13), ())] if context.constant_speed else []
 
 

@@ -6,18 +6,8 @@ from pydantic import Field
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import PINS
-from jointgap.effects.base import (
-    CRANK_SIGN,
-    Candidates,
-    DataEffect,
-    Effect,
-    FitContext,
-    Records,
-    amplitude,
-    joint_data,
-    parameter,
-    register_effect,
-)
+from jointgap.effects import base
+from jointgap.effects.base import CRANK_SIGN, DataEffect, Effect, amplitude, joint_data, parameter, register_effect
 
 # Largest share of the clearance at which asperities may touch; beyond it there is no bearing to speak of
 _LARGEST_FILM_SHARE = 0.5
@@ -56,7 +46,7 @@ class ContactCoefficient(DataEffect):
         )
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         shared = context.nuisances.get(cls.NUISANCE)
         if shared is not None and set(PINS) <= set(context.mechanism.loose):  # of one pin it is that pin's
             yield cls.beyond(shared.nominal, shared.step, replaces={cls.NUISANCE: "change"})
@@ -96,11 +86,11 @@ class PinFriction(Friction):
                 "with 'loose: false' to stay ideal"
             )
 
-    def compile_into(self, records: Records) -> None:
+    def compile_into(self, records: base.Records) -> None:
         records[self.site]["pin_friction"] = self.parameters.coefficient
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         for pin in cls.sites():
             joint = context.mechanism.joint(pin)
             if joint is None:
@@ -140,7 +130,7 @@ class PinRestitution(Restitution):
     KEYS = _ONE_PIN
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         loose = [pin for pin in cls.sites() if pin in context.mechanism.loose]
         for pin in cls.sites():
             shared = context.nuisances.get("restitution") if loose == [pin] else None
@@ -189,14 +179,14 @@ class LubricatedJoint(Effect):
                 f"{clearance:g} m; lower it"
             )
 
-    def compile_into(self, records: Records) -> None:
+    def compile_into(self, records: base.Records) -> None:
         joint, own = records[self.site], self.parameters
         joint["film_viscosity"], joint["film_length"] = own.viscosity_Pa_s, own.length_m
         joint["film_least"] = own.least_film_m
         joint["clearance"] -= own.least_film_m
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         scale = context.scale
         for pin in cls.sites():
             if pin in context.mechanism.loose:

@@ -4,16 +4,12 @@ import math
 from functools import partial
 
 from jointgap.core.candidates import LawFamily, Parameter
+from jointgap.effects import base
 from jointgap.effects.base import (
     FRICTION_SURVEY,
     SLIDER_SIGN_SPEED,
-    Candidates,
     DiscoveredLaw,
     Effect,
-    FitContext,
-    MotionScale,
-    Records,
-    Values,
     amplitude,
     parameter,
     register_effect,
@@ -33,19 +29,19 @@ _TIGHTEST = (0.0, -2.0 / 3.0, 2.0 / 3.0)
 _FARTHEST_STROKES = 3.0
 
 
-def _force(scale: MotionScale) -> float:
+def _force(scale: base.MotionScale) -> float:
     return scale.force
 
 
-def _force_over_speed(scale: MotionScale) -> float:
+def _force_over_speed(scale: base.MotionScale) -> float:
     return scale.force / scale.speed
 
 
-def _force_over_speed_squared(scale: MotionScale) -> float:
+def _force_over_speed_squared(scale: base.MotionScale) -> float:
     return scale.force / scale.speed**2
 
 
-def _coefficient(scale: MotionScale) -> float:
+def _coefficient(scale: base.MotionScale) -> float:
     return min(scale.force / scale.guide, 0.1)
 
 
@@ -82,7 +78,7 @@ class SliderPowerDrag(SliderEffect):
     exponent = parameter("", "p, exponent of the speed", 3.0, ge=0, le=6.0, compiled="power_drag_exponent")
 
     @classmethod
-    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
+    def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
         """The one parameter of a `member` is its force over a power of the speed."""
         speed, (key,) = scale.speed, member.DESCRIBED
         return super().family(
@@ -114,7 +110,7 @@ class SliderStribeckFriction(SliderEffect):
     )
 
     @classmethod
-    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
+    def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
         start, slowest, fastest = (share * scale.speed for share in (_STRIBECK_SPEED, _SLOWEST, _FASTEST))
         speed = Parameter("stribeck_speed_m_s", start, slowest, fastest, 0.1 * start, "m/s")
         return super().family(member, scale, others=(speed,), values=lambda force: {**force, speed.name: start})
@@ -146,7 +142,7 @@ class SliderPositionFriction(SliderEffect):
     )
 
     @classmethod
-    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
+    def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
         middle, half = scale.middle, scale.stroke
         # A stroke to either side of mid-stroke, so that no place on the stroke is a bound of what is periodic.
         place = Parameter("tightest_position_m", middle, middle - 2.0 * half, middle + 2.0 * half, 0.1 * half, "m")
@@ -212,7 +208,7 @@ class SliderSpring(SliderEffect):
     rest_position_m = parameter("m", "x0, position of the slider without force", 0.56, compiled="spring_rest")
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         parameters = partial(_one_spring, context.scale)
         yield cls.candidate(*_two_springs(context.scale), parameters=parameters, families=cls.families(context))
 
@@ -242,14 +238,14 @@ class SliderNonlinearSpring(SliderEffect):
     )
 
     @classmethod
-    def family(cls, member: type[Effect], scale: MotionScale) -> LawFamily:
-        def parameters(values: Values) -> dict[str, float]:
+    def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
+        def parameters(values: base.Values) -> dict[str, float]:
             return _one_spring(scale, values) | {"length_m": scale.stroke, "cubic_share": values["cubic_share"]}
 
         return super().family(member, scale, _two_springs(scale), parameters=parameters)
 
 
-def _two_springs(scale: MotionScale) -> tuple[Parameter, ...]:
+def _two_springs(scale: base.MotionScale) -> tuple[Parameter, ...]:
     """Stiffnesses of springs that rest at either end of where one may rest: they do what any one between them does, and
     the motion depends on both linearly.
     """
@@ -257,7 +253,7 @@ def _two_springs(scale: MotionScale) -> tuple[Parameter, ...]:
     return tuple(amplitude(key, step, "N/m", 0.0) for key in ("farthest_out_N_m", "farthest_in_N_m"))
 
 
-def _one_spring(scale: MotionScale, values: Values) -> dict[str, float]:
+def _one_spring(scale: base.MotionScale, values: base.Values) -> dict[str, float]:
     """The spring that does what two of `_two_springs` do."""
     outer, inner = values["farthest_out_N_m"], values["farthest_in_N_m"]
     stiffness = outer + inner
@@ -288,7 +284,7 @@ class GasPressure(SliderEffect):
         return given.force_N * (1 + stroke / given.dead_length_m) ** given.exponent
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         stroke = context.scale.stroke
         short, long = 0.2 * stroke, stroke
         yield cls.candidate(
@@ -310,12 +306,12 @@ class HarmonicForce(SliderEffect):
     frequency_Hz = parameter("Hz", "nu, cycles per second", 37.0)
     phase_rad = parameter("rad", "phase at t = 0", 0.0, default=0.0, compiled="harmonic_phase")
 
-    def compile_into(self, records: Records) -> None:
+    def compile_into(self, records: base.Records) -> None:
         super().compile_into(records)
         records["effects"]["harmonic_angular_frequency"] = 2 * math.pi * self.parameters.frequency_Hz
 
     @classmethod
-    def candidates(cls, context: FitContext) -> Candidates:
+    def candidates(cls, context: base.FitContext) -> base.Candidates:
         frequency, step = context.frequency_Hz, context.scale.force
         # Runs are recorded one after the other: each has a phase of its own.
         names = [(part, run) for run in context.runs for part in ("cosine", "sine")]
@@ -330,7 +326,7 @@ class HarmonicForce(SliderEffect):
         )
 
 
-def _amplitude_and_phase(values: Values) -> dict[str, float]:
+def _amplitude_and_phase(values: base.Values) -> dict[str, float]:
     """Parameters of one run, or the mean amplitude over runs and the phase in the first."""
     cosines = {key.removeprefix("cosine"): values[key] for key in values if key.startswith("cosine")}
     # f cos(w t + phase) = f cos(phase) cos(w t) - f sin(phase) sin(w t)

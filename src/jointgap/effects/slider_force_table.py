@@ -14,8 +14,8 @@ from jointgap.core.section import Section
 from jointgap.core.units import Angle, PositiveLength, quantity, unit_factor
 from jointgap.effects.base import Effect, Records, register_effect
 
+#: Of a table: 0.2 deg apart over 720 deg are 3600.
 MOST_ROWS = 4096
-"""Of a table: 0.2 deg apart over 720 deg are 3600."""
 
 _LEAST_ROWS = 8
 _CLOSED = 0.02  # [1, of the range] by which the end of a table may miss its begin
@@ -143,42 +143,34 @@ def _read_table(given: ForceTableParameters, _changed: int) -> tuple[np.ndarray,
     )
     kept = np.isfinite(place) & np.isfinite(value)
     place, value, rows = place[kept], value[kept], columns.rows[kept]
-    where = f"{path}, column {stated[over].column}"
+
+    def wrong(key: str, text: str) -> InputError:
+        return InputError(f"{path}, column {stated[key].column}{text}")
+
     if not _LEAST_ROWS <= place.size <= MOST_ROWS:
-        raise InputError(f"{where}: {place.size} rows; give {_LEAST_ROWS} to {MOST_ROWS}, of one period")
+        raise wrong(over, f": {place.size} rows; give {_LEAST_ROWS} to {MOST_ROWS}, of one period")
     if (falls := np.flatnonzero(np.diff(place) <= 0.0)).size:
-        raise InputError(f"{where}, row {rows[falls[0] + 1]}: does not rise; give one period, rows in rising order")
+        raise wrong(over, f", row {rows[falls[0] + 1]}: does not rise; give one period, rows in rising order")
     if load == "pressure":
         if given.ambient_pressure > 0.0 and (below := np.flatnonzero(value < 0.0)).size:
-            raise InputError(
-                f"{path}, column {stated[load].column}, row {rows[below[0]]}: an absolute pressure is not below zero; "
-                "give 'ambient_pressure: 0' for gauge pressures"
-            )
+            text = "an absolute pressure is not below zero; give 'ambient_pressure: 0' for gauge pressures"
+            raise wrong(load, f", row {rows[below[0]]}: {text}")
         value = (given.ambient_pressure - value) * 0.25 * math.pi * given.bore**2
-    period = _period(given, place, where)
+    span, step = place[-1] - place[0], float(np.median(np.diff(place)))
+    periods = (math.tau, 2.0 * math.tau) if given.time is None else (given.period or span,)
+    fitting = [one for one in periods if one * (1.0 - 1e-6) - _GAP * step <= span <= one * (1.0 + 1e-6)]
+    if not fitting and given.time is not None:
+        raise wrong(over, f": the rows span {span:.6g} s, not the period of {periods[0]:.6g} s; correct either")
+    if not fitting:
+        text = f": the rows span {math.degrees(span):.6g} deg in steps of {math.degrees(step):.3g}, neither 360 nor 720"
+        raise wrong(over, f"{text} deg; give one whole period, or correct the unit of the angle")
+    period = float(fitting[0])
     apart, most = abs(value[-1] - value[0]), _CLOSED * np.ptp(value)
-    repeats = place[-1] - place[0] > (1.0 - 1e-6) * period  # the last row is the first one of the next period
+    repeats = span > (1.0 - 1e-6) * period  # the last row is the first one of the next period
     if apart > (most if repeats else max(most, _GAP * np.abs(np.diff(value)).max())):
-        raise InputError(
-            f"{path}, column {stated[load].column}: the period does not close: begin and end are {apart:.4g} N apart "
-            f"on the slider, the range is {np.ptp(value):.4g} N; give one whole period, averaged over cycles"
-        )
+        text = f": the period does not close: begin and end are {apart:.4g} N apart on the slider, the range is"
+        raise wrong(load, f"{text} {np.ptp(value):.4g} N; give one whole period, averaged over cycles")
     if repeats:
         place, value = place[:-1], value[:-1]
     spline = CubicSpline(np.append(place - place[0], period), np.append(value, value[0]), bc_type="periodic")
-    return np.column_stack([spline.x[:-1], spline.c.T]), float(place[0]), float(period)
-
-
-def _period(given: ForceTableParameters, place: np.ndarray, where: str) -> float:
-    """The period [rad or s] of a table whose rows are at `place` (n,)."""
-    span, step = place[-1] - place[0], float(np.median(np.diff(place)))
-    periods = (math.tau, 2.0 * math.tau) if given.time is None else (given.period or span,)
-    for period in periods:
-        if period * (1.0 - 1e-6) - _GAP * step <= span <= period * (1.0 + 1e-6):
-            return period
-    if given.time is not None:
-        raise InputError(f"{where}: the rows span {span:.6g} s, not the period of {period:.6g} s; correct either")
-    raise InputError(
-        f"{where}: the rows span {math.degrees(span):.6g} deg in steps of {math.degrees(step):.3g}, neither 360 nor "
-        "720 deg; give one whole period, or correct the unit of the angle"
-    )
+    return np.column_stack([spline.x[:-1], spline.c.T]), float(place[0]), period

@@ -4,24 +4,12 @@ from math import pi, sqrt, tau
 
 import numpy as np
 
-# Limits that noise, steps of an encoder and impacts stay within, and mistaken units and columns do not
 MIN_SAMPLES = 12  # A run and each of its channels need this many values
 # [1] Mean speed over nominal speed beyond which something other than the speed is wrong, by drive
 SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
-CLIPPED_COUNT, CLIPPED_SHARE = 5, 0.01  # [samples], [1] An extreme value that occurs less often may be chance
-CLIPPED_EXCESS = 6.0  # [1] So often as the value next to it
-NO_DATA_RANGES = 10.0  # [1, range of all others] So far from them does a value stand for 'no data'
-STUCK_COUNT, STUCK_EXCESS = 10, 8.0  # [samples], [1, of the longest other row of equal values]
-STUCK_TURN = 0.1  # [rad] So far has the crank to turn meanwhile: with the crank at rest all stands still
-OUTLIER_INTERQUARTILE_RANGES = 300.0  # [1] A value farther from the median is doubted
 ANGLE_OUTLIER = 0.1  # [rad] A crank angle that misses the line between its neighbours by more is doubted
-ANGLE_OUTLIER_MEDIANS = 15.0  # [1, median distances] It has to miss by this much more than usual too
-UNSTEADY_SHARE, UNSTEADY_STANDARD_ERRORS = 0.01, 5.0  # [1] From such a variation of the speed on it is remarked
-STANDSTILL_WINDOW = 0.25 * pi  # [rad] In the time of so much at nominal speed a crank that stands still turns
-STANDSTILL_SHARE = 0.02  # [1] less than this share of it
-TURNED_BACK_SHARE = 0.1  # [1, of the nominal speed] So fast it turns again, or back
-TURNING_SHARE = 0.1  # [1, of the record] At least so long the crank turns at about its nominal speed
-MAX_DRIFT_TERMS = 8  # Of the polynomial beside which a speed's orders are found
+
+# All limits are such that noise, steps of an encoder and impacts stay within, and mistaken units and columns do not
 
 
 def clipped(values: np.ndarray) -> str | None:
@@ -30,7 +18,8 @@ def clipped(values: np.ndarray) -> str | None:
     starts = np.flatnonzero(np.diff(ordered, prepend=-np.inf) > 1e-9 * np.ptp(ordered))
     counts = np.diff(starts, append=ordered.size)
     for end, beside in ((-1, -2), (0, 1)):
-        if counts[end] >= max(CLIPPED_COUNT, CLIPPED_SHARE * ordered.size, CLIPPED_EXCESS * counts[beside]):
+        # five samples, 1 % of all and six times as many as have the value next to it are no chance
+        if counts[end] >= max(5, 0.01 * ordered.size, 6.0 * counts[beside]):
             return (
                 f"is clipped: {counts[end]} of {ordered.size} samples are {ordered[starts[end]]:.6g} in SI units, an "
                 "extreme; what lies beyond was not measured, so leave these cells empty"
@@ -44,7 +33,7 @@ def no_data(values: np.ndarray) -> np.ndarray:
     for level in (finite.min(), finite.max()) if finite.size else ():
         others = finite[finite != level]
         several = finite.size - others.size >= 2 and others.size >= MIN_SAMPLES
-        if several and np.abs(others - level).min() > NO_DATA_RANGES * np.ptp(others) > 0.0:
+        if several and np.abs(others - level).min() > 10.0 * np.ptp(others) > 0.0:
             return np.flatnonzero(values == level)
     return np.empty(0, dtype=int)
 
@@ -59,11 +48,12 @@ def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
     longest = int(np.argmax(lengths))
     first, length = int(starts[longest]), int(lengths[longest])
     here = values[starts] == values[first]
-    if length < max(STUCK_COUNT, STUCK_EXCESS * lengths[~here].max(initial=0)):
+    if length < max(10, 8.0 * lengths[~here].max(initial=0)):
         return None
     meanwhile, total = _range(turned[first : first + length]), _range(turned)
     recurs = np.count_nonzero(here & (lengths > length / 2)) >= max(2.0, total / tau / 2.0) and meanwhile < tau
-    return None if recurs or meanwhile < STUCK_TURN else slice(first, first + length)
+    # with the crank at rest all stands still
+    return None if recurs or meanwhile < 0.1 else slice(first, first + length)
 
 
 def _range(values: np.ndarray) -> float:
@@ -74,7 +64,7 @@ def _range(values: np.ndarray) -> float:
 def outliers(values: np.ndarray) -> np.ndarray:
     """Indices of values so far from all others that they may stand for something else, such as 'no data'."""
     low, median, high = np.nanpercentile(values, (25.0, 50.0, 75.0))
-    far = np.abs(values - median) > OUTLIER_INTERQUARTILE_RANGES * (high - low)
+    far = np.abs(values - median) > 300.0 * (high - low)
     return np.flatnonzero(far & (high > low))
 
 
@@ -85,7 +75,7 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     share = (time[here] - time[before]) / (time[after] - time[before])
     away = np.abs(angle[here] - (1.0 - share) * angle[before] - share * angle[after])
     usual = float(np.median(away)) if here.size else 0.0
-    return here[away > max(ANGLE_OUTLIER, ANGLE_OUTLIER_MEDIANS * usual)]
+    return here[away > max(ANGLE_OUTLIER, 15.0 * usual)]
 
 
 def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int, float] | None:
@@ -121,7 +111,7 @@ def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, 
     time, angle = time[finite] - time[finite][0], angle[finite]
     turns = (angle[-1] - angle[0]) / tau
     period, orders = (2, np.arange(1, 7) / 2) if turns >= 4.0 else (1, np.arange(1, 4))
-    terms = int(min(max(turns / period, 1), MAX_DRIFT_TERMS)) + 1
+    terms = int(min(max(turns / period, 1), 8)) + 1
     if time.size < 2 * (terms + 2 * orders.size):
         return np.nan, np.nan, np.nan, np.nan
     drift = np.polynomial.legendre.legvander(2.0 * time / time[-1] - 1.0, terms)
@@ -144,7 +134,7 @@ def unsteady(time: np.ndarray, angle: np.ndarray) -> str:
     within, over, error, order = speed_variation(time, angle)
     half = f"within two turns (most at order {order:g}, as a four-stroke engine's does)"
     parts = {"within a turn" if order % 1 == 0 else half: within, "from turn to turn": over}
-    least = max(UNSTEADY_SHARE, UNSTEADY_STANDARD_ERRORS * error)
+    least = max(0.01, 5.0 * error)
     return " and ".join(f"by {100 * share:.2g} % either way {where}" for where, share in parts.items() if share > least)
 
 
@@ -170,16 +160,16 @@ def standstill(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[float
     finite = np.isfinite(angle)
     finite[angle_outliers(time, angle)] = False
     time, angle = time[finite], angle[finite]
-    window = STANDSTILL_WINDOW / speed
+    window = 0.25 * pi / speed  # [s] In which the crank turns by an eighth of a turn at nominal speed
     begins = time[time + window <= time[-1]]
-    ahead = (np.interp(begins + window, time, angle) - angle[: begins.size]) / STANDSTILL_WINDOW
+    ahead = (np.interp(begins + window, time, angle) - angle[: begins.size]) / (0.25 * pi)
     low, high = SPEED_RATIOS["constant_speed"]
-    slow = ahead < STANDSTILL_SHARE
-    if not slow.any() or np.mean((ahead > low) & (ahead < high)) < TURNING_SHARE:
+    slow = ahead < 0.02
+    if not slow.any() or np.mean((ahead > low) & (ahead < high)) < 0.1:
         return None
     # as far as noise would still let the smooth angle fall
-    turning, place = np.flatnonzero(ahead > TURNED_BACK_SHARE), int(np.argmax(slow))
+    turning, place = np.flatnonzero(ahead > 0.1), int(np.argmax(slow))
     first = int(turning[turning < place].max(initial=-1)) + 1
     last = int(turning[turning > place].min(initial=begins.size))
     end = begins[last] + window if last < begins.size else time[-1]
-    return float(begins[first]), float(end), bool(ahead[first:last].min() < -TURNED_BACK_SHARE)
+    return float(begins[first]), float(end), bool(ahead[first:last].min() < -0.1)

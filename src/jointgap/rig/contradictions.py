@@ -17,13 +17,13 @@ from jointgap.config.campaign import CHANNELS, FILTER_ORDER, UNITS, Campaign, Ca
 from jointgap.core.units import unit_factor
 from jointgap.dynamics.kinematics import FORCES, SPEED_POWERS, ideal_orders
 from jointgap.rig.recording import Contradiction, Recording
+from jointgap.rig.sampling import speed_from_periodicity
 
 MAX_ORDER = 4  # Orders of the crank that are held against the ideal motion
 MIN_CORRELATION, MIN_CORRELATION_OF_FORCES = 0.9, 0.8  # From these on a factor between two channels means something
 GAINS, GAINS_OF_FORCES = (0.8, 1.25), (0.5, 2.0)  # Factors that a sensor's gain or a load may make
 ALIKE = 1.35  # Ratio up to which factors of several runs are one, and from which speeds are far apart
 SEARCHED_TURNS = 20.0  # Turns in which a speed is searched for
-COPIED_SHARE = 0.9  # [1, of the samples] So many that are another run's make a copy
 _PHASES = np.arange(-180, 180) * (pi / 180)
 _REFERENCE = "what the mechanism makes of the crank's motion"
 
@@ -62,8 +62,7 @@ class Orders:
         return self.error < share * max(np.linalg.norm(self.measured), np.linalg.norm(self.expected))
 
 
-AllOrders = Mapping[str, Mapping[str, Orders]]
-"""By run and channel, of the runs whose crank turns steadily at a known speed."""
+AllOrders = Mapping[str, Mapping[str, Orders]]  # By run and channel, of runs whose crank turns steadily
 
 
 def contradictions(campaign: Campaign, recordings: Mapping[str, Recording]) -> list[Contradiction]:
@@ -89,8 +88,8 @@ def contradictions(campaign: Campaign, recordings: Mapping[str, Recording]) -> l
     return [*times, *speeds, *_doubts_of_zeros(campaign, orders, zeros), *others]
 
 
+# How the crank turns in one run, with the sign of the file: angles [rad], speed [rad/s], doubts of the times
 Crank = tuple[np.ndarray, float, list[Contradiction]]
-"""How the crank turns in one run, with the sign of the file: angles [rad], speed [rad/s], doubts of the times."""
 
 
 def _crank(campaign: Campaign, run: CampaignRun, recording: Recording) -> Crank | None:
@@ -125,15 +124,15 @@ def _timed(campaign: Campaign, run: CampaignRun, recording: Recording, angle: np
     rates = {c: o for c, o in rates.items() if c not in FORCES} or rates
     # a rate that is as large as it is at the stated speed says that the times are wrong
     votes = [-log(own.factor) / (SPEED_POWERS[channel] * ratio) for channel, own in rates.items()]
-    kind = "time" if not votes or np.median(votes) > 0.5 else "speed"
-    which = {
-        "time": "the other channels are as large as at the stated speed, so the times are wrong",
-        "speed": "the other channels are as large as at that one, so the stated speed is wrong",
-    }
+    kind, which = "time", "either may be wrong"
+    if votes:
+        kind = "time" if np.median(votes) > 0.5 else "speed"
+        which = {"time": "the stated speed, so the times are wrong", "speed": "that one, so the stated speed is wrong"}
+        which = f"the other channels are as large as at {which[kind]}"
     source = "with crank_angle" if recording.has_angle else f"by what repeats in {', '.join(orders)}"
     sentence = (
         f"the times of the file make {60 * abs(speed) / tau:.4g} rpm {source}, but the run's speed is "
-        f"{60 * run.speed / tau:.4g} rpm; {which[kind] if votes else 'either may be wrong'}"
+        f"{60 * run.speed / tau:.4g} rpm; {which}"
     )
     doubtful = not recording.has_angle or (kind == "time" and bool(votes))
     doubt = Contradiction(run.id, "time", kind, sentence, factor=abs(speed) / run.speed, doubtful=doubtful)
@@ -141,32 +140,23 @@ def _timed(campaign: Campaign, run: CampaignRun, recording: Recording, angle: np
 
 
 def _crank_without_encoder(campaign: Campaign, run: CampaignRun, recording: Recording, stated: float) -> Crank | None:
-    """It turns at the stated speed, unless channels agree much better with the ideal motion at another one.
-
-    Of forces alone no speed is taken at which their strongest order is a whole one at the stated speed, where a load
-    has its orders.
+    """It turns at the stated speed, unless channels repeat at another one and there agree much better with the ideal
+    motion.
     """
     if campaign.drive != "constant_speed":
         return None
     elapsed = recording.time - recording.time[0]
-    elapsed[elapsed > SEARCHED_TURNS * tau / run.speed] = np.nan
-
-    def at_speed(speed: float) -> tuple[float, float, dict[str, Orders]]:
-        orders = _orders(campaign, recording, speed * elapsed, speed)
-        return *_agreement(orders), orders
-
-    nominal, first, orders = at_speed(stated)
-    turns, low, high = run.speed * np.nanmax(elapsed) / tau, 0.53, 1.9
-    ratios = np.geomspace(low, high, int(log(high / low) * 6.0 * turns) + 2)
-    if all(name in FORCES for name in orders):
-        for own in orders.values():
-            strongest = ratios * (1 + int(np.argmax(np.abs(own.expected))))
-            ratios = ratios[np.abs(strongest - np.round(strongest)) > 0.15]
-    if orders and nominal <= 0.6 and ratios.size:
-        found = {ratio: at_speed(stated * ratio)[:2] for ratio in ratios}
-        ratio = max(found, key=lambda tried: found[tried][0])
-        if found[ratio][0] >= max(0.5, nominal / 0.6):
-            return _timed(campaign, run, recording, stated * ratio * elapsed + found[ratio][1], stated * float(ratio))
+    part = elapsed <= SEARCHED_TURNS * tau / run.speed
+    elapsed[~part] = np.nan
+    orders = _orders(campaign, recording, stated * elapsed, stated)
+    nominal, first = _agreement(orders)
+    if orders and nominal <= 0.6:
+        values = [recording.channels[name][part] for name in orders]
+        speed = speed_from_periodicity(elapsed[part], values, 0.53 * run.speed, 1.9 * run.speed)
+        speed = float(np.copysign(speed, stated))
+        found, angle = _agreement(_orders(campaign, recording, speed * elapsed, speed))
+        if found >= max(0.5, nominal / 0.6):
+            return _timed(campaign, run, recording, speed * elapsed + angle, speed)
     return stated * elapsed + first, stated, []
 
 
@@ -353,7 +343,7 @@ def _copied(recordings: Mapping[str, Recording], orders: AllOrders) -> Iterator[
             values, others = (recordings[run].channels[name] for run in pair)
             count = min(values.size, others.size)
             known = np.isfinite(values[:count] + others[:count])
-            if known.any() and np.mean((values[:count] == others[:count])[known]) > COPIED_SHARE:
+            if known.any() and np.mean((values[:count] == others[:count])[known]) > 0.9:
                 known_orders = [run for run in pair if name in orders.get(run, {})]
                 wrong = min(known_orders, key=lambda run: orders[run][name].correlation, default=pair[0])
                 other = pair[wrong == pair[0]]
@@ -396,10 +386,7 @@ def _unrelated(run: str, channel: str, own: Orders) -> Contradiction:
         phase = float(_PHASES[best])
         sentence = f"{channel} is {degrees(phase):.0f} deg off {_REFERENCE}; check how it was synchronised"
         return Contradiction(run, channel, "phase", sentence, factor=own.factor, phase=phase)
-    sentence = (
-        f"{channel} is not {_REFERENCE} (correlation {own.correlation:.2f}); check the columns, the sensor, and "
-        "whether it is of this run"
-    )
+    sentence = f"{channel} is not {_REFERENCE} (correlation {own.correlation:.2f}); check column, sensor and run"
     return Contradiction(run, channel, "unrelated", sentence, factor=own.factor)
 
 

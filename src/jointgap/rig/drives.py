@@ -10,20 +10,23 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.sparse import coo_array, csr_array, eye_array, sparray, vstack
 
-from jointgap.config import Mechanism
-from jointgap.config.campaign import MOTOR_LINE, Campaign, CampaignRun, Start
+from jointgap.config import Mechanism, MotorDrive, Simulate
+from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import AngleErrors, crank_times, smooth_angle, stands_still
+from jointgap.dynamics.drive import AngleErrors, crank_motion, crank_times, smooth_angle, stands_still
+from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
 from jointgap.identification.noise import scatter_between_samples
 from jointgap.identification.settings import DEFAULT_SETTINGS as IDENTIFICATION
-from jointgap.rig.channels import TOLERANCE, options_of, prescribed_angles
 from jointgap.rig.sampling import SampleGrid
 
 Values = Mapping[str, float]  # Of nuisances, by name
 
+# [m] Local error of a step. Whitened channels of loose pins with friction are then rough by some hundredths in length,
+# over all samples; 1e-9 saves a sixth of the time and is ten to thirty times as rough, so that fits do not converge
+TOLERANCE = 1e-10
 SETTLING_REVOLUTIONS = 2  # Simulated before the first sample, so that the transient of the start decays in contacts
 MAX_SETTLING_REVOLUTIONS = 30  # The most, for slow transients (a bending rod, a motor)
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
@@ -32,6 +35,22 @@ REST_SPEED = 1e-3  # [rad/s] Stands for rest, at which a drive that is parametri
 # [1, of the scatter by rounding alone] Up to this scatter of its readings an encoder's step tells how smooth a driving
 # angle is; beyond, a spline that keeps to the step would follow noise
 HARDLY_NOISY = 1.15
+
+
+def options_of(speed: float, start_angle: float, tolerance: float, **drive) -> Simulate:
+    """Options of a simulation, not validated: that takes longer than some motions, and the values are known to be
+    good.
+    """
+    return Simulate.model_construct(speed=speed, start_angle=start_angle, tolerance=tolerance, **drive)
+
+
+@compiled
+def prescribed_angles(p, times):
+    """Angles (n,) [rad] of the prescribed crank of parameters `p` at `times` (n,) [s]."""
+    angles = np.empty(times.size)
+    for i in range(times.size):
+        angles[i] = crank_motion(p, times[i])[0]
+    return angles
 
 
 @dataclass(frozen=True)
@@ -158,19 +177,12 @@ class MeasuredDrive:
 
     table: np.ndarray  # Its pieces: see `jointgap.dynamics.parameters.knots_record`
     begin: float  # Time [s] of the record's first sample in it
-    made_errors: Callable[[], tuple[AngleErrors, float]]
+    made_tables: Callable[[], np.ndarray]
 
     @cached_property
     def moved(self) -> list["MeasuredDrive"]:
         """The drive with each of the errors that its angle may have, independently, by one standard deviation."""
-        errors, start = self.made_errors()
-        at, moved = self.table[:, 0] + start, []
-        changes = np.stack([errors(at, power) / math.factorial(power) for power in range(6)])
-        for number in range(errors.count):
-            table = self.table.copy()
-            table[:, 6:0:-1] += changes[:, :, number].T
-            moved.append(replace(self, table=table))
-        return moved
+        return [replace(self, table=table) for table in self.made_tables()]
 
 
 def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, back: int) -> MeasuredDrive:
@@ -208,15 +220,19 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
     for power in range(6):
         table[:, 6 - power] = smooth(pieces, power) / math.factorial(power)
 
-    def errors() -> tuple[AngleErrors, float]:
+    def moved() -> np.ndarray:
         own, common = noise, None
         if resolution:
             white = math.sqrt(max(scatter**2 - rounding**2, 0.0))
             common, share = _rounding(smooth(samples.elapsed[finite] - time[0]), resolution, white)
             own = math.hypot(white, math.sqrt(share) * rounding)
-        return AngleErrors(time - time[0], angle, smooth, stepped, copies, own, common), begin
+        errors = AngleErrors(time - time[0], angle, smooth, stepped, copies, own, common)
+        changes = [errors(table[:, 0] + begin, power) / math.factorial(power) for power in range(6)]
+        tables = np.repeat(table[None], errors.count, axis=0)
+        tables[:, :, 6:0:-1] += np.stack(changes).transpose(2, 1, 0)
+        return tables
 
-    return MeasuredDrive(table, float(back * turn), errors)
+    return MeasuredDrive(table, float(back * turn), moved)
 
 
 def _scatter(readings: np.ndarray, rounding: float, noise: float | None) -> float:
@@ -256,17 +272,17 @@ def measured_angle_run(mechanism: Mechanism, plan: RunPlan, offset: float, lag: 
 
 def motor_run(
     mechanism: Mechanism,
-    campaign: Campaign,
+    motor: MotorDrive,
     plan: RunPlan,
     values: Values,
     offset: float,
     tolerance: float,
-    earlier: float = 0.0,
+    earlier: float,
 ) -> DrivenRun:
     """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
     run, samples = plan.run, plan.samples
     line = {key: values[key] for key in MOTOR_LINE if key in values}
-    motor, speed = campaign.motor.model_copy(update=line), values.get("speed", run.speed)
+    motor, speed = motor.model_copy(update=line), values.get("speed", run.speed)
     first = values.get("first_angle", samples.first_angle) - offset
     start_speed, back = REST_SPEED if run.start == "at_rest" else speed, 0.0
     if isinstance(run.start, Start):

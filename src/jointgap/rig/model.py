@@ -55,14 +55,14 @@ def physical_candidates(context: FitContext) -> list[Candidate]:
     """Effects that could be missing in a mechanism, by what they act on; those that it has, or that cannot act in it,
     are left out.
     """
-    placed = [
-        (GROUPS.index(effect.GROUP), effect.sites().index(candidate.site) if candidate.has_site else 0, candidate)
-        for effect in EFFECTS.values()
-        for candidate in effect.candidates(context)
-        if context.mechanism.effect(candidate.name, candidate.site if candidate.has_site else None) is None
-        and _is_possible(context, candidate)
-    ]
-    return [candidate for _, _, candidate in sorted(placed, key=lambda entry: entry[:2])]
+    found = []
+    for effect in EFFECTS.values():
+        for candidate in effect.candidates(context):
+            site = candidate.site if candidate.has_site else None
+            if context.mechanism.effect(candidate.name, site) is None and _is_possible(context, candidate):
+                place = GROUPS.index(effect.GROUP), effect.sites().index(site) if site else 0
+                found.append((place, candidate))
+    return [candidate for _, candidate in sorted(found, key=lambda entry: entry[0])]
 
 
 def _is_possible(context: FitContext, candidate: Candidate) -> bool:

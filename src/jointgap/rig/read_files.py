@@ -18,16 +18,12 @@ from jointgap.rig.checks import MIN_SAMPLES, SPEED_RATIOS
 from jointgap.rig.contradictions import contradictions
 from jointgap.rig.recording import OF_A_RUN, Contradiction, Measurements, Recording, noise_of, sentences
 
-MAX_VALUE = 1e12  # [SI] No channel has a larger value: it stands for something else, such as 'no data'
-COPIED_SHARE = 0.9  # [1, of the samples of a run] So many that are another run's make it a copy
 MIN_REVOLUTIONS = 1.0 - 1e-3  # One, less what rounding takes off
 MIN_SAMPLES_PER_REVOLUTION = 4.0  # Fewer cannot tell whether the angle rises or falls
-SPEED_TOLERANCE = 0.2  # [1] So near to the run's speed does the unit come that is proposed
 # Units that are proposed where the stated one does not fit
 PROPOSED_UNITS = {"time": ("s", "ms", "us", "ns", "min"), "crank_angle": ("deg", "rad", "turn")}
 
-Samples = dict[str, np.ndarray]
-"""Values (n,) [SI] by channel."""
+Samples = dict[str, np.ndarray]  # Values (n,) [SI] by channel
 
 
 @dataclass
@@ -75,11 +71,10 @@ class RunFile:
         return {unit: channel_factor(channel, unit) / self.campaign.factor(channel) for unit in PROPOSED_UNITS[channel]}
 
 
-_IDLE = {
-    "speed": "follows from time and crank_angle",
-    **dict.fromkeys(MOTOR_LINE, "is of a motor, so it needs drive: motor,"),
+# Why a nuisance is idle, where it is not for want of something to act on
+_IDLE = dict.fromkeys(MOTOR_LINE, "is of a motor, so it needs drive: motor,") | {
+    "speed": "follows from time and crank_angle"
 }
-"""Why a nuisance is idle, where it is not for want of something to act on."""
 
 
 def read_measurements(campaign: Campaign, compared: bool = True) -> Measurements:
@@ -120,14 +115,14 @@ def check_copies(files: Mapping[str, tuple[RunFile, Columns]]) -> None:
         rows[run] = pd.util.hash_pandas_object(values, index=False).to_numpy()
     for one, other in combinations(files, 2):
         few, many = sorted((rows[one], rows[other]), key=len)
-        if np.unique(few).size < COPIED_SHARE * few.size:
+        if np.unique(few).size < 0.9 * few.size:
             continue  # rounded so that cycles of one run are alike: another run's may be too
         count = int(np.isin(few, many).sum())
-        if count > COPIED_SHARE * few.size:
+        if count > 0.9 * few.size:
             raise InputError(
-                f"{files[other][0].path}: the run '{other}' has the samples of the run '{one}' in "
-                f"{files[one][0].path} ({count} of {few.size} are the same to the last digit); a copy confirms "
-                "nothing: give the file that was measured in this run, or one run with role split"
+                f"{files[other][0].path}: the run '{other}' has the samples of the run '{one}' in {files[one][0].path} "
+                f"({count} of {few.size} are equal); a copy confirms nothing: give the file that was measured in this "
+                "run, or one run with role split"
             )
 
 
@@ -233,7 +228,7 @@ def _in_si(file: RunFile, columns: Columns) -> tuple[Samples, np.ndarray]:
         with np.errstate(over="ignore"):  # refused below
             values[name] = factor * written
         values[name][np.abs(values[name]) < 1e-150] = 0.0  # their squares underflow
-        if (huge := np.flatnonzero(np.abs(values[name]) > MAX_VALUE)).size:
+        if (huge := np.flatnonzero(np.abs(values[name]) > 1e12)).size:
             text = f"{written[huge[0]]:g} {channel.unit} is more than any sensor reads; correct it, or leave the cell"
             raise file.error(name, f"{text} empty where nothing was measured", columns.rows[huge[0]])
     place = "time" if "time" in values else "crank_angle"
@@ -404,11 +399,11 @@ def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray, rows: np
     if (still is None or turns_back) and (step := checks.lasting_step(time, angle, speed)) is not None:
         row, size = step
         sign = -1.0 if file.run.direction == "clockwise" else 1.0
+        place, size = file.place("crank_angle", rows[row]), sign * degrees(size)
         raise UnusableRun(
             "step",
-            f"{file.place('crank_angle', rows[row])}: the angle steps by {sign * degrees(size):.3g} deg at "
-            f"{time[row]:.6g} s and stays there: pulses that were lost or counted twice, or a counter that "
-            "overflowed; cut the record there, or mend the angle",
+            f"{place}: the angle steps by {size:.3g} deg at {time[row]:.6g} s and stays there: pulses that were lost "
+            "or counted twice, or a counter that overflowed; cut the record there, or mend the angle",
         )
     if still is None:
         return
@@ -435,7 +430,7 @@ def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: floa
     fitting = {}
     for unit, factor in file.in_units("crank_angle").items():
         in_unit = _mean_speed(time, continuous_angle(time, factor * angle, nominal))
-        fitting[unit] = abs(in_unit / nominal - 1.0) < SPEED_TOLERANCE
+        fitting[unit] = abs(in_unit / nominal - 1.0) < 0.2
     text = f"with the column {file.campaign.channels['time'].column} it makes a mean speed of {_rpm(speed)}, but the"
     raise file.error("crank_angle", f"{text} run's is {_rpm(nominal)}; {file.proposal('crank_angle', fitting)}")
 

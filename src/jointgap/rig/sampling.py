@@ -86,14 +86,9 @@ def planned_grid(
 
 
 def sample_grid(
-    time: np.ndarray,
-    read: np.ndarray,
-    speed: float,
-    first_angle: float | None,
-    resolution: float = 0.0,
-    constant: bool = True,
+    time: np.ndarray, read: np.ndarray, speed: float, first: float | None, step: float = 0.0, constant: bool = True
 ) -> SampleGrid:
-    """The samples of a recording."""
+    """The samples of a recording whose encoder reads in steps [rad]."""
     finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
@@ -101,16 +96,16 @@ def sample_grid(
         error, span = REACH * sd / math.sqrt(finite.sum()), max(float(np.ptp(elapsed[finite])), 1e-300)
         angle = first + slope * elapsed if constant else np.interp(elapsed, elapsed[finite], read[finite])
         # of a line through n points the first value has twice the standard error of the mean, the slope sqrt(12) / span
-        first_reach = 2.0 * error + 0.5 * resolution
-        speed_reach = (math.sqrt(12.0) * error + 0.5 * resolution) / span
+        first_reach = 2.0 * error + 0.5 * step
+        speed_reach = (math.sqrt(12.0) * error + 0.5 * step) / span
         return SampleGrid(time, read, angle, first, slope, first_reach, speed_reach)
     if timed:
-        first = first_angle or 0.0
+        first = first or 0.0
         return SampleGrid(time, read, first + speed * (time - time[0]), first, speed)
     rows = np.arange(read.size)
     slope, start, _ = _robust_line(rows[finite].astype(float), read[finite])
     angle = start + slope * rows
-    if np.abs(read - angle)[finite].max() > max(EVEN_ROWS, 2.0 * resolution):
+    if np.abs(read - angle)[finite].max() > max(EVEN_ROWS, 2.0 * step):
         angle = np.interp(rows, rows[finite], read[finite])
     return SampleGrid((angle - angle[0]) / speed, read, angle, float(angle[0]), speed, timed=False)
 

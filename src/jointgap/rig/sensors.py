@@ -80,7 +80,6 @@ class SensorFault:
     trial: Callable[[Any, str], tuple[float, float]] | None = None
     of_each_run: bool = False  # Whether each run has a parameter of its own
     steady: bool = False  # Whether a reading that does not change shows it too
-    either_sign: bool = True  # Whether the parameter may be negative in a blind trial
     before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
@@ -189,7 +188,6 @@ FAULTS = {
             law="lag_s dy/dt + y = u, first order, as of a filter or a slow transducer: a fast change comes late and "
             "smaller",
             trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
-            either_sign=False,
             over_time=lambda values, interval, lag: lagged(values, interval, lag) if lag else values,
             undone=lambda values, lag, times: values + lag * np.gradient(values, times),
         ),
@@ -201,7 +199,6 @@ FAULTS = {
             bounds=_late,
             law="y(t) = u(t - delay_s), a pure delay, as of a logger, a bus or USB: all comes late and nothing smaller",
             trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
-            either_sign=False,
             delays=True,
             undone=lambda values, delay, times: np.interp(times + delay, times, values),
         ),
@@ -219,23 +216,18 @@ FAULTS = {
 
 
 def sensor_candidates(
-    spreads: Mapping[str, float],
-    encoder: Sequence[str],
-    turning: float,
-    nuisances: Collection[str],
-    runs: Sequence[str],
-    told_offset: float | None,
+    spreads: Values, encoder: Sequence[str], turning: float, listed: Collection[str], runs: Sequence[str], told=None
 ) -> list[Candidate]:
     """Faults that the sensors could have: those named of the `encoder`, which other channels may say to be off by
-    `told_offset` [rad], and those of channels, whose readings vary by `spreads`.
+    `told` [rad], and those of channels, whose readings vary by `spreads`.
     """
     found = []
     for name in encoder:
         parameter = FAULTS[name].parameter
-        replaces = {name: parameter} if name in nuisances else {}
+        replaces = {name: parameter} if name in listed else {}
         candidate = FAULTS[name].candidate("sensor", Reading(0.0, "rad", turning), replaces, runs)
-        if told_offset and name == ENCODER_OFFSET:
-            candidate = replace(candidate, initial_guesses=({}, {parameter: told_offset}))
+        if told and name == ENCODER_OFFSET:
+            candidate = replace(candidate, initial_guesses=({}, {parameter: told}))
         found.append(candidate)
     return found + [
         fault.candidate(channel, Reading(spread, CHANNELS[channel], turning))

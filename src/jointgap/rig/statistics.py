@@ -205,12 +205,7 @@ def _start(mechanism: Mechanism, distance: np.ndarray, direction: np.ndarray) ->
 
 
 def chaotic_run(
-    campaign: Campaign,
-    plan: RunPlan,
-    channels: tuple[str, ...],
-    values: Values,
-    measured: Mapping[str, np.ndarray],
-    noise: Mapping[str, float | None],
+    campaign: Campaign, plan: RunPlan, channels: tuple[str, ...], values: Values, measured: Mapping, noise: Mapping
 ) -> ChaoticRun:
     """Learn the statistics of a run's chaotic channels from its model as it stands."""
     recorded = max(int(plan.samples.turned / tau) - SETTLING_CYCLES, 1)
