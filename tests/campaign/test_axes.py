@@ -11,7 +11,6 @@ from benchmarks.project import ROOT
 from jointgap.campaign import fits_on_disk as axes
 from jointgap.campaign.augment import missing_force
 from jointgap.config import Mechanism, load_mechanism
-from jointgap.core.candidates import Parameter
 
 pytestmark = pytest.mark.integration
 
@@ -41,16 +40,6 @@ def test_residuals_of_angles_are_those_of_the_file():
     found = axes.residuals_as_read(frame.assign(**dict.fromkeys(columns, 3.0)), {"slow"})
     assert (found["crank_angle"] == -2.0).all()
     assert found[list(columns)].to_numpy().tolist() == [[-3.0] * 5, [3.0] * 5]
-
-
-def test_a_first_angle_is_that_of_the_file_and_a_speed_is_positive():
-    ends = {"interval_50": [0.2, 0.4], "interval_90": [0.1, 0.5], "interval_99": [0.0, None]}
-    one = {"value": 0.3, "sd": 0.1, **ends}
-    first, speed = (Parameter(name, 0.0, run="slow") for name in ("first_angle", "speed"))
-    mirrored = {"interval_50": [-0.4, -0.2], "interval_90": [-0.5, -0.1], "interval_99": [None, -0.0]}
-    assert axes.parameter_as_read(first, one, {"slow"}) == {"value": -0.3, "sd": 0.1, **mirrored}
-    assert axes.parameter_as_read(speed, one, {"slow"}) == one
-    assert axes.parameter_as_read(first, one, {"fast"}) == one
 
 
 def test_the_missing_force_of_a_clockwise_run_is_the_mirror_image():

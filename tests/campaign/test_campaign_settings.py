@@ -53,7 +53,7 @@ def test_intervals_of_a_confirmation_come_from_as_many_samples_as_the_settings_s
     for draws in (1, 400):
         state = state_with(chain, tmp_path / str(draws), with_changed("confirmation", draws=draws))
         state.noise_with_numerics, state.baseline, state.screening = chain.noise, chain.recalibrated, chain.screening
-        state.rest_on(chain.recalibrated.base)
+        state.verdict_baseline = chain.recalibrated
         state.write_fits([chain.recalibrated.base], "decide/base")
         state.write_outcome(chain.outcome, "regress")
         stages.confirm(state)

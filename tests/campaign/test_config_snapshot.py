@@ -31,15 +31,15 @@ def read(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        (ACCELERATION, "", 'channels.slider_acceleration.column is gone, it was "acc_g"'),
-        (MID, "", 'runs.mid.file is gone, it was "demonstration/mid.csv"'),
-        (MID, MID + MID.replace("mid", "other"), 'runs.other.file = "demonstration/other.csv" is new'),
-        ("g_n}", "m/s^2}", 'channels.slider_acceleration.unit is "m/s^2" now, it was "g_n"'),
-        ("role: identify", "role: split", 'runs.slow.role is "split" now, it was "identify"'),
-        ("role: identify", "role: identify, direction: clockwise", 'runs.slow.direction is "clockwise" now'),
-        ("slider_mass: 5 %, ", "", "nuisance.slider_mass is gone, it was 0.05"),
-        ("noise: 0.1}", "noise: {slow: 0.1}}", "channels.crank_angle.noise is a mapping now, it was 0.1"),
-        ("nuisance: {slider_mass: 5 %, rod_mass: 5 %}", "", "nuisance.slider_mass is gone, it was 0.05"),
+        (ACCELERATION, "", 'channels.slider_acceleration.column: "acc_g" then, absent now'),
+        (MID, "", 'runs.mid.file: "demonstration/mid.csv" then, absent now'),
+        (MID, MID + MID.replace("mid", "other"), 'runs.other.file: absent then, "demonstration/other.csv" now'),
+        ("g_n}", "m/s^2}", 'channels.slider_acceleration.unit: "g_n" then, "m/s^2" now'),
+        ("role: identify", "role: split", 'runs.slow.role: "identify" then, "split" now'),
+        ("role: identify", "role: identify, direction: clockwise", 'then, "clockwise" now'),
+        ("slider_mass: 5 %, ", "", "nuisance.slider_mass: 0.05 then, absent now"),
+        ("noise: 0.1}", "noise: {slow: 0.1}}", "channels.crank_angle.noise: 0.1 then, absent now"),
+        ("nuisance: {slider_mass: 5 %, rod_mass: 5 %}", "", "nuisance.slider_mass: 0.05 then, absent now"),
         ("/ideal_joints.yaml", "/erkaya2009.yaml", "mechanism."),
     ],
 )
@@ -53,7 +53,7 @@ def test_what_has_changed_in_the_file_is_named_with_the_command_that_reads_it(re
 
 def test_runs_in_another_order_are_other_data(read):
     text, go_on = read
-    with pytest.raises(InputError, match="its keys stand in another order"):
+    with pytest.raises(InputError, match="other order"):
         _ = go_on(text.replace(MID, "").replace("runs:\n", f"runs:\n{MID}")).measurements
 
 

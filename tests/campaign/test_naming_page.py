@@ -43,9 +43,7 @@ def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
     (tmp_path / "campaign.yaml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1])
     (tmp_path / "mechanism.yaml").write_text(Path(mechanism).read_text())
     found = preflight_tables(load_campaign(tmp_path / "campaign.yaml"), 0.01)
-    printed = preflight_in_words(
-        found["detectable"], found["confusability"], pd.DataFrame(), pd.DataFrame({"alike": pd.Series(dtype=bool)})
-    ).splitlines()
+    printed = preflight_in_words(**found, advice=None).splitlines()
     shown = re.search(r"```\n(Effects that these runs.*?)```", PAGE, re.DOTALL)[1].splitlines()
     shown = [line for line in shown if line != "  ..." and not line.startswith("A further ")]
     places = {re.sub(NUMBER, "#", line): place for place, line in enumerate(printed)}

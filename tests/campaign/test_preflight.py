@@ -6,7 +6,6 @@ import pytest
 
 from benchmarks.project import ROOT
 from jointgap.campaign import plan
-from jointgap.campaign.fits_on_disk import undetectable
 from jointgap.config.load import load_campaign
 from jointgap.core import parquet, schema
 from jointgap.identification.preflight import Preflight
@@ -41,11 +40,11 @@ def planned(tmp_path, monkeypatch):
     for name, table in (("detectable", schema.DETECTABLE), ("confusability", schema.CONFUSABILITY)):
         parquet.write(table, frames[name], tmp_path / name)
         frames[name] = parquet.read(table, tmp_path / name)
-    return frames
+    return frames | {"advice": NO_ADVICE}
 
 
 def test_sizes_stand_with_their_unit_in_the_direction_in_which_they_show(planned):
-    said = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE).splitlines()
+    said = plan.preflight_in_words(**planned).splitlines()
     assert said[1:5] == [
         "  Coulomb friction of the slider: 0.0787 N",
         "  bending of the rod: natural frequency of the mode up to 157.2 Hz",
@@ -55,24 +54,23 @@ def test_sizes_stand_with_their_unit_in_the_direction_in_which_they_show(planned
 
 
 def test_what_could_not_be_simulated_is_not_called_undetectable(planned):
-    said = plan.preflight_in_words(planned["detectable"], planned["confusability"], NO_ADVICE).splitlines()
+    said = plan.preflight_in_words(**planned).splitlines()
     assert "Not detectable at any size within bounds: an unbalance of the crank" in said
     gas = "the pressure of a closed gas volume on the slider"
     assert f"Could not be simulated, so what size shows is not known: {gas} (the slider jams)" in said
 
 
 def test_a_verdict_says_nothing_of_what_cannot_be_seen_or_simulated(planned):
-    assert undetectable(planned["detectable"]) == ["crank_unbalance", "gas_pressure"]
+    assert plan.undetectable(planned["detectable"]) == ["crank_unbalance", "gas_pressure"]
 
 
 def test_the_noise_that_was_assumed_is_printed(planned):
-    frames = (planned["confusability"], NO_ADVICE)
-    lines = plan.preflight_in_words(planned["detectable"], *frames).splitlines()
+    lines = plan.preflight_in_words(**planned).splitlines()
     assert lines[-2:] == [
         "Assumed noise, where the campaign states none:",
         "  crank torque in run slow: 0.0042 N m, 2 % of what it varies by",
     ]
-    assert "ssumed" not in plan.preflight_in_words(planned["detectable"].assign(assumed=""), *frames)
+    assert "ssumed" not in plan.preflight_in_words(**planned | {"detectable": planned["detectable"].assign(assumed="")})
 
 
 def test_a_further_run_takes_no_name_that_a_run_has():

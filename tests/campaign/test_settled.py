@@ -11,8 +11,9 @@ import pytest
 from benchmarks.project import ROOT
 from jointgap.campaign import reoptimise, stages
 from jointgap.campaign.campaign_files import MECHANISM
-from jointgap.campaign.fits_on_disk import Outcome, gap_of
+from jointgap.campaign.fits_on_disk import Outcome
 from jointgap.campaign.state import FALSE_ALARM_RATE, CampaignState
+from jointgap.campaign.verdict_json import gap_of
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import SimulationError
@@ -90,7 +91,7 @@ def test_a_law_for_what_is_missing_is_sought_from_the_better_base(case, chain, b
 
 def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(case, chain, better, monkeypatch):
     nominal = chain.recalibrated.nominal
-    enough = Outcome("no_disagreement", "", nominal, better, [], chain.outcome.ranking)
+    enough = Outcome("no_disagreement", nominal, better, [], chain.outcome.ranking)
     monkeypatch.setattr(CampaignState, "outcome", lambda *_: enough)
     stages.confirm(case())
     gap = gap_of(case().folder.read("gaps"), "identify")
@@ -115,12 +116,12 @@ def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_m
 
     def optimised(models, speed):
         asked.append(set(models))
-        return pd.DataFrame([{"model": model} | row for model in models])
+        return pd.DataFrame([{"model": model} | row for model in models], columns=["model", *row])
 
     monkeypatch.setattr(reoptimise, "reoptimise", optimised)
     case = CampaignState(tmp_path / "loose.yaml", tmp_path)
     stages.reoptimise(case)
-    assert asked == ([{"base", "augmented"}] if called else [])
+    assert asked == [{"base", "augmented"} if called else set()]
     assert len(case.folder.read("campaign_optimum")) == (2 if called else 0)
 
 

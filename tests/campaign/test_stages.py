@@ -12,12 +12,8 @@ from benchmarks.project import ROOT
 from jointgap.campaign import plan, verdict_json
 from jointgap.campaign.campaign_files import FIT_TABLES, NOISE_TABLES
 from jointgap.campaign.fits_on_disk import (
-    confusability_frame,
-    confusable_groups,
     fits_from_frames,
     fits_to_frames,
-    gap_of,
-    held_out,
     hypothesis_of,
     noise_from_frames,
     noise_to_frames,
@@ -26,10 +22,14 @@ from jointgap.campaign.fits_on_disk import (
     signatures_from_frames,
     signatures_to_frames,
 )
+from jointgap.campaign.plan import confusable_groups
 from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.campaign.verdict_json import gap_of, held_out
+from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Parameter
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.schema import TABLES
 from jointgap.identification import hypothesis_fits, initial_fit, model_selection
 from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import FAILED, fit_hypothesis
@@ -229,16 +229,12 @@ def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, m
 
 def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain):
     found = confirm(chain.model, chain.noise, chain.recalibrated.base, chain.outcome.chosen)
-    windows = pd.DataFrame(
-        [{"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0, "p_adjusted": np.float64(1e-9)}]
-    )
-    gap = {role: gap_of(found.gaps, role) for role in ("identify", "confirm")}
-    concluded = verdict_json.Conclusion(
-        *("rig", chain.outcome, windows, found.gaps, gap),
-        [{"run": "fast", "part": "whole", "gap": {"before": 3.0, "after": None}, "not_simulated": "it flies off"}],
-        *({"undetectable": ["crank_unbalance"], "merged": [["a", "b"]]}, 0.01),
-    )
-    made = verdict_json.document(concluded)
+    tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES} | {"gaps": found.gaps}
+    window = {"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0, "p_adjusted": np.float64(1e-9)}
+    tables["map_windows"] = pd.DataFrame([window])
+    tables["confusability"] = pd.DataFrame({"first": ["a", "b"], "second": ["b", "a"], "merged": True})
+    campaign = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
+    made = verdict_json.document(chain.outcome, tables, campaign) | {"false_alarm_rate": 0.01}
     read = json.loads(verdict_json.text(made | {"seconds": {"fit": 1.0}}))
     validate(read, json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()))
     (effect,) = read["effects"]
@@ -265,9 +261,8 @@ def test_what_leaving_an_effect_out_costs_is_not_known_where_the_rest_cannot_be_
 
 
 def test_look_alikes_survive_as_groups_and_advice_names_what_separates_them():
-    labels = ["a", "b", "c"]
-    cosines = pd.DataFrame(np.eye(3), index=labels, columns=labels)
-    assert confusable_groups(confusability_frame(cosines, [["c", "a"]])) == [["a", "c"]]
+    pairs = pd.DataFrame({"first": list("abcac"), "second": list("abcca"), "merged": [False] * 3 + [True] * 2})
+    assert confusable_groups(pairs) == [["a", "c"]]
     advice = pd.DataFrame({"change": ["channel x", "run y"], "separated": ["b | c", "a | c, a | b"]})
     told = plan.separated_by(advice, [{"a"}, {"c"}], [["a", "c"]])
     assert told == "A further run y would separate them."

@@ -135,15 +135,12 @@ def test_a_campaign_that_names_nothing_is_listed_with_the_smallest_size_that_wou
         rig.add(day, named(1e-4 + 2e-7 * day))
     rig.trend()
     first = rig.sizes.iloc[0]
-    assert (first["counts"], first["reason"]) == (False, "not found: the mechanism as it stands leaves noise alone")
+    assert (first["counts"], first["reason"]) == (False, "not found; the verdict is no disagreement")
     assert first["smallest_detectable"] == 7e-5
     assert np.isnan(first["value"])
     assert rig.growth["dates"][0] == 3
     assert rig.growth["rate"][0] == pytest.approx(2e-7)
-    assert (
-        "| 2026-01-01 | rig-0 | – | – | – | – | – | 70 | not found: the mechanism as it stands leaves noise alone |"
-        in rig.page
-    )
+    assert "| 2026-01-01 | rig-0 | – | – | – | – | – | 70 | not found; the verdict is no disagreement |" in rig.page
 
 
 @pytest.mark.parametrize(

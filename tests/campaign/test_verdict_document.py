@@ -10,10 +10,13 @@ import pandas as pd
 import pytest
 from scipy.stats import truncnorm
 
+from benchmarks.project import ROOT
 from jointgap.campaign import verdict_json
 from jointgap.campaign.fits_on_disk import Outcome, outcome_with_law, ranking_frame
+from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
+from jointgap.core.schema import TABLES
 from jointgap.identification.decide_verdict import weigh
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS, Fit
 from jointgap.identification.force_law import ForceLawResult
@@ -47,7 +50,8 @@ CUBE, WAVE = effect("discovered_slider_force[v^3]", "size"), effect("discovered_
 
 def outcome_of(chosen, base=None, equivalent=(), ranking=()):
     rows = pd.DataFrame(ranking, columns=["explanation", "bic"]).assign(admissible=True)
-    return Outcome("named", "it is so", chosen, base or fitted([], [1.0], 900.0), list(equivalent), rows)
+    base = base or fitted([], [1.0], 900.0)
+    return Outcome("named", chosen, base, list(equivalent), rows, because="it is so")
 
 
 def gaps(after=(1.0, 1.05), fall=(60.0, 64.0), features=(np.nan, np.nan)):
@@ -62,33 +66,31 @@ def gaps(after=(1.0, 1.05), fall=(60.0, 64.0), features=(np.nan, np.nan)):
     return pd.DataFrame(rows)
 
 
-def document(outcome, **changes):
+CAMPAIGN = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
+
+
+def document(outcome, campaign=CAMPAIGN, **given):
     windows = [("slow", "crank_torque", 350.0, 10.0, 2.0, 1e-9), ("fast", "guide_force", 20.0, 40.0, 3.0, 0.004)]
-    given = {
-        "campaign": "rig-a",
-        "outcome": outcome,
-        "windows": pd.DataFrame(windows, columns=["run", "channel", "start_deg", "end_deg", "rms", "p_adjusted"]),
-        "gaps": gaps(),
-        "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": None}},
-        "held_out": [{"run": "fast", "part": "whole"}],
-        "preflight": {"undetectable": ("gravity",), "merged": [["a", "b"]]},
-        "false_alarm_rate": 0.02,
-    }
-    return verdict_json.document(verdict_json.Conclusion(**given | changes))
+    columns = ["run", "channel", "start_deg", "end_deg", "rms", "p_adjusted"]
+    tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
+    tables |= {"gaps": given.pop("gaps", gaps()), "map_windows": pd.DataFrame(windows, columns=columns)}
+    tables["detectable"] = pd.DataFrame({"label": ["gravity"], "detectable": [False]})
+    tables["confusability"] = pd.DataFrame({"first": ["a", "b"], "second": ["b", "a"], "merged": True})
+    return verdict_json.document(outcome, tables, campaign, **given)
 
 
 def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_is_met():
     chosen = fitted([FRICTION], [1.5, 20.0])
-    content = document(outcome_of(chosen), separated_by="A faster run.")
+    content = document(outcome_of(chosen))
     assert {key: content[key] for key in content if key not in ("effects", "nuisances")} == {
         "schema_version": 1,
-        "campaign": "rig-a",
+        "campaign": "demonstration",
         "verdict": "named",
         "because": "it is so",
         "basis": "samples",
         "equivalent": [],
         "certain": [],
-        "separated_by": "A faster run.",
+        "separated_by": "",
         "best_known": None,
         "interval_factor": 1.0,
         "held_out_test": "falls",
@@ -99,13 +101,12 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
             {"run": "fast", "channel": "guide_force", "crank_angle_deg": [20.0, 40.0], "p_adjusted": 0.004},
         ],
         "orders": [],
-        "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": None}},
-        "held_out": [{"run": "fast", "part": "whole"}],
+        "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": 8.0, "after": 1.05}},
+        "held_out": [],
         "preflight": {"undetectable": ["gravity"], "merged": [["a", "b"]]},
-        "false_alarm_rate": 0.02,
+        "false_alarm_rate": None,
     }
     assert list(content)[5:9] == ["effects", "equivalent", "certain", "separated_by"]
-    assert document(outcome_of(chosen))["separated_by"] == ""
 
 
 def normal(value, sd, **tolerance):
@@ -181,7 +182,8 @@ def test_nuisances_stand_with_value_and_standard_error_or_the_reason_why_there_i
     chosen = fitted([], [0.3, 1.5], nuisances=(START, MASS))
     angle = {"value": 0.3, "sd": pytest.approx(0.1)} | normal(0.3, 0.1, abs=0.02)
     assert document(outcome_of(chosen))["nuisances"]["first_angle@back"] == angle
-    turned = document(outcome_of(chosen), clockwise=("back",))["nuisances"]
+    back = CAMPAIGN.runs[0].model_copy(update={"id": "back", "direction": "clockwise"})
+    turned = document(outcome_of(chosen), CAMPAIGN.model_copy(update={"runs": (back,)}))["nuisances"]
     mirrored = {"value": -0.3} | normal(-0.3, 0.1, abs=0.02)
     assert turned["first_angle@back"] == angle | mirrored
     assert turned["mass"]["value"] == 1.5
@@ -263,8 +265,8 @@ def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_neares
         ("wave", best.bic + 432.0, 0.1, True),
     ]
     ranking = pd.DataFrame(rows, columns=columns)
-    outcome = Outcome("unexplained", "it is poor", base, base, [], ranking, best)
-    content = document(outcome, gaps=gaps((6.0, 5.9), (-3.0, 40.0)), doubted_channels=["torque"])
+    outcome = Outcome("unexplained", base, base, [], ranking, because="it is poor", best_known=best)
+    content = document(outcome, gaps=gaps((6.0, 5.9), (-3.0, 40.0)), doubted=["torque"])
     known = content["best_known"]
     assert content["effects"] == []
     assert [one["name"] for one in known["effects"]] == ["friction", "spring"]
@@ -290,12 +292,12 @@ def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every
     base, law = fitted([], [1.0], 900.0), fitted([CUBE], [1.5, -2.5], chi2)
     effect = None if known is None else fitted([FRICTION], [1.5, 20.0], known)
     limits = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0)
-    found = Outcome("unexplained", "it is poor", base, base, [], ranking_frame([]), effect)
+    found = Outcome("unexplained", base, base, [], ranking_frame([]), because="it is poor", best_known=effect)
     proposed = ForceLawResult(law, False, "it explains little", ranking=[weigh(base, law, limits)])
     outcome = outcome_with_law(found, proposed)
     best = {"law": law, "effect": effect, None: None}[shown]
     assert outcome.best_known is best
-    (row,) = outcome.ranking.to_dict("records")
+    (row,) = outcome.placed_ranking.to_dict("records")
     assert row["place"] == ("best_known" if shown == "law" else "")
 
 

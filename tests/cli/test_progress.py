@@ -35,7 +35,6 @@ def test_a_log_gets_a_line_now_and_then(monkeypatch, capsys):
 def test_a_terminal_gets_bars_that_leave_nothing_behind(monkeypatch, capsys):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(cli, "_SECONDS_OF_SILENCE", -1.0)
-    monkeypatch.setattr(cli, "_SECONDS_BETWEEN_UPDATES", 0.0)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with progress_shown():
         for _ in followed(range(3), "fits of effects"):

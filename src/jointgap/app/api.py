@@ -1,30 +1,19 @@
 """The package from Python."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign import verdict_json as documents
+from jointgap.campaign import plan, verdict_json
+from jointgap.campaign import sentences as say
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
-from jointgap.campaign.fits_on_disk import assumed, confusable_groups, undetectable
-from jointgap.campaign.plan import preflight_in_words, preflight_tables, preflight_tables_with_advice
-from jointgap.campaign.sentences import (
-    answer,
-    effect_in_words,
-    label_in_words,
-    parameter_rows,
-    shown_size,
-    sure_value,
-    unit_of,
-)
 from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.config import (
     Mechanism,
@@ -42,11 +31,11 @@ from jointgap.config.load import load_campaign
 from jointgap.config.variations import change
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.joints import FROM_FRAME, JOINT_NUMBERS
-from jointgap.core.parquet import read_table
+from jointgap.core.joints import FROM_FRAME, outputs
+from jointgap.core.parquet import read_table, with_units
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.words import in_words, joined, number, reading_unit, rounded_gap
-from jointgap.designs.ensemble import EVENTS, RUNS, SAMPLES, ensemble_runs, write_ensemble
+from jointgap.designs import ensemble as designs_ensemble
 from jointgap.designs.run import failures, table_of
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import DESIGN_STAGES
@@ -67,30 +56,28 @@ Row = tuple[str, float | int | str, str]
 """Quantity, value and unit of a line of a summary."""
 
 
-class Result(ABC):
+class Result:
     """A result that shows itself: as text, as a table in a notebook, and in figures.
 
     Attributes
     ----------
     remarks : tuple of str
         What one should know before trusting it, in sentences.
+    figures : mapping of str to str
+        Names that `plot` takes, with the titles of the figures; the first one is drawn without a name.
     """
 
     remarks: tuple[str, ...]
-    _HEADLINE: ClassVar[str]
+    figures: Mapping[str, str]
+    _HEADLINE: str
 
-    @abstractmethod
     def _rows(self) -> Sequence[Row]:
         """The lines of the summary."""
+        raise NotImplementedError
 
-    @property
-    @abstractmethod
-    def figures(self) -> Mapping[str, str]:
-        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
-
-    @abstractmethod
     def _draw(self, name: str) -> "Drawing":
         """The figure `name`, which is one of `figures`."""
+        raise NotImplementedError
 
     def plot(self, name: str | None = None) -> "Drawing":
         """Draw a figure of the result.
@@ -145,13 +132,11 @@ class Result(ABC):
         """A small table for a notebook."""
         rows = "".join(
             f"<tr><td style='text-align:left'>{escape(row.quantity)}</td>"
-            f"<td style='text-align:right'>{escape(row.value)}</td>"
-            f"<td style='text-align:left'>{escape(row.unit)}</td></tr>"
+            f"<td style='text-align:right'>{escape(row.value)}</td><td>{escape(row.unit)}</td></tr>"
             for row in self._shown().itertuples()
         )
         remarks = "".join(f"<p>Remark: {escape(remark)}</p>" for remark in self.remarks)
-        caption = f"<caption style='text-align:left'><b>{escape(self._HEADLINE)}</b></caption>"
-        return f"<table>{caption}<tbody>{rows}</tbody></table>{remarks}"
+        return f"<table><caption><b>{escape(self._HEADLINE)}</b></caption><tbody>{rows}</tbody></table>{remarks}"
 
 
 def _in_digits(value: float | int | str, unit: str) -> str:
@@ -221,44 +206,36 @@ class Motion(Result):
         >>> run.unit("crank_angle")
         'rad'
         """
-        units = self.events.attrs["units"] | self.samples.attrs["units"]
-        return parquet.unit_in(units, column)
+        return parquet.unit_in(self.events.attrs["units"] | self.samples.attrs["units"], column)
 
     @property
     def figures(self) -> Mapping[str, str]:
         """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
         loose = self.mechanism.applied().loose
-        names = sorted(_MOTION_FIGURES, key=lambda name: name != ("orbits" if loose else "drive_and_guide"))
+        first = "orbits" if loose else "drive_and_guide"
+        names = sorted(_MOTION_FIGURES, key=lambda name: name != first)
         titles = {
             name: FIGURES[_MOTION_FIGURES[name]].title.partition(" (")[0] for name in names
         }  # the paper's numbers apart
         return {name: title for name, title in titles.items() if loose or name not in _OF_LOOSE_JOINTS}
 
-    def _draw(self, name: str):
+    def _draw(self, name: str) -> "Drawing":
         from jointgap.scenario.kinematics import linkage_frames, motion_table
 
+        mechanism, spec = self.mechanism.applied(), FIGURES[_MOTION_FIGURES[name]]
         frames = {"trajectory": self.samples, "events": self.events}
-        if "kinematics" in FIGURES[_MOTION_FIGURES[name]].tables:
-            frames["kinematics"] = motion_table(
-                linkage_frames(self._scenario.mechanism, self._first), self._first["crank_angle"].to_numpy()
-            )
-        return FIGURES.draw(_MOTION_FIGURES[name], frames, self._scenario)
-
-    @cached_property
-    def _first(self) -> pd.DataFrame:
-        return self.samples.iloc[: self.options.samples_per_revolution + 1]
-
-    @cached_property
-    def _scenario(self) -> Scenario:
-        """What figures take for a scenario: its settled revolution is the last one."""
-        scenario = Scenario(mechanism=self.mechanism.applied(), simulate=self.options)
+        if "kinematics" in spec.tables:
+            first = self.samples.iloc[: self.options.samples_per_revolution + 1]
+            frames["kinematics"] = motion_table(linkage_frames(mechanism, first), first["crank_angle"].to_numpy())
+        # what figures take for a scenario: its settled revolution is the last one
         last = Optimise(ensemble={"settled_revolution": self.options.revolutions})
-        return scenario.model_copy(update={"optimise": last})
+        scenario = Scenario(mechanism=mechanism, simulate=self.options).model_copy(update={"optimise": last})
+        return FIGURES.draw(_MOTION_FIGURES[name], frames, scenario)
 
     def _rows(self) -> list[Row]:
         mechanism, revolutions = self.mechanism.applied(), self.options.revolutions
         time = self.samples["time"].to_numpy()
-        last = self.samples.iloc[(revolutions - 1) * self.options.samples_per_revolution :]
+        last = (revolutions - 1) * self.options.samples_per_revolution
         rows: list[Row] = [
             ("crank length", 1e3 * mechanism.crank.length, "mm"),
             ("rod length", 1e3 * mechanism.rod.length, "mm"),
@@ -266,7 +243,7 @@ class Motion(Result):
             ("revolutions", revolutions, ""),
         ]
         for joint in FROM_FRAME:
-            words = in_words(joint)
+            words, force = in_words(joint), np.hypot(self.samples[f"{joint}_force_x"], self.samples[f"{joint}_force_y"])
             if joint in mechanism.loose:
                 own = contacts(self.events, joint)
                 rows += [
@@ -275,14 +252,9 @@ class Motion(Result):
                     (f"{words}: time in contact", 100 * (1 - time_shares(own, time[0], time[-1])["flight"]), "%"),
                 ]
             peaks = self.events.loc[self.events["joint"] == joint, "peak_force"].dropna()
-            largest = max([_largest_force(self.samples, joint), *peaks])
-            rows.append((f"{words}: largest force, the start included", largest, "N"))
-            rows.append((f"{words}: largest force in the last revolution", _largest_force(last, joint), "N"))
+            rows.append((f"{words}: largest force, the start included", float(max([force.max(), *peaks])), "N"))
+            rows.append((f"{words}: largest force in the last revolution", float(force[last:].max()), "N"))
         return rows
-
-
-def _largest_force(samples: pd.DataFrame, joint: str) -> float:
-    return float(np.hypot(samples[f"{joint}_force_x"], samples[f"{joint}_force_y"]).max())
 
 
 def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbation=None, **keys: Any) -> Motion:
@@ -324,33 +296,33 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
     """
     options = simulate_options(options, keys)
     run = simulated(checked_mechanism(mechanism), options, perturbation)
-    samples, events = (
-        parquet.with_units(table, frame)
-        for table, frame in ((schema.TRAJECTORY, run.samples), (schema.EVENTS, run.events))
-    )
+    samples, events = with_units(schema.TRAJECTORY, run.samples), with_units(schema.EVENTS, run.events)
     return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism))
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:
     """The `mechanism`, if it is one."""
-    if not isinstance(mechanism, Mechanism):
-        raise InputError(f"mechanism: is {_kind(mechanism)}, no Mechanism; load one with load_mechanism(path)")
-    return mechanism
+    return _of_kind(mechanism, Mechanism, "mechanism", "load one with load_mechanism(path)")
 
 
 def simulate_options(options: Any, keys: Mapping[str, Any]) -> Simulate:
     """The `options`, a `Simulate` or None, with other values of some `keys`."""
     if options is None:
         return Simulate(**keys)
-    if not isinstance(options, Simulate):
-        raise InputError(
-            f"options: is {_kind(options)}, no Simulate; write Simulate(speed='600 rpm') or speed='600 rpm'"
-        )
+    options = _of_kind(options, Simulate, "options", "write Simulate(speed='600 rpm') or speed='600 rpm'")
     return change(options, keys) if keys else options
 
 
-def _kind(value: Any) -> str:
-    return "text" if isinstance(value, str) else f"of type {type(value).__name__}"
+def _of_kind(value: Any, kind: type, name: str, fix: str) -> Any:
+    if isinstance(value, kind):
+        return value
+    given = "text" if isinstance(value, str) else f"of type {type(value).__name__}"
+    raise InputError(f"{name}: is {given}, no {kind.__name__}; {fix}")
+
+
+def _given(**keys: Any) -> dict[str, Any]:
+    """What is not left to its default."""
+    return {key: value for key, value in keys.items() if value is not None}
 
 
 @dataclass(frozen=True)
@@ -368,17 +340,17 @@ class Motions:
     @cached_property
     def runs(self) -> pd.DataFrame:
         """One row a run: what it differs in, how it started, and why it failed where it did."""
-        return read_table(self.folder / RUNS)
+        return read_table(self.folder / designs_ensemble.RUNS)
 
     @cached_property
     def events(self) -> pd.DataFrame:
         """One row a beginning or end of contact, of all runs (column ``run``)."""
-        return read_table(self.folder / EVENTS)
+        return read_table(self.folder / designs_ensemble.EVENTS)
 
     @cached_property
     def samples(self) -> pd.DataFrame:
         """One row a sample, of all runs (column ``run``); of large ensembles read the file in parts instead."""
-        return read_table(self.folder / SAMPLES)
+        return read_table(self.folder / designs_ensemble.SAMPLES)
 
 
 def ensemble(
@@ -439,9 +411,9 @@ def ensemble(
     >>> sweep.runs[["clearance", "friction", "events"]].shape
     (4, 3)
     """
-    given = {"vary": vary, "members": members, "perturbation": perturbation, "seed": seed}
-    runs = Runs(**{key: value for key, value in given.items() if value is not None})
-    write_ensemble(ensemble_runs(checked_mechanism(mechanism), simulate_options(options, keys), runs), folder, workers)
+    runs = Runs(**_given(vary=vary, members=members, perturbation=perturbation, seed=seed))
+    motions = designs_ensemble.ensemble_runs(checked_mechanism(mechanism), simulate_options(options, keys), runs)
+    designs_ensemble.write_ensemble(motions, folder, workers)
     return Motions(Path(folder))
 
 
@@ -526,16 +498,17 @@ class SweptDesigns(Result):
         return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, _MEASURES[name])
 
     def _rows(self) -> Sequence[Row]:
-        rows: list[Row] = [("designs", self._drawn.number, "")]
-        rows.append(("failed", sum(failures(self.dataset).values()), ""))
+        rows: list[Row] = [("designs", self._drawn.number, ""), ("failed", failures(self.dataset).total(), "")]
         for axis in self._drawn.axes:
             values = self.read(axis.key)[axis.key]
             if axis.column.kind != "float":
                 rows.append((f"{axis.key}, varied", ", ".join(sorted(map(str, values.unique()))), ""))
                 continue
             unit, factor = reading_unit(axis.unit)
-            rows.append((f"{axis.key}, smallest", factor * float(values.min()), unit))
-            rows.append((f"{axis.key}, largest", factor * float(values.max()), unit))
+            rows += [
+                (f"{axis.key}, smallest", factor * float(values.min()), unit),
+                (f"{axis.key}, largest", factor * float(values.max()), unit),
+            ]
         for name, median in self._measured.items():
             unit, factor = reading_unit(_MEASURES[name].unit)
             rows.append((_MEASURES[name].description.partition(";")[0], factor * median, "" if unit == "1" else unit))
@@ -618,18 +591,17 @@ def sweep(
     (64, 3)
     >>> swept.plot("angle_error_rms").save("error.png")
     """
-    given = {"parameters": parameters, "design": design, "number": number, "seed": seed, "window": window}
-    given |= {"best_lengths": best_lengths, "designs_per_job": designs_per_job}
+    given = _given(parameters=parameters, design=design, number=number, seed=seed, window=window)
+    given |= _given(best_lengths=best_lengths, designs_per_job=designs_per_job)
     scenario = Scenario(
         mechanism=checked_mechanism(mechanism),
         simulate=simulate_options(options, keys),
-        sweep=validate(Sweep, {key: value for key, value in given.items() if value is not None}, "sweep"),
+        sweep=validate(Sweep, given, "sweep"),
     )
     DESIGN_STAGES["sweep"].function(scenario, Path(folder), workers)
     return SweptDesigns(Path(folder), designs_of(scenario))
 
 
-_NETWORKS = "networks"
 _WRITTEN = SCENARIO_STAGES["optimise"].writes
 
 
@@ -698,27 +670,44 @@ class Optimum(Result):
     def _rows(self) -> list[Row]:
         found, gain = self._outcome, self._outcome.gain
         (old_crank, old_rod), (crank, rod) = found.original, found.lengths
+<<<<<<< HEAD
         before, after = (row for _, row in found.pair("optimise_worth", "simulated").iterrows())
         old_force, force = found.peak_force
         over = f"over {found.words_of(found.stretch)}"
+=======
+        before, after = found.cycle("simulated")
+        error, force = f"RMS error of the transmission angle over {found.stretch_in_words}", "largest force in a pin"
+        shares = {"": gain.reduction, ", 5 % of pairs of runs": gain.low, ", 95 % of pairs of runs": gain.high}
+>>>>>>> bf0743e (Campaign and app: one page of sections, plain sentences, one figure a function, modules by use)
         return [
             ("crank length", 1e3 * crank, "mm"),
             ("changes by", 1e3 * (crank - old_crank), "mm"),
             ("rod length", 1e3 * rod, "mm"),
             ("changes by", 1e3 * (rod - old_rod), "mm"),
             ("lies at a bound", joined(found.bounds) or "no", ""),
+<<<<<<< HEAD
             (f"RMS error of the transmission angle {over}, before", float(np.degrees(gain["original_error"])), "deg"),
             (f"RMS error of the transmission angle {over}, after", float(np.degrees(gain["error"])), "deg"),
             ("falls by", 100.0 * float(gain["reduction"]), "%"),
             ("falls by, 5 % of pairs of runs", 100.0 * float(gain["reduction_low"]), "%"),
             ("falls by, 95 % of pairs of runs", 100.0 * float(gain["reduction_high"]), "%"),
+=======
+            (f"{error}, before", float(np.degrees(gain.before)), "deg"),
+            (f"{error}, after", float(np.degrees(gain.after)), "deg"),
+            *((f"falls by{which}", 100.0 * share, "%") for which, share in shares.items()),
+>>>>>>> bf0743e (Campaign and app: one page of sections, plain sentences, one figure a function, modules by use)
             *(
                 (f"{in_words(name)} changes by", 1e3 * float(after[name] - before[name]), "mm")
                 for name in ("stroke", "outer_dead_centre", "inner_dead_centre")
             ),
-            ("largest force in a pin, before", old_force, "N"),
-            ("largest force in a pin, after", force, "N"),
+            *zip(
+                (f"{force}, before", f"{force}, after"), map(_largest, found.peak_pin_forces), ("N", "N"), strict=True
+            ),
         ]
+
+
+def _largest(forces: Mapping[str, float]) -> float:
+    return max(forces.values())
 
 
 def optimise(
@@ -782,37 +771,23 @@ def optimise(
     if not applied.loose:
         raise InputError("optimise: all joints are ideal, so the transmission angle has no error; make one loose")
     motion = simulate(mechanism, scenario.simulate)
-    trained = _trained(motion, scenario.surrogate) if "surrogate" in sections else {}
-    fits = {_NETWORKS: {name: fits[0].network.values_and_slopes for name, fits in trained.items()}} if trained else {}
+    trained = {}
+    if "surrogate" in sections:
+        from jointgap.networks.train import train  # PyTorch takes seconds to start
+
+        for name in outputs(applied.loose):
+            if "_" not in name:  # clearance vectors are all that the search takes
+                trained[name] = train(motion.samples, name, scenario.surrogate)
+    fits = {"networks": {name: own[0].network.values_and_slopes for name, own in trained.items()}} if trained else {}
     # without networks no samples are kept from them: the points of their grid are the two ends
     points = scenario.surrogate.training_points if trained else 2
     found = optimised(applied, scenario.simulate, scenario.optimise, points, motion.samples, fits)
-    frames = {table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN}
-    errors = [
-        pd.DataFrame(columns=schema.FIT_ERRORS.names),
-        *(one.errors() for fits in trained.values() for one in fits),
-    ]
-    result = outcome(frames | {"fit_errors": pd.concat(errors) if trained else errors[0]}, scenario)
-    return Optimum(
-        mechanism=applied.with_lengths(*result.lengths),
-        original=motion,
-        tables={
-            table.name.removeprefix("optimise_"): parquet.with_units(table, frames[table.name]) for table in _WRITTEN
-        },
-        _outcome=result,
-    )
-
-
-def _trained(motion: Motion, options: Surrogate) -> dict[str, Any]:
-    """Networks of the clearance vectors, which are all that the search takes of them, by output."""
-    from jointgap.networks.train import train  # PyTorch takes seconds to start
-
-    numbers = [JOINT_NUMBERS[joint] for joint in motion.mechanism.applied().loose]
-    outputs = [f"{name}{number}" for number in numbers for name in ("r", "gamma")]
-    return {output: train(motion.samples, output, options) for output in outputs}
-
-
-_ENDINGS = (".yaml", ".yml", ".json")
+    tables = {table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN}
+    errors = [one.errors() for own in trained.values() for one in own]
+    errors = pd.concat(errors) if errors else pd.DataFrame(columns=schema.FIT_ERRORS.names)
+    result = outcome(tables | {"fit_errors": errors}, scenario)
+    shown = {table.name.removeprefix("optimise_"): with_units(table, tables[table.name]) for table in _WRITTEN}
+    return Optimum(applied.with_lengths(*result.lengths), motion, shown, result)
 
 
 @dataclass(frozen=True)
@@ -876,25 +851,21 @@ class Verdict(Result):
     @property
     def sentence(self) -> str:
         """The verdict in a sentence or two."""
-        return answer(self.document)
+        return say.answer(self.document)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """What is named, one entry a parameter; empty where nothing is."""
-        return tuple(
-            Finding(
-                effect=effect_in_words(effect),
-                name=effect["name"],
-                site=effect["site"],
-                parameter=parameter,
-                size=estimate["value"],
-                unit=unit_of(effect["name"], effect["site"], parameter),
-                sd=estimate.get("sd"),
-                interval=tuple(estimate["interval_90"]) if estimate.get("interval_90") else None,
-            )
-            for effect in self.document["effects"]
-            for parameter, estimate in effect["parameters"].items()
-        )
+        found = []
+        for effect in self.document["effects"]:
+            words, name, site = say.effect_in_words(effect), effect["name"], effect["site"]
+            for parameter, own in effect["parameters"].items():
+                size, interval = (
+                    (own["value"], say.unit_of(name, site, parameter), own.get("sd")),
+                    own.get("interval_90"),
+                )
+                found.append(Finding(words, name, site, parameter, *size, interval and tuple(interval)))
+        return tuple(found)
 
     @property
     def effect(self) -> str | None:
@@ -924,7 +895,7 @@ class Verdict(Result):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What the data made worth saying, before anything was concluded from them."""
-        return tuple(self._tables.read("remarks")["remark"])
+        return tuple(ResultsFolder(self.folder).read("remarks")["remark"])
 
     @property
     def figures(self) -> Mapping[str, str]:
@@ -934,17 +905,14 @@ class Verdict(Result):
     def _draw(self, name: str):
         from jointgap.campaign.page import figure_tables
 
-        return CAMPAIGN_FIGURES.draw(name, figure_tables(self._tables, CAMPAIGN_FIGURES[name].tables), self.document)
-
-    @cached_property
-    def _tables(self) -> ResultsFolder:
-        return ResultsFolder(self.folder)
+        frames = figure_tables(ResultsFolder(self.folder), CAMPAIGN_FIGURES[name].tables)
+        return CAMPAIGN_FIGURES.draw(name, frames, self.document)
 
     def _rows(self) -> list[Row]:
         rows: list[Row] = [("verdict", in_words(self.kind), "")]
-        rows += [(name, sure_value(*row), "") for name, *row in parameter_rows(self.document["effects"])]
+        rows += [(name, say.sure_value(*row), "") for name, *row in say.parameter_rows(self.document["effects"])]
         rows += [
-            (f"explanation {place}", joined(map(effect_in_words, effects)), "")
+            (f"explanation {place}", joined(map(say.effect_in_words, effects)), "")
             for place, effects in enumerate(self.document["equivalent"], 1)
         ]
         words = {"identify": "data used for fitting", "confirm": "held-out data"}
@@ -1018,7 +986,7 @@ def read_verdict(folder: Path | str) -> Verdict:
     >>> jg.read_verdict("results/campaigns/demonstration").kind
     'named'
     """
-    return Verdict(Path(folder), documents.read(Path(folder) / VERDICT))
+    return Verdict(Path(folder), verdict_json.read(Path(folder) / VERDICT))
 
 
 def campaign_file(path: Path | str) -> Path:
@@ -1032,7 +1000,9 @@ def campaign_file(path: Path | str) -> Path:
     path = Path(path)
     if not path.is_dir():
         return path
-    files = sorted(file for file in path.iterdir() if file.suffix in _ENDINGS and "channels" in read_yaml(file))
+    files = sorted(
+        file for file in path.iterdir() if file.suffix in (".yaml", ".yml", ".json") and "channels" in read_yaml(file)
+    )
     if len(files) != 1:
         names = ", ".join(file.name for file in files)
         what = f"holds several campaign files ({names}); name one" if files else "holds no campaign file; name one"
@@ -1068,18 +1038,17 @@ class Preflight(Result):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Noise that was assumed where the campaign states none."""
-        return tuple(f"assumed noise: {text}" for text in assumed(self.detectable))
+        return tuple(f"assumed noise: {text}" for text in plan.assumed(self.detectable))
 
     @property
     def merged(self) -> list[list[str]]:
         """Groups of effects that these runs and channels cannot tell apart."""
-        return confusable_groups(self.confusability)
+        return plan.confusable_groups(self.confusability)
 
     @property
     def text(self) -> str:
         """What was found as lines of text, as `jointgap preflight` prints it; without what was not sought."""
-        advice = pd.DataFrame(columns=schema.ADVICE.names) if self.advice is None else self.advice
-        return preflight_in_words(self.detectable, self.confusability, advice)
+        return plan.preflight_in_words(self.detectable, self.confusability, self.advice)
 
     @property
     def figures(self) -> Mapping[str, str]:
@@ -1087,21 +1056,15 @@ class Preflight(Result):
         return {name: CAMPAIGN_FIGURES[name].title for name in ("detectable", "confusability")}
 
     def _draw(self, name: str):
-        told = {"undetectable": undetectable(self.detectable), "merged": self.merged}
-        return CAMPAIGN_FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, {"preflight": told})
+        told = {"preflight": {"merged": self.merged}}
+        return CAMPAIGN_FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, told)
 
     def _rows(self) -> list[Row]:
-        rows: list[Row] = [
-            (
-                label_in_words(row.label),
-                f"shows {'' if row.falls else 'from '}"
-                + shown_size(row.label, row.parameter, row.smallest_detectable, row.unit, row.falls),
-                "",
-            )
-            for row in self.detectable[self.detectable["detectable"]].itertuples()
-        ]
-        rows += [(label_in_words(label), "not detectable", "") for label in undetectable(self.detectable)]
-        rows += [("cannot be told apart", joined(map(label_in_words, group)), "") for group in self.merged]
+        shown = self.detectable[self.detectable["detectable"]].itertuples()
+        sizes = ((row, "shows " if row.falls else "shows from ") for row in shown)
+        rows: list[Row] = [(say.label_in_words(row.label), words + say.shown_size(row), "") for row, words in sizes]
+        rows += [(say.label_in_words(label), "not detectable", "") for label in plan.undetectable(self.detectable)]
+        rows += [("cannot be told apart", joined(map(say.label_in_words, group)), "") for group in self.merged]
         return rows
 
 
@@ -1137,9 +1100,5 @@ def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
     >>> plan.plot("detectable").save("detectable.png")
     """
     planned = load_campaign(campaign_file(campaign))
-    tables = preflight_tables_with_advice if advice else preflight_tables
-    return Preflight(planned.name, **_with_units(tables(planned, FALSE_ALARM_RATE)))
-
-
-def _with_units(frames: Mapping[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-    return {name: parquet.with_units(schema.TABLES[name], frame) for name, frame in frames.items()}
+    frames = plan.preflight_tables(planned, FALSE_ALARM_RATE, advice=advice)
+    return Preflight(planned.name, **{name: with_units(schema.TABLES[name], own) for name, own in frames.items()})

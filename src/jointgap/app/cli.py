@@ -2,15 +2,16 @@
 
 import errno
 import inspect
+import json
 import math
 import os
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -38,18 +39,15 @@ if TYPE_CHECKING:
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-
 options_option = click.option(
     "--options", required=True, help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text."
 )
-
 workers_option = click.option(
     "--workers", type=click.IntRange(min=1), help="Runs side by side; as many as there are cores when absent."
 )
 
 
-def need(flag: str, meaning: str, kind: click.Path = FILE) -> Decorator:
+def need(flag: str, meaning: str, kind: click.Path = FILE) -> Callable:
     """A required option `flag` that names a file, or a folder if `kind` is `FOLDER`; `meaning` is its help."""
     return click.option(flag, type=kind, required=True, help=meaning)
 
@@ -62,29 +60,23 @@ def open_results(options: str, path: Path, places: Mapping[str, Path] | None = N
     return ScenarioResults(path, parse_options(options), places)
 
 
-def options_of(stage: Stage) -> list[Decorator]:
-    """Options of a stage's command, from the annotations of its function."""
-    kinds = {"file": FILE, "folder": FOLDER}
-    made = []
-    for name, option in stage.command_options.items():
-        kind = option.settings.get("type")
-        given = {"type": click.IntRange(min=kind) if isinstance(kind, int) else kinds[kind]} if kind is not None else {}
-        made.append(click.option(*option.flags, name, **option.settings | given))
-    return made
-
-
-def add_command(name: str, text: str, command: Callable[..., Any], options: Sequence[Decorator], section: str) -> None:
-    """Add a subcommand."""
+def add_command(stage: Stage, command: Callable[..., str | None], options: Sequence[Callable], section: str) -> None:
+    """Add the subcommand of a stage: `options`, and those in the annotations of its function."""
 
     def show(**given: Any) -> None:
         if shown := command(**given):
             click.echo(shown)
 
-    for option in reversed(options):
+    kinds, own = {"file": FILE, "folder": FOLDER}, []
+    for name, option in stage.command_options.items():
+        kind = option.settings.get("type")
+        given = {} if kind is None else {"type": kinds[kind] if kind in kinds else click.IntRange(min=kind)}
+        own.append(click.option(*option.flags, name, **option.settings | given))
+    for option in reversed([*options, *own]):
         show = option(show)
-    cli.command(name, help=text)(show)
-    if all(name not in names for names in cli.sections.values()):
-        cli.sections[section].append(name)
+    cli.command(stage.name, help=stage.help)(show)
+    if not any(stage.name in names for names in cli.sections.values()):
+        cli.sections[section].append(stage.name)
 
 
 class SectionedGroup(click.Group):
@@ -104,15 +96,11 @@ class SectionedGroup(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the subcommands of `ctx` with the `formatter`, a section for each heading."""
-        shown = {name for name in self.list_commands(ctx) if not self.commands[name].hidden}
-        longest = max(map(len, shown))
+        longest = max(map(len, self.commands))
+        room = formatter.width - longest - 6
         for heading, names in self.sections.items():
-            rows = [
-                (f"{name:<{longest}}", self.commands[name].get_short_help_str(formatter.width - longest - 6))
-                for name in names
-                if name in shown
-            ]
             with formatter.section(heading):
+                rows = [(f"{name:<{longest}}", self.commands[name].get_short_help_str(room)) for name in names]
                 formatter.write_dl(rows)
 
 
@@ -126,26 +114,27 @@ def cli() -> None:
     """
 
 
-cli.removed = dict.fromkeys(("study", "study-points"), "use `jointgap sweep` with sweep.design: grid") | {
-    f"blind-{verb}": f"use `make blind`, or in a clone `python -m validation {verb}`"
-    for verb in ("conceal", "analyse", "score", "track")
+cli.removed = {
+    **dict.fromkeys(("study", "study-points"), "use `jointgap sweep` with sweep.design: grid"),
+    **{
+        f"blind-{verb}": f"use `make blind`, or in a clone `python -m validation {verb}`"
+        for verb in ("conceal", "analyse", "score", "track")
+    },
+    **dict.fromkeys(
+        ("design-networks", "compare-searches"),
+        "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
+    ),
+    "rechain": "use `jointgap reoptimise` with the same arguments",
 }
-cli.removed |= dict.fromkeys(
-    ("design-networks", "compare-searches"),
-    "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",
-)
-
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
-"""Headings of the subcommands that the workflow calls."""
-
 cli.sections = {
     "Your mechanism": ["simulate", "ensemble", "growth", "cycles", "effects"],
     "Your measurement": ["preflight", "analyse", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
-    **{heading: [] for heading in (OF_SCENARIO, OF_CAMPAIGN)},
+    OF_SCENARIO: ["report"],
+    OF_CAMPAIGN: [],
 }
-
 
 _campaign = click.argument("campaign", type=FILE)
 _folder = click.option(
@@ -156,18 +145,11 @@ _go_on = click.option(
 )
 _then = click.option(
     "--then",
-    "further",
     type=click.Choice([name for name, stage in CAMPAIGN_STAGES.items() if not stage.command_options]),
     metavar="STAGE",
     multiple=True,
     help="Another stage, of those without options of their own, to run afterwards in the same process; repeatable.",
 )
-
-
-def _state(campaign: Path, folder: Path | None) -> "CampaignState":
-    from jointgap.campaign.state import CampaignState
-
-    return CampaignState(campaign, folder)
 
 
 def _end_if_something_failed(state: "CampaignState") -> None:
@@ -181,51 +163,39 @@ def _end_if_something_failed(state: "CampaignState") -> None:
         raise SystemExit(3)
 
 
-def _check_part(part: int, parts: int) -> None:
-    """InputError on a part that nobody would read."""
-    from jointgap.core.errors import InputError
+def _campaign_command(name: str) -> None:
+    def command(campaign: Path, folder: Path | None, then: tuple[str, ...], go_on: bool, **given: Any) -> str:
+        from jointgap.campaign.state import CampaignState
+        from jointgap.core.errors import InputError
 
-    if part >= parts:
-        raise InputError(
-            f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give {parts - 1} "
-            "at most, or more --parts"
-        )
-
-
-def _stage_command(stage: Stage) -> None:
-    def command(campaign: Path, folder: Path | None, further: tuple[str, ...], go_on: bool, **given: Any) -> str:
-        if "part" in given:
-            _check_part(given["part"], given["parts"])
-        state = _state(campaign, folder)
-        stages = [CAMPAIGN_STAGES[stage.name], *(CAMPAIGN_STAGES[name] for name in further)]
-        state.folder.check_writable(*(path for each in stages for path in each.outputs(given.get("part", 0))))
+        part, parts = given.get("part", 0), given.get("parts", 1)
+        if part >= parts:
+            raise InputError(
+                f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give "
+                f"{parts - 1} at most, or more --parts"
+            )
+        state = CampaignState(campaign, folder)
+        stages = [CAMPAIGN_STAGES[each] for each in (name, *then)]
+        state.folder.check_writable(*(path for each in stages for path in each.outputs(part)))
         adding = set(CAMPAIGN_STAGES) - {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"} if go_on else ()
         shown = []
-        for each, options in zip(stages, [given, *({} for _ in further)], strict=True):
+        for each in stages:
+            own = given if each.name == name else {}
             if each.name in adding:
                 from jointgap.campaign.analyse import run_if_possible
 
-                shown.append(run_if_possible(each, state, **options))
+                shown.append(run_if_possible(each, state, **own))
             else:
-                shown.append(each.function(state, **options))
-        if stage.name == "conclude" and not go_on:
+                shown.append(each.function(state, **own))
+        if name == "conclude" and not go_on:
             _end_if_something_failed(state)
         return "\n".join(filter(None, shown))
 
-    add_command(stage.name, stage.help, command, [_campaign, _folder, _then, _go_on, *options_of(stage)], OF_CAMPAIGN)
+    add_command(CAMPAIGN_STAGES[name], command, [_campaign, _folder, _then, _go_on], OF_CAMPAIGN)
 
 
-for _each in CAMPAIGN_STAGES.values():
-    _stage_command(_each)
-
-
-@cli.command(hidden=True, context_settings={"ignore_unknown_options": True})
-@click.argument("arguments", nargs=-1)
-def rechain(arguments: tuple[str, ...]) -> NoReturn:
-    """The former name of `jointgap reoptimise`."""
-    from jointgap.core.errors import InputError
-
-    raise InputError("rechain: is called `jointgap reoptimise` now, with the same arguments")
+for _name in CAMPAIGN_STAGES:
+    _campaign_command(_name)
 
 
 @cli.command()
@@ -240,8 +210,9 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     from jointgap.app.report import verdict_lines
     from jointgap.campaign.analyse import analyse as analyse_campaign
     from jointgap.campaign.page import show
+    from jointgap.campaign.state import CampaignState
 
-    state = _state(campaign, folder)
+    state = CampaignState(campaign, folder)
     analyse_campaign(campaign, state.folder.path, pictures=True, anyway=anyway)
     show(state)
     click.echo("\n".join(verdict_lines(state.folder.path)))
@@ -281,94 +252,55 @@ def effects(name: str | None) -> None:
 
     With NAME, show that effect in full, and what to paste into the mechanism file.
     """
-    from jointgap.config import EFFECTS
-    from jointgap.core.errors import InputError, did_you_mean
-    from jointgap.rig.sensors import FAULTS
-
-    if name is None:
-        _catalogue(EFFECTS)
-        _faults(FAULTS)
-    elif name in FAULTS:
-        _faults({name: FAULTS[name]})
-    elif name in EFFECTS:
-        _page_of(name, EFFECTS[name])
-    else:
-        raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, [*EFFECTS, *FAULTS])}")
-
-
-def _limits(row) -> str:
-    """Bounds and unit of a parameter; empty for text and mappings."""
-    return f"{row.bounds or 'any'} {row.unit if row.unit != '1' else ''}".rstrip() if row.unit else ""
-
-
-def _print_table(columns: dict[str, int | None], rows) -> None:
-    """A table under headings with widths; a cell is a tuple of texts, or of texts with their style."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    shown = Table(show_lines=True, width=WIDTH, highlight=False)
-    for heading, width in columns.items():
-        shown.add_column(heading, width=width, overflow="fold" if width else "ellipsis")
-    for row in rows:
-        shown.add_row(*(Text.assemble(*cell) for cell in row))
-    Console(width=WIDTH).print(shown)
-
-
-def _catalogue(catalogue) -> None:
-    from jointgap.effects.base import parameters_of
-
-    rows = []
-    for name, effect in catalogue.items():
-        parameters = (
-            f"{row.name}: {limits}" if (limits := _limits(row)) else row.name for row in parameters_of(effect)
-        )
-        law = (effect.LAW, "\n", (effect.REFERENCE, "dim"))
-        rows.append((((name, "bold"), "\n", effect.SITE), law, ("\n".join(parameters),)))
-    _print_table({"effect, site": 24, "law, reference": None, "parameters": 34}, rows)
-    click.echo("v, x: slider's velocity, position; w, theta: crank's speed, angle; t: time.")
-    click.echo("None acts unless it is listed. One in full, with what to paste: jointgap effects NAME")
-
-
-def _faults(faults) -> None:
-    units = {"": "channel's unit", "1": ""}
-    rows = (
-        (((name, "bold"),), (fault.law,), (f"{fault.parameter} {units.get(fault.unit, fault.unit)}".rstrip(),))
-        for name, fault in faults.items()
-    )
-    _print_table({"fault of a sensor": 24, "reading y of the true u": None, "parameter": 22}, rows)
-
-
-def _page_of(name: str, effect) -> None:
-    import inspect
-    import textwrap
-
     import yaml
 
-    from jointgap.effects.base import example, parameters_of
+    from jointgap.config import EFFECTS
+    from jointgap.core.errors import InputError, did_you_mean
+    from jointgap.effects.base import example
+    from jointgap.rig.sensors import FAULTS
 
-    click.echo(click.style(name, bold=True))
-    for label, text in (
-        ("", inspect.cleandoc(effect.__doc__).replace("\n\n", " ")),
-        ("site: ", effect.SITE),
-        ("law: ", effect.LAW),
-        ("reference: ", effect.REFERENCE),
-    ):
-        click.echo(textwrap.fill(label + " ".join(text.split()), WIDTH, subsequent_indent=" " * len(label)))
-    click.echo("parameters:")
+    if name is not None and name not in EFFECTS and name not in FAULTS:
+        raise InputError(f"effect '{name}': no such effect; {did_you_mean(name, [*EFFECTS, *FAULTS])}")
+    if name in EFFECTS:
+        click.echo(_in_lines(name, EFFECTS[name], inspect.cleandoc(EFFECTS[name].__doc__)))
+        snippet = yaml.safe_dump({"effects": [example(EFFECTS[name])]}, sort_keys=False, width=WIDTH)
+        click.echo("\nin the mechanism file:\n\n    " + snippet.rstrip().replace("\n", "\n    "))
+        return
+    if name is None:
+        click.echo("\n\n".join(_in_lines(key, effect) for key, effect in EFFECTS.items()))
+        click.echo("\nv, x: slider's velocity, position; w, theta: crank's speed, angle; t: time.")
+        click.echo("None acts unless it is listed. One in full, with what to paste: jointgap effects NAME\n")
+    for key in (key for key in FAULTS if name in (None, key)):
+        fault = FAULTS[key]
+        law = f"fault of a sensor, which reads y of the true u: {fault.law}"
+        parameter = f"parameter: {fault.parameter} [{fault.unit or 'unit of the channel'}]"
+        click.echo("\n".join([click.style(key, bold=True), *map(_wrapped, (law, parameter)), ""]))
+
+
+def _wrapped(line: str) -> str:
+    import textwrap
+
+    return textwrap.fill(line, WIDTH, subsequent_indent="    ")
+
+
+def _in_lines(name: str, effect: Any, meaning: str = "") -> str:
+    """An effect with its law and its parameters; these with their meaning where its own is shown."""
+    from jointgap.effects.base import parameters_of
+
+    texts = {"": meaning, "site: ": effect.SITE, "law: ": effect.LAW, "reference: ": effect.REFERENCE}
+    lines = [label + " ".join(text.split()) for label, text in texts.items() if text]
+    lines.append("parameters:")
     for row in parameters_of(effect):
+        limits = f" [{row.bounds or 'any'} {row.unit.removeprefix('1')}]".replace(" ]", "]") if row.unit else ""
         default = f", default {row.default}" if row.default else ""
-        limits = _limits(row)
-        click.echo(
-            textwrap.fill(
-                f"  {row.name}{f' [{limits}]' if limits else ''}{default}: {row.meaning}",
-                WIDTH,
-                subsequent_indent="    ",
-            )
-        )
-    click.echo("\nin the mechanism file:\n")
-    snippet = yaml.safe_dump({"effects": [example(effect)]}, sort_keys=False, width=WIDTH)
-    click.echo(textwrap.indent(snippet, "    "), nl=False)
+        lines.append(f"  {row.name}{limits}{default}" + (f": {row.meaning}" if meaning else ""))
+    return "\n".join([click.style(name, bold=True), *map(_wrapped, lines)])
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> str:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join(line.rstrip() for line in lines)
 
 
 @cli.command()
@@ -459,18 +391,13 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
     from jointgap.scenario.results import read_trajectory
 
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
-    places = [folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")]
-    check_writable(*places)
+    places = {name: folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")}
+    check_writable(*places.values())
     samples, rows = read_trajectory(trajectory, scenario), read(EVENTS, events)
     statistics = cycles(samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned)
-    frames = (
-        (POINCARE_SECTION, statistics.section),
-        (JOINT_REVOLUTIONS, statistics.revolutions),
-        (IMPACT_DISTRIBUTION, statistics.impacts),
-        (ECCENTRICITY, statistics.eccentricity),
-    )
-    for (table, frame), place in zip(frames, places, strict=True):
-        write(table, frame, place)
+    tables = (POINCARE_SECTION, JOINT_REVOLUTIONS, IMPACT_DISTRIBUTION, ECCENTRICITY)
+    for table, (name, place) in zip(tables, places.items(), strict=True):
+        write(table, getattr(statistics, name), place)
     click.echo(statistics.summary)
 
 
@@ -485,15 +412,8 @@ def _quantity(option: str, text: str, unit: str) -> float:
         raise InputError(f"{option} {text!r}: {error}") from error
 
 
-_scenario = click.option(
-    "--scenario", "scenarios", nargs=2, multiple=True, required=True, help="Name and options of a scenario, repeatable."
-)
-
-
 def _flagged(stage: Stage) -> dict[str, Table]:
-    """Tables of a stage whose files can be named one by one, by the name of the option: where there is one file of
-    each.
-    """
+    """Tables of a stage whose files can be named one by one, by the name of the option."""
     named = stage.writes and set(stage.reads) <= {TRAJECTORY}
     return {Path(table.path).stem: table for table in (*stage.reads, *stage.writes)} if named else {}
 
@@ -515,36 +435,13 @@ def _results_command(stage: Stage) -> None:
             check_writable(*written, *(stored.path / file for file in stage.files))
         return stage.function(stored, **given)
 
-    folder = click.option(
-        "--results",
-        type=FOLDER,
-        required=not flagged,
-        help="The scenario's results folder: tables are read and written at their places in it.",
-    )
-    files = [
-        click.option(
-            f"--{flag}",
-            type=FILE,
-            help=f"Parquet file to {'read' if table in stage.reads else 'write'}: {table.description[0].lower()}"
-            f"{table.description[1:]}.",
-        )
-        for flag, table in flagged.items()
-    ]
-    add_command(
-        stage.name,
-        stage.help,
-        command,
-        [options_option, folder, *files, *options_of(stage)],
-        OF_SCENARIO,
-    )
-
-
-def _with_file(line: str, options: str, sections: Iterable[str]) -> str:
-    """The `line` of an error, which begins with the file of the options where it is about a key of their `sections`."""
-    about_key = re.match(r"[a-z_]+", line)
-    if about_key is None or about_key[0] not in sections or line[about_key.end() :][:1] not in (".", ":"):
-        return line
-    return f"{'--options' if options.lstrip().startswith('{') else options}: {line}"
+    meaning = "The scenario's results folder: tables are read and written at their places in it."
+    own = [options_option, click.option("--results", type=FOLDER, required=not flagged, help=meaning)]
+    for flag, table in flagged.items():
+        meaning = f"{table.description[0].lower()}{table.description[1:]}"
+        verb = "read" if table in stage.reads else "write"
+        own.append(click.option(f"--{flag}", type=FILE, help=f"Parquet file to {verb}: {meaning}."))
+    add_command(stage, command, own, OF_SCENARIO)
 
 
 def _scenario_command(stage: Stage) -> None:
@@ -553,14 +450,15 @@ def _scenario_command(stage: Stage) -> None:
         from jointgap.core.errors import InputError
 
         scenario = parse_options(options)
+        source = "--options" if options.lstrip().startswith("{") else options
+        keys = re.compile(rf"(?:{'|'.join(type(scenario).model_fields)})[.:]")
         try:
             return stage.function(scenario, **given)
-        except InputError as error:
-            raise InputError(
-                *(_with_file(line, options, type(scenario).model_fields) for line in error.args)
-            ) from error
+        except InputError as error:  # lines about a key begin with the file
+            lines = (f"{source}: {line}" if keys.match(line) else line for line in error.args)
+            raise InputError(*lines) from error
 
-    add_command(stage.name, stage.help, command, [options_option, *options_of(stage)], OF_SCENARIO)
+    add_command(stage, command, [options_option], OF_SCENARIO)
 
 
 def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
@@ -569,12 +467,28 @@ def _overview(results: Path, scenarios: tuple[tuple[str, str], ...]) -> None:
     stage.function({name: open_results(options, results / name) for name, options in scenarios}, results)
 
 
-def _report(
-    results: Path,
-    report: Path,
-    scenarios: tuple[tuple[str, str], ...],
-    campaigns: tuple[str, ...],
-) -> None:
+_scenarios = {"nargs": 2, "multiple": True, "help": "Name and options of a scenario, repeatable."}
+
+for _stage in (*SCENARIO_STAGES.values(), *DESIGN_STAGES.values()):
+    if _stage.name == "overview":
+        _where = need(
+            "--results", "Folder of the scenarios' folders; overview.md, .html and .parquet go there.", FOLDER
+        )
+        _given = click.option("--scenario", "scenarios", required=True, **_scenarios)
+        add_command(_stage, _overview, [_where, _given], OF_SCENARIO)
+    elif "results" in inspect.signature(_stage.function).parameters:
+        _results_command(_stage)
+    else:
+        _scenario_command(_stage)
+
+
+@cli.command()
+@need("--results", "Folder of the folders of results.", FOLDER)
+@need("--report", "HTML file to write; its links hold where it lies in that folder.")
+@click.option("--scenario", "scenarios", **_scenarios)
+@click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable.")
+def report(results: Path, report: Path, scenarios: tuple[tuple[str, str], ...], campaigns: tuple[str, ...]) -> None:
+    """Put what came out of a run on one page in one file, with its figures."""
     from jointgap.app.report import write_report
 
     check_writable(report)
@@ -582,41 +496,9 @@ def _report(
     write_report(opened, campaigns, results, report)
 
 
-_NAMED = "Name and options of a scenario"
-_REPORT_OPTIONS = [
-    need("--results", "Folder of the folders of results.", FOLDER),
-    need("--report", "HTML file to write; its links hold where it lies in that folder."),
-    click.option("--scenario", "scenarios", nargs=2, multiple=True, help=f"{_NAMED}, repeatable."),
-    click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable."),
-]
-
-for _stage in (*SCENARIO_STAGES.values(), *DESIGN_STAGES.values()):
-    if _stage.name == "overview":
-        _folder = need(
-            "--results", "Folder of the scenarios' folders; overview.md, .html and .parquet go there.", FOLDER
-        )
-        add_command(_stage.name, _stage.help, _overview, [_folder, _scenario], OF_SCENARIO)
-    elif "results" in inspect.signature(_stage.function).parameters:
-        _results_command(_stage)
-    else:
-        _scenario_command(_stage)
-
-add_command(
-    "report",
-    "Put what came out of a run on one page in one file, with its figures.",
-    _report,
-    _REPORT_OPTIONS,
-    OF_SCENARIO,
-)
-
-
 @cli.command()
 @click.option(
-    "--results",
-    type=FOLDER,
-    default=Path("results"),
-    show_default=True,
-    help="Folder that holds the default store.",
+    "--results", type=FOLDER, default=Path("results"), show_default=True, help="Folder that holds the default store."
 )
 @click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="First port to try.")
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the comparison in the browser.")
@@ -631,16 +513,9 @@ def dashboard(results: Path, port: int, browser: bool) -> None:
 @click.argument("file", type=FILE)
 def describe(file: Path) -> None:
     """Show the columns of a Parquet FILE with their units and meaning."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
     from jointgap.core.parquet import describe
 
-    shown = Table("column", "unit", "description", title=Text(str(file)))
-    for row in describe(file).itertuples(index=False):
-        shown.add_row(*map(Text, row))  # of a plain string rich takes what stands in brackets for its own marks
-    Console().print(shown)
+    click.echo(f"{file}\n" + _aligned([("column", "unit", "description"), *describe(file).to_numpy()]))
 
 
 @cli.command()
@@ -691,9 +566,7 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
         click.echo(scenarios[name].model_dump_json(indent=2, by_alias=True))
         return
     rows = load.sources_of(scenarios[name], name, layers, folders)
-    widths = [max(len(row[place]) for row in rows) for place in (0, 1)]
-    for key, source, value in rows:
-        click.echo(f"{key:<{widths[0]}}  {source:<{widths[1]}}  {value}")
+    click.echo(_aligned(rows))
 
 
 @cli.command()
@@ -701,8 +574,6 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
 @click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
 def schema(path: Path | None, campaign: bool) -> None:
     """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
-    import json
-
     from jointgap.config import json_schema
     from jointgap.config.load import campaign_json_schema
 
@@ -715,7 +586,6 @@ def schema(path: Path | None, campaign: bool) -> None:
 
 _SECONDS_OF_SILENCE = 2.0  # work that is over sooner shows nothing
 _SECONDS_BETWEEN_LINES = 60.0
-_SECONDS_BETWEEN_UPDATES = 0.1
 
 
 @contextmanager
@@ -746,48 +616,31 @@ class _Lines:
 
 class _Bars:
     def __init__(self) -> None:
-        self._start = time.monotonic()
-        self._progress: Any = None
-        self._tasks: dict[str, Any] = {}
-        self._told: dict[str, float] = {}
+        self._start, self._tasks, self._bars = time.monotonic(), {}, None
 
     def hear(self, what: str, done: int, total: int | None) -> None:
-        now = time.monotonic()
-        over = done == total
-        if now - self._start < _SECONDS_OF_SILENCE:
+        if time.monotonic() - self._start < _SECONDS_OF_SILENCE:
             return
-        if over:
-            if what in self._tasks:
-                self._progress.remove_task(self._tasks.pop(what))
-            return
-        if now - self._told.get(what, 0.0) < _SECONDS_BETWEEN_UPDATES:
-            return
-        self._told[what] = now
-        if self._progress is None:
-            self._progress = _started()
+        if self._bars is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+            # what the command answers goes where it was sent, not to the terminal of the bars
+            streams = {"console": Console(stderr=True), "redirect_stdout": sys.stdout.isatty()}
+            self._bars = Progress(*columns, transient=True, **streams)
+            self._bars.start()
         if what not in self._tasks:
-            self._tasks[what] = self._progress.add_task(what, total=total)
-        self._progress.update(self._tasks[what], completed=done, total=total)
+            self._tasks[what] = self._bars.add_task(what)
+        self._bars.update(self._tasks[what], completed=done, total=total, visible=done != total)
 
     def end(self) -> None:
-        if self._progress is not None:
-            self._progress.stop()
-
-
-def _started() -> Any:
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    # what the command answers goes where it was sent, not to the terminal of the bars
-    progress = Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=sys.stdout.isatty())
-    progress.start()
-    return progress
+        if self._bars is not None:
+            self._bars.stop()
 
 
 def main() -> None:
     """Run the command line; a mistake in the input ends with its message and exit code 2, not a traceback."""
-
     from jointgap.core.errors import InputError, SimulationError
 
     # One thread, though Snakemake says as many as the job has: matrices are small, so that further threads cost more
@@ -798,24 +651,18 @@ def main() -> None:
         with progress_shown():
             cli()
     except (InputError, SimulationError) as error:
-        _end(str(error))
+        message = str(error)
     except OSError as error:
-        if error.errno not in _FULL:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             raise
         where = error.filename or "the log of this command, or a temporary file"
-        _end(f"{where}: cannot be written ({error.strerror}); free some space, then run it again")
-
-
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-
-
-def _end(message: str) -> NoReturn:
-    """Show the message and end; where the log of a job has no room for it, on the terminal of the workflow."""
+        message = f"{where}: cannot be written ({error.strerror}); free some space, then run it again"
+    else:
+        return
     text = "".join(f"jointgap: error: {line}\n" for line in message.splitlines())
     try:
         click.echo(text, err=True, nl=False)
-    except OSError:
-        # an open file, by its number; workflow/rules/terminal.smk
+    except OSError:  # the log of a job has no room: the terminal of the workflow, an open file by its number
         if terminal := os.environ.get("JOINTGAP_TERMINAL"):
             os.write(int(terminal), text.encode())
     sys.exit(2)

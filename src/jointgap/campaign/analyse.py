@@ -1,7 +1,6 @@
 """All stages of a campaign in one process: first those from which the verdict is made, then those that add to it."""
 
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +12,12 @@ from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.page import conclude
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.campaign.state import CampaignState
-from jointgap.core import parquet
 from jointgap.core.files import write_text
 from jointgap.core.progress import followed
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM, DECISION
 from jointgap.core.stage import Stage
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-
-# the optimum is no part of the verdict, which is concluded here without its figures
-_LEFT_OUT = ("reoptimise", "conclude", "track-campaign")
-_ENDINGS = (".svg", ".png", ".parquet")
 
 
 def analyse(
@@ -35,48 +29,32 @@ def analyse(
 ) -> dict[str, Any]:
     """Find where model and measurement of a campaign disagree and what is missing."""
     state, seconds = CampaignState(Path(campaign), Path(folder), settings), {}
-    made_from = [CAMPAIGN_STAGES[name] for name in CAMPAIGN_STAGES.needed_for("confirm")]
-    adding = [stage for name, stage in CAMPAIGN_STAGES.items() if stage not in made_from and name not in _LEFT_OUT]
-    stages = [*made_from, *adding]
-    written = (path for stage in (*stages, CAMPAIGN_STAGES["conclude"]) for path in stage.outputs())
-    state.folder.check_writable(*written)
+    made_from = CAMPAIGN_STAGES.needed_for("confirm")
+    # the optimum is no part of the verdict, which is concluded here without its figures
+    names = [*made_from, *(name for name in ("preflight", "locate", "augment") if name not in made_from)]
+    stages = [CAMPAIGN_STAGES[name] for name in names]
+    state.folder.check_writable(*(path for name in (*names, "conclude") for path in CAMPAIGN_STAGES[name].outputs()))
     _remove_conclusions(state.folder)
     # advice is sought where the verdict needs it
     options = {"measure": {"pictures": pictures}, "preflight": {"advice": False}, "noise": {"anyway": anyway}}
     for stage in followed(stages, "stages of the analysis"):
-        if stage is adding[0]:
-            _conclude_early(state, adding)
-        begin = time.monotonic()
-        own = options.get(stage.name, {})
-        _ = run_if_possible(stage, state, **own) if stage in adding else stage.function(state, **own)
+        begin, own = time.monotonic(), options.get(stage.name, {})
+        _ = stage.function(state, **own) if stage.name in made_from else run_if_possible(stage, state, **own)
         seconds[stage.name] = round(time.monotonic() - begin, 3)
     document = conclude(state) | {"seconds": seconds}
     write_text(state.folder.path / VERDICT, verdict_json.text(document))
     return document
 
 
-def _conclude_early(state: CampaignState, adding: Sequence[Stage]) -> None:
-    """Write the verdict as it stands before the stages that add to it, whatever becomes of these."""
-    for stage in adding:
-        _write_empty(stage, state)
-    conclude(state, advise=False)
-    for path in (path for stage in adding for path in stage.outputs()):
-        (state.folder.path / path).unlink()
-
-
 def run_if_possible(stage: Stage, state: CampaignState, **options: Any) -> str | None:
     """Run a stage that only adds to the verdict: if it fails that is noted, and its tables are empty."""
     with noted(state.folder, stage.name):
         return stage.function(state, **options)
-    _write_empty(stage, state)
-    return None
-
-
-def _write_empty(stage: Stage, state: CampaignState) -> None:
     for table in stage.writes:
-        parquet.write(table, pd.DataFrame(columns=table.names), state.folder.path / table.path)
+        state.folder.write(table, pd.DataFrame(columns=table.names))
     for file in stage.files:
         write_text(state.folder.path / file, f"# the stage {stage.name} could not write this\n")
+    return None
 
 
 def _remove_conclusions(folder: ResultsFolder) -> None:
@@ -85,8 +63,8 @@ def _remove_conclusions(folder: ResultsFolder) -> None:
     """
     places = [folder.place(table) for table in (ADVICE, CAMPAIGN_OPTIMUM)]
     places += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
-    pages = [*(folder.path / "failed").glob("*.txt")]
-    pages += [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
-    figures = [folder.path / "figures" / f"{name}{ending}" for name in FIGURES for ending in _ENDINGS]
-    for path in (*places, *pages, *figures):
+    places += [*(folder.path / "failed").glob("*.txt")]
+    places += [folder.path / name for name in (VERDICT, MECHANISM, *SUMMARIES)]
+    places += [folder.path / f"figures/{name}{end}" for name in FIGURES for end in (".svg", ".png", ".parquet")]
+    for path in places:
         path.unlink(missing_ok=True)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from jointgap.core import schema
 from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.files import write_text
 
 if TYPE_CHECKING:  # slow to load
     import pandas as pd
@@ -51,39 +51,38 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
     from jointgap.config.load import load_campaign
     from jointgap.core.progress import MOST_PARTS
 
-    if parts is not None and (not isinstance(parts, int) or isinstance(parts, bool) or not 1 <= parts <= MOST_PARTS):
-        raise InputError(
-            f"fit_parts = {parts!r} must be a whole number of jobs from 1 to {MOST_PARTS}, beyond which jobs have "
-            "nothing to do; leave it out for the default"
-        )
+    if parts is not None and (type(parts) is not int or not 1 <= parts <= MOST_PARTS):
+        raise InputError(f"fit_parts = {parts!r} must be a whole number of jobs from 1 to {MOST_PARTS}")
     if not isinstance(paths, list) or not all(isinstance(path, str) for path in paths):
         raise InputError(f"campaigns = {paths!r} must be a list of campaign files, e.g. [config/campaigns/mine.yaml]")
-    campaigns: dict[str, CampaignFiles] = {}
+    found: dict[str, CampaignFiles] = {}
     for path in paths:
-        file = _file(path, folders)
-        campaign = load_campaign(file)
-        if campaign.name in campaigns:
+        file = next((folder / path for folder in folders if os.path.isfile(folder / path)), None)
+        if file is None:
+            searched = ", ".join(dict.fromkeys(str(folder.resolve()) for folder in folders))
             raise InputError(
-                f"campaigns: {campaigns[campaign.name].campaign} and {file} are both called '{campaign.name}'; "
-                "give each its own name"
+                f"campaigns: no file '{path}' (looked in {searched}); give the path of a campaign file "
+                "(CAMPAIGN=... of `make campaign`)"
             )
+        campaign = load_campaign(file)
+        if campaign.name in found:
+            both = f"{found[campaign.name].campaign} and {file}"
+            raise InputError(f"campaigns: {both} are both called '{campaign.name}'; give each its own name")
         for run in campaign.runs:
             if not os.path.isfile(campaign.folder / run.file):
                 raise InputError(
-                    f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` of the run, or "
-                    "`folder`"
+                    f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` or `folder`"
                 )
-        data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
         planned = (*plan(file), *campaign.mechanism.files)
-        for read in (*planned, *data):
-            if re.search(r"\{.*\}", read):
-                raise InputError(
-                    f"{file}: the path {read} holds braces, which Snakemake takes for a wildcard; rename the folder or "
-                    "file, or run `jointgap analyse`, which takes any path"
-                )
+        data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
+        if braced := [read for read in (*planned, *data) if "}" in read.partition("{")[2]]:
+            raise InputError(
+                f"{file}: the path {braced[0]} holds braces, which Snakemake takes for a wildcard; rename the folder "
+                "or file, or run `jointgap analyse`, which takes any path"
+            )
         shared = parts or (2 if campaign.mechanism.applied().loose else 1)
-        campaigns[campaign.name] = CampaignFiles(str(file), planned, data, shared)
-    return campaigns
+        found[campaign.name] = CampaignFiles(str(file), planned, data, shared)
+    return found
 
 
 def plan(file: Path) -> tuple[str, ...]:
@@ -96,29 +95,10 @@ def plan(file: Path) -> tuple[str, ...]:
     return (str(file), *map(str, named))
 
 
-def _file(path: str, folders: Sequence[Path]) -> Path:
-    for folder in folders:
-        if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
-            return folder / path
-        if os.path.isdir(folder / path):
-            raise InputError(f"campaigns: '{path}' is a folder; name the campaign file in it")
-    searched_folders = (
-        "" if os.path.isabs(path) else f" in {' or '.join(dict.fromkeys(str(folder.resolve()) for folder in folders))}"
-    )
-    raise InputError(
-        f"campaigns: no file '{path}'{searched_folders}; correct the path (CAMPAIGN=... of `make campaign`)"
-    )
-
-
-_FOLDER = "failed"
-
-
 @contextmanager
 def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
     """Around what only adds to a verdict: an error is noted in the results `folder` as `what`, and the rest goes on."""
-    from jointgap.core.files import write_text
-
-    place = folder.path / _FOLDER / f"{what}.txt"
+    place = folder.path / "failed" / f"{what}.txt"
     place.unlink(missing_ok=True)
     try:
         yield
@@ -131,55 +111,34 @@ def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
 
 def failures(folder: "ResultsFolder") -> dict[str, str]:
     """Why something failed that only adds to the verdict, in a line, by its name."""
-    places = sorted((folder.path / _FOLDER).glob("*.txt"))
+    places = sorted((folder.path / "failed").glob("*.txt"))
     return {place.stem: place.read_text(encoding="utf-8").partition("\n")[0] for place in places}
-
-
-_SPARE = {"name", "date", "folder"}  # a campaign may be renamed, dated or moved without its data becoming others
 
 
 def config_snapshot(campaign: "Campaign") -> "pd.DataFrame":
     """Table `CONFIG_SNAPSHOT`: every key of a campaign and its mechanism, with its value."""
     import pandas as pd
 
-    return pd.DataFrame(_rows(campaign), columns=["key", "value"])
+    from jointgap.config.yaml_files import leaves
+
+    # a campaign may be renamed, dated or moved without its data becoming others
+    content = campaign.model_dump(mode="json", exclude={"name", "date", "folder"})
+    content["runs"] = {run.pop("id"): run for run in content["runs"]}
+    content["nuisance"] = dict(campaign.nuisance)  # to the last digit
+    rows = [(".".join(path), json.dumps(value)) for path, value in leaves(content)]
+    return pd.DataFrame(rows, columns=["key", "value"])
 
 
 def check_unchanged(campaign: "Campaign", snapshot: "pd.DataFrame") -> None:
-    """Make sure that a campaign file says what it did when its data were read.
-
-    Fits are kept sample by sample: with a run, a channel or a unit changed they would be taken for those of other data.
-    """
-    now, then = dict(_rows(campaign)), dict(zip(snapshot["key"], snapshot["value"], strict=True))
+    """Make sure that a campaign file says what it did when its data were read: fits are kept sample by sample."""
+    now, then = (
+        dict(zip(table["key"], table["value"], strict=True)) for table in (config_snapshot(campaign), snapshot)
+    )
     if list(now.items()) == list(then.items()):
         return
     changed = next((key for key in {**then, **now} if now.get(key) != then.get(key)), None)
-    if changed is None:
-        what = "its keys stand in another order"
-    elif changed not in then:
-        what = f"{changed} = {now[changed]} is new"
-    elif any(key.startswith(f"{changed}.") for key in now):
-        what = f"{changed} is a mapping now, it was {then[changed]}"
-    elif changed not in now:
-        what = f"{changed} is gone, it was {then[changed]}"
-    else:
-        what = f"{changed} is {now[changed]} now, it was {then[changed]}"
+    what = f"{changed}: {then.get(changed, 'absent')} then, {now.get(changed, 'absent')} now"
     raise InputError(
-        f"campaign {campaign.name}: the file has changed since its data were read ({what}; SI); run `jointgap measure` "
-        "on it again, and the stages after it"
+        f"campaign {campaign.name}: the file has changed since its data were read ({what if changed else 'other order'}"
+        "; SI); run `jointgap measure` on it again, and the stages after it"
     )
-
-
-def _rows(campaign: "Campaign") -> list[tuple[str, str]]:
-    content = campaign.model_dump(mode="json", exclude=_SPARE)
-    content["runs"] = {run.pop("id"): run for run in content["runs"]}
-    content["nuisance"] = dict(campaign.nuisance)  # to the last digit
-    return list(_leaves(content, ""))
-
-
-def _leaves(content: Any, place: str) -> Iterator[tuple[str, str]]:
-    if isinstance(content, dict):
-        for key, value in content.items():
-            yield from _leaves(value, f"{place}.{key}" if place else str(key))
-    else:
-        yield place, json.dumps(content)

@@ -26,15 +26,49 @@ from jointgap.core.words import in_words, percent, size_for_the_eye, unit_in_wor
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
 FIGURES = Figures()
-figure, draw = FIGURES.figure, FIGURES.draw
+figure = FIGURES.figure
+Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
 _FIRST, _WHERE, _WHAT = "Measured and predicted", "Where", "What is missing"
 _BETTER, _PLAN = "What it brings", "What could be found"
+
+SPREADS = "standard deviations of the noise"
+MEAN = Quantity("mean residual", SPREADS)
+GAP = Quantity("gap: root mean square residual", SPREADS)
+COSINE = Quantity("cosine of the signatures", "1")
+_SAMPLE, _RUN, _EFFECT = Quantity("sample", "1"), Quantity("run", ""), Quantity("effect", "")
+
+BAND = 2.0
+"""Half of the noise band in standard deviations: 95 % of the samples of a true model lie inside."""
+
+BASE = "the model as it stands"
+MODELS = {"before": "base", "after": "augmented"}
+"""Names of the models in tables, by series."""
+
 MOST_RUNS = 3  # beside each other, so that they can be read on a page
-_FULL = 0.95  # share of the fullest revolution's samples from which a revolution counts as whole
-_MODELS = {"before": ("base", {"linestyle": (0, (5, 1.5))}), "after": ("augmented", {})}
-_NOISE_SPREADS = 2.0  # of the band to each side: 95 % of the noise
-_NOISE = "95 % of the noise"
-_SAMPLE = Quantity("sample", "1")
+RANKED = 8  # explanations by one effect that are shown, and by more
+
+
+def list_rows(panel: Panel, names: Sequence[str]) -> None:
+    """The `names` down the ordinate of a `panel`, the first on top."""
+    panel.rows(names, range(len(names)))
+    panel.axes.set_ylim(len(names) - 0.4, -0.6)
+    panel.axes.grid(True, axis="y", alpha=0.5)
+    panel.axes.set_ylabel("")
+
+
+def _moments(before: pd.Series, after: pd.Series) -> list[str]:
+    """What is shown: nothing after where nothing was added."""
+    return ["before", "after"] if (before != after).any() else ["before"]
+
+
+def _no_scale(panel: Panel) -> None:
+    panel.axes.set_xlabel("")
+    panel.axes.tick_params(labelbottom=False)
+
+
+def _band(panel: Panel, x: np.ndarray, half: np.ndarray, label: str) -> None:
+    panel.axes.fill_between(x, -half, half, color="#DDDDDD", linewidth=0.0, zorder=0, label=label)
+    panel.record(label, x, np.zeros(len(x)), low=-half, high=half)
 
 
 @figure(
@@ -49,66 +83,57 @@ _SAMPLE = Quantity("sample", "1")
     'rotation. If nothing was identified, "after" shows the best candidate, if any.',
     nothing="no sample could be compared with the model",
 )
-def measured_against_model(tables: Mapping[str, pd.DataFrame], verdict: Mapping[str, Any]) -> Drawing:
+def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
     """One revolution of every channel, measured and predicted, above the residual: a row a channel, a column a run."""
     samples, errors = tables["residuals"], tables["channel_errors"]
-    moments = ("before", "after") if (samples["base"] != samples["augmented"]).any() else ("before",)
+    moments = _moments(samples["base"], samples["augmented"])
     runs = errors.sort_values("held_out", ascending=False, kind="stable").drop_duplicates("run").head(MOST_RUNS)
     missed = (errors["before"] / errors["noise"]).groupby(errors["channel"]).max()
     channels = list(missed.sort_values(ascending=False, kind="stable").index)
-    rows, width = 2 * len(channels), max(WIDTH, 3.1 * len(runs))
-    sheet = Sheet(0.7 + 2.9 * len(channels), rows, len(runs), width=width, height_ratios=[1.7, 1.0] * len(channels))
+    shares, width = [1.7, 1.0] * len(channels), max(WIDTH, 3.1 * len(runs))
+    sheet = Sheet(0.7 + 2.9 * len(channels), len(shares), len(runs), width=width, height_ratios=shares)
+    series = dict(list(samples.groupby(["run", "channel", "held_out"], sort=False)))
+    errors = errors.set_index(["run", "channel", "held_out"])
     for column, run in enumerate(runs.itertuples()):
-        lowest: Panel | None = None
+        lowest = None
         for row, channel in enumerate(channels):
-            which = {"run": run.run, "channel": channel, "held_out": run.held_out}
-            own, error = (table[(table[list(which)] == pd.Series(which)).all(axis=1)] for table in (samples, errors))
-            if len(own):
+            if (key := (run.run, channel, run.held_out)) in series:
                 if lowest is not None:  # the scale stands below the lowest alone
-                    lowest.axes.set_xlabel("")
-                    lowest.axes.tick_params(labelbottom=False)
-                lowest = _pair(sheet, 2 * row, column, own, error.iloc[0], moments)
+                    _no_scale(lowest)
+                lowest = _pair(sheet, 2 * row, column, series[key], errors.loc[key], moments)
     sheet.legend()
     return sheet.drawing()
 
 
-def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.Series, moments: tuple) -> Panel:
+def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.Series, moments: list[str]) -> Panel:
     """Measured and predicted above measured less predicted, of one channel of one run; the lower panel."""
+    run, channel, held_out = error.name
     angular = samples["crank_angle"].notna().any()
     shown = _one_revolution(samples) if angular else samples
     angle = shown["crank_angle"].to_numpy(dtype=float)
     x = np.degrees(angle % tau) if angular else shown["sample"].to_numpy(dtype=float)
-    words, unit, factor = in_words(error["channel"]), unit_in_words(error["unit"]), error["si_per_unit"]
-    of_angle = error["channel"] == "crank_angle"
-    quantity = Quantity("less steady rotation" if of_angle else words.split()[-1], unit)
-    held_out = ", held out" if error["held_out"] else ""
-    title = f"{words}\n{error['run']}, {error['speed'] * 30.0 / pi:.4g} rpm{held_out}"
+    words, unit = in_words(channel), unit_in_words(error["unit"])
+    less = angle if channel == "crank_angle" else 0.0
+    name = "less steady rotation" if channel == "crank_angle" else words.split()[-1]
+    names = ["measured", *(MODELS[moment] for moment in moments), "spread"]
+    measured, *predicted, spread = (shown[each].to_numpy(dtype=float) / error["si_per_unit"] for each in names)
+    title = f"{words}\n{run}, {error['speed'] * 30.0 / pi:.4g} rpm{', held out' if held_out else ''}"
     abscissa = CRANK_ANGLE if angular else _SAMPLE
-    above = sheet.panel((row, column), title, abscissa, quantity)
+    above = sheet.panel((row, column), title, abscissa, Quantity(name, unit))
     below = sheet.panel((row + 1, column), f"{title}: residual", abscissa, Quantity("residual", unit), below=above)
-    below.axes.set_title(f"RMS {' → '.join(_three_digits(error[moment]) for moment in moments)} {unit}")
-    less = angle if of_angle else 0.0
-    measured = shown["measured"].to_numpy(dtype=float)
-    above.marks("measured", x, (measured - less) / factor, "limit", markersize=3.2, markeredgewidth=0.0, zorder=1.8)
-    for moment in moments:
-        model, style = _MODELS[moment]
-        predicted = shown[model].to_numpy(dtype=float)
-        above.line(f"model {moment}", x, (predicted - less) / factor, moment, linewidth=1.4, **style)
-        below.line(f"measured − model {moment}", x, (measured - predicted) / factor, moment, linewidth=0.9)
+    rms = ("unknown" if np.isnan(error[moment]) else f"{error[moment]:#.3g}".rstrip(".") for moment in moments)
+    below.axes.set_title(f"RMS {' → '.join(rms)} {unit}")
+    less = less / error["si_per_unit"]
+    above.marks("measured", x, measured - less, "limit", markersize=3.2, markeredgewidth=0.0, zorder=1.8)
+    for moment, model in zip(moments, predicted, strict=True):
+        style = {"linestyle": (0, (5, 1.5))} if moment == "before" else {}
+        above.line(f"model {moment}", x, model - less, moment, linewidth=1.4, **style)
+        below.line(f"measured − model {moment}", x, measured - model, moment, linewidth=0.9)
         below.axes.lines[-1].set_label("")  # its colour says which
-    _noise_band(below, x, _NOISE_SPREADS * shown["spread"].to_numpy(dtype=float) / factor)
+    _band(below, x, BAND * spread, "95 % of the noise")
     if angular:
         below.over_crank_angle(0.0, 360.0, step=90.0)
     return below
-
-
-def _three_digits(value: float) -> str:
-    return "unknown" if np.isnan(value) else f"{value:#.3g}".rstrip(".")
-
-
-def _noise_band(panel: Panel, x: np.ndarray, half: np.ndarray) -> None:
-    panel.axes.fill_between(x, -half, half, color="#DDDDDD", linewidth=0.0, zorder=0, label=_NOISE)
-    panel.record(_NOISE, x, np.zeros(len(x)), low=-half, high=half)
 
 
 def _one_revolution(samples: pd.DataFrame) -> pd.DataFrame:
@@ -116,30 +141,8 @@ def _one_revolution(samples: pd.DataFrame) -> pd.DataFrame:
     known = samples[samples["crank_angle"].notna()]
     turn = np.floor(known["crank_angle"] / tau)
     count = turn.value_counts()
-    last = count.index[count >= _FULL * count.max()].max()
-    of_turn = known[turn == last]
-    return of_turn.iloc[np.argsort(of_turn["crank_angle"].to_numpy() % tau, kind="stable")]
-
-
-Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
-SPREADS = "standard deviations of the noise"
-
-
-def _runs_in(frame: pd.DataFrame) -> list[str]:
-    """Runs of a table in its order."""
-    return list(frame["run"].unique())
-
-
-def list_rows(panel: Panel, names: Sequence[str]) -> None:
-    """The `names` down the ordinate of a `panel`, the first on top."""
-    panel.rows(names, range(len(names)))
-    panel.axes.set_ylim(len(names) - 0.4, -0.6)
-    panel.axes.grid(True, axis="y", alpha=0.5)
-
-
-MEAN = Quantity("mean residual", SPREADS)
-_FLAGGED = "window with a disagreement"
-_LINEAR_MEANS = 6.0  # larger means are shown on a logarithmic scale of colours
+    shown = known[turn == count.index[count >= 0.95 * count.max()].max()]
+    return shown.iloc[np.argsort(shown["crank_angle"].to_numpy() % tau, kind="stable")]
 
 
 @figure(
@@ -149,97 +152,61 @@ _LINEAR_MEANS = 6.0  # larger means are shown on a logarithmic scale of colours
     ("map_bins", "map_windows"),
     "Mean residual of the current model with re-fitted parameters, by channel, run and crank angle, in standard "
     "deviations of the noise; red: the measurement is above. Outlined: windows with a significant residual "
-    "(false-discovery rate 1 %). Where means exceed 6 the colour scale is linear up to 1 and logarithmic beyond.",
+    "(false-discovery rate 1 %). The colour scale is linear up to 1 and logarithmic beyond.",
     nothing="no sample could be compared with the model",
 )
 def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     """Mean whitened residual of the recalibrated model by crank angle, a panel for each channel; flagged windows
     outlined."""
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize, SymLogNorm
+    from matplotlib.colors import SymLogNorm
 
-    bins, windows = tables["map_bins"], tables["map_windows"]
-    channels = list(bins["channel"].unique())
-    heights = [bins[bins["channel"] == channel]["run"].nunique() for channel in channels]
-    shares = [0.75 + count for count in heights]
-    sheet = Sheet(1.25 + 0.32 * sum(shares), len(channels), 1, height_ratios=shares)
-    most = round_up(max(1.0, np.nanmax(np.abs(bins["mean"].to_numpy(dtype=float)), initial=0.0)))
-    norm = Normalize(-most, most) if most <= _LINEAR_MEANS else SymLogNorm(1.0, vmin=-most, vmax=most)
-    colours = ScalarMappable(norm, "RdBu_r")
-    above = None
-    for row, channel in enumerate(channels):
-        panel = sheet.panel((row, 0), in_words(channel), CRANK_ANGLE, Quantity("run", ""), below=above)
-        own = bins[bins["channel"] == channel]
-        for place, run in enumerate(_runs_in(own)):
-            _bin_row(panel, place, run, own[own["run"] == run], colours)
-            _windows(panel, place, run, windows[(windows["channel"] == channel) & (windows["run"] == run)])
-        panel.rows(_runs_in(own), range(heights[row]))
-        panel.axes.set_ylim(heights[row] - 0.4, -0.6)
+    bins = tables["map_bins"].dropna(subset=["mean"])
+    most = round_up(max(1.0, bins["mean"].abs().max()))
+    colours = ScalarMappable(SymLogNorm(1.0, vmin=-most, vmax=most), "RdBu_r")
+    runs_of = {channel: list(own["run"].unique()) for channel, own in bins.groupby("channel", sort=False)}
+    shares = [0.75 + len(runs) for runs in runs_of.values()]
+    sheet, above = Sheet(1.25 + 0.32 * sum(shares), len(shares), 1, height_ratios=shares), None
+    for row, (channel, runs) in enumerate(runs_of.items()):
+        above = panel = sheet.panel((row, 0), in_words(channel), CRANK_ANGLE, _RUN, below=above)
+        for place, run in enumerate(runs):
+            own, windows = (
+                table[(table["channel"] == channel) & (table["run"] == run)] for table in (bins, tables["map_windows"])
+            )
+            spans = list(zip(own["start_deg"], own["end_deg"] - own["start_deg"], strict=True))
+            panel.axes.broken_barh(spans, (place - 0.4, 0.8), facecolors=colours.to_rgba(own["mean"].to_numpy()))
+            _record_spans(panel, MEAN.name, place, run, own)
+            _outline(panel, place, run, windows)
+        list_rows(panel, runs)
         panel.axes.grid(False)
         panel.over_crank_angle(0.0, 360.0)
-        above = panel
-    bar = sheet.figure.colorbar(
-        colours, ax=[panel.axes for panel in sheet.panels], label=MEAN.label, location="bottom", shrink=0.7, aspect=45
-    )
+    axes = [panel.axes for panel in sheet.panels]
+    bar = sheet.figure.colorbar(colours, ax=axes, label=MEAN.label, location="bottom", shrink=0.7, aspect=45)
     bar.ax.minorticks_off()
-    if isinstance(norm, SymLogNorm):
-        decades = 10.0 ** np.arange(0, np.floor(np.log10(most)) + 1)
-        ticks = [*-decades[::-1], 0.0, *decades]
-        bar.set_ticks(ticks, labels=[tick_label(tick, 0) for tick in ticks])
-    if windows.empty:
-        sheet.figure.suptitle("no window stands out of the noise", fontsize=8.5, x=0.99, ha="right")
-    else:
+    bar.ax.xaxis.set_major_formatter(tick_label)
+    if len(tables["map_windows"]):
         sheet.legend()
     return sheet.drawing()
 
 
-def _bin_row(panel: Panel, place: int, run: str, bins: pd.DataFrame, colours: Any) -> None:
-    filled = bins[bins["mean"].notna()]
-    start, width = filled["start_deg"].to_numpy(), (filled["end_deg"] - filled["start_deg"]).to_numpy()
-    spans = list(zip(start, width, strict=True))
-    panel.axes.broken_barh(spans, (place - 0.4, 0.8), facecolors=colours.to_rgba(filled["mean"].to_numpy()))
-    panel.record(
-        MEAN.name,
-        start + width / 2.0,
-        np.full(len(filled), float(place)),
-        low=start,
-        high=filled["end_deg"],
-        value=filled["mean"],
-        label=[run] * len(filled),
-        value_quantity=MEAN.name,
-        value_unit=MEAN.unit,
-    )
+def _record_spans(panel: Panel, series: str, place: int, run: str, spans: pd.DataFrame) -> None:
+    low, high = spans["start_deg"], spans["end_deg"]
+    shown = {"value": spans["mean"], "value_quantity": MEAN.name, "value_unit": MEAN.unit, "label": [run] * len(spans)}
+    panel.record(series, (low + high) / 2.0, np.full(len(spans), float(place)), low=low, high=high, **shown)
 
 
-def _windows(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
+def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
     from matplotlib.patches import Rectangle
 
-    for window in windows.itertuples():
-        low, high = window.start_deg, window.end_deg
-        for begin, end in [(low, high)] if low < high else [(low, 360.0), (0.0, high)]:
-            frame = Rectangle((begin, place - 0.43), end - begin, 0.86, fill=False, edgecolor=INK, linewidth=1.3)
-            frame.set(label=_FLAGGED, zorder=3)
+    across = windows["start_deg"] >= windows["end_deg"]  # of dead centre: outlined at both ends
+    ends = windows.assign(end_deg=windows["end_deg"].where(~across, 360.0)), windows[across].assign(start_deg=0.0)
+    series = "window with a disagreement"
+    for spans in ends:
+        for low, high in zip(spans["start_deg"], spans["end_deg"], strict=True):
+            frame = Rectangle((low, place - 0.43), high - low, 0.86, fill=False, edgecolor=INK, linewidth=1.3)
+            frame.set(label=series, zorder=3)
             panel.axes.add_patch(frame)
-            panel.record(
-                _FLAGGED,
-                [(begin + end) / 2.0],
-                [float(place)],
-                low=[begin],
-                high=[end],
-                value=[window.mean],
-                label=[run],
-                value_quantity=MEAN.name,
-                value_unit=MEAN.unit,
-            )
-
-
-BAND = 2.0
-"""Half of the noise band in standard deviations: 95 % of the samples of a true model lie inside."""
-
-_DOTS = 1500  # dots in a panel
-_MEANS = 72  # crank angles at which a mean is drawn
-_FULLEST = 12.0  # residuals beyond are shown on a logarithmic scale
-_BAND_LABEL = f"noise: {BAND:g} standard deviations"
+        _record_spans(panel, series, place, run, spans)
 
 
 @figure(
@@ -256,72 +223,48 @@ _BAND_LABEL = f"noise: {BAND:g} standard deviations"
 def residuals(tables: Tables, verdict: Verdict) -> Drawing:
     """Whitened residual by crank angle: a row for each channel, a column for each run."""
     samples = tables["residuals"]
-    before, after = ((samples["measured"] - samples[model]) / samples["spread"] for model in ("base", "augmented"))
-    moments = ("before", "after") if (before != after).any() else ("before",)  # nothing was added
-    samples = samples.assign(before=before, after=after)
-    runs, channels = _runs_in(samples), list(samples["channel"].unique())
+    whitened = {moment: (samples["measured"] - samples[model]) / samples["spread"] for moment, model in MODELS.items()}
+    moments, samples = _moments(*whitened.values()), samples.assign(**whitened)
+    runs, channels = list(samples["run"].unique()), list(samples["channel"].unique())
     sheet = Sheet(0.8 + 1.75 * len(channels), len(channels), len(runs), width=max(WIDTH, 2.9 * len(runs)))
-    for row, channel in enumerate(channels):
-        largest = np.nanmax(samples.loc[samples["channel"] == channel, list(moments)].abs().to_numpy())
-        for column, run in enumerate(runs):
-            own = samples[(samples["run"] == run) & (samples["channel"] == channel)]
-            if own.empty:
-                continue
-            angular = own["crank_angle"].notna().any()
-            held_out = ", held out" if own["held_out"].all() else ""
-            title = f"{run}{held_out}: {in_words(channel)}"
-            x = CRANK_ANGLE if angular else _SAMPLE
-            panel = sheet.panel((row, column), title, x, Quantity("residual", "noise sd"))
-            _fill(panel, own[own["crank_angle"].notna()] if angular else own, moments, angular)
-            _residual_scale(panel, largest)
-            if channel != samples.loc[samples["run"] == run, "channel"].iloc[-1]:  # the scale stands below the lowest
-                panel.axes.set_xlabel("")
-                panel.axes.tick_params(labelbottom=False)
-            if column:
-                panel.axes.set_ylabel("")
-                panel.axes.tick_params(labelleft=False)
+    largest = samples[moments].abs().max(axis=1).groupby(samples["channel"]).max()
+    last = samples.groupby("run")["channel"].last()
+    for (run, channel), own in samples.groupby(["run", "channel"], sort=False):
+        angular = own["crank_angle"].notna().any()
+        title = f"{run}{', held out' if own['held_out'].all() else ''}: {in_words(channel)}"
+        place, x = (channels.index(channel), runs.index(run)), CRANK_ANGLE if angular else _SAMPLE
+        panel = sheet.panel(place, title, x, Quantity("residual", "noise sd"))
+        _dots(panel, own.dropna(subset=["crank_angle"]) if angular else own, moments, angular)
+        panel.axes.set_ylim(-1.08 * largest[channel], 1.08 * largest[channel])
+        if largest[channel] > 12.0:
+            panel.linear_then_logarithmic(BAND, named=False)  # the band of the noise stands there
+            panel.axes.set_ylabel(f"logarithmic beyond {BAND:g}\n{panel.y.label}")
+            panel.axes.set_ylim(-1.5 * largest[channel], 1.5 * largest[channel])
+        if channel != last[run]:
+            _no_scale(panel)
+        if place[1]:
+            panel.axes.set_ylabel("")
+            panel.axes.tick_params(labelleft=False)
     sheet.legend()
     return sheet.drawing()
 
 
-def _fill(panel: Panel, samples: pd.DataFrame, moments: tuple[str, ...], angular: bool) -> None:
+def _dots(panel: Panel, samples: pd.DataFrame, moments: list[str], angular: bool, most: int = 1500) -> None:
+    """Some of the samples, and means of all of them in 72 equal intervals, which are 5 deg."""
     x = (np.degrees(samples["crank_angle"]) % 360.0 if angular else samples["sample"]).to_numpy(dtype=float)
-    few = np.unique(np.linspace(0, len(x) - 1, min(_DOTS, len(x))).astype(int))
+    few = np.unique(np.linspace(0, len(x) - 1, min(most, len(x))).astype(int))
+    edges = np.linspace(x.min(), x.max(), 73)
+    place = pd.cut(x, edges, labels=False, include_lowest=True)
+    style = {"marker": ".", "markersize": 2.0, "alpha": 0.3, "markeredgewidth": 0.0, "rasterized": True}
     for moment in moments:
-        values = samples[moment].to_numpy(dtype=float)
-        style = {"marker": ".", "markersize": 2.0, "alpha": 0.3, "markeredgewidth": 0.0, "rasterized": True}
-        panel.marks(f"{moment}, samples", x[few], values[few], moment, **style)
+        panel.marks(f"{moment}, samples", x[few], samples[moment].to_numpy()[few], moment, **style)
         panel.axes.lines[-1].set_label("")  # dots as small as these cannot be seen in a legend
-        panel.line(f"{moment}, mean", *_means(x, values), moment, linewidth=1.3, zorder=3)
-    panel.axes.axhspan(-BAND, BAND, color="#E9E9E9", zorder=0, label=_BAND_LABEL)
-    panel.record(_BAND_LABEL, [np.nan], [0.0], low=[-BAND], high=[BAND])
+        means = samples[moment].groupby(place).mean().reindex(range(72))  # NaN where there is none breaks the curve
+        panel.line(f"{moment}, mean", (edges[1:] + edges[:-1]) / 2.0, means, moment, linewidth=1.3, zorder=3)
+    _band(panel, np.array([x.min(), x.max()]), np.full(2, BAND), f"noise: {BAND:g} standard deviations")
     if angular:
         panel.over_crank_angle(0.0, 360.0, step=90.0)
 
-
-def _residual_scale(panel: Panel, largest: float) -> None:
-    """The same scale for all runs of a channel."""
-    if largest > _FULLEST:
-        panel.linear_then_logarithmic(BAND, named=False)  # the band of the noise stands there
-        panel.axes.set_ylabel(f"logarithmic beyond {BAND:g}\n{panel.y.label}")
-        panel.axes.set_ylim(-1.5 * largest, 1.5 * largest)
-    else:
-        panel.axes.set_ylim(-1.08 * largest, 1.08 * largest)
-
-
-def _means(x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means of `values` in equal intervals of `x`; NaN where there is none, so that the curve breaks."""
-    edges = np.linspace(x.min(), x.max(), _MEANS + 1)
-    place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, _MEANS - 1)
-    count = np.bincount(place, minlength=_MEANS)
-    total = np.bincount(place, values, _MEANS)
-    return (edges[1:] + edges[:-1]) / 2.0, np.divide(total, count, out=np.full(_MEANS, np.nan), where=count > 0)
-
-
-RANKED = 8
-"""The best explanations by one effect that are shown, and the best by more; all stand in the table of the ranking."""
-
-BASE = "the model as it stands"
 
 _KINDS = {
     "base": (BASE, "limit"),
@@ -329,7 +272,7 @@ _KINDS = {
     "pair": ("two effects", "pair"),
     "formula": ("formula", "formula"),
 }
-_EXPLANATION = Quantity("explanation", "")
+_PLACES = {"named": "named", "equivalent": "cannot be told apart", "best_known": "best known, not proven"}
 _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 
 
@@ -348,20 +291,38 @@ _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     """The best explanations by how far they are behind the best one in BIC, and by the share of the misfit they
     explain."""
-    best = _shown(tables["ranking"])
+    from matplotlib.ticker import FixedLocator
+
+    base = {"explanation": BASE, "kind": "base", "delta_bic": 0.0, "explained_share": 0.0, "place": ""}
+    fits = tables["ranking"].query("kind != 'base'").dropna(subset=["delta_bic"]).sort_values("delta_bic")[list(base)]
+    best = fits.groupby(fits["kind"] == "single").tail(RANKED)
+    best = pd.concat([best, pd.DataFrame([base])]).sort_values("delta_bic", ascending=False, kind="stable")
     names = [in_words(label).replace(" + ", " +\n") for label in best["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
-    behind = sheet.panel(
-        (0, 0), "behind the best", Quantity("evidence against it: BIC above the best", "1"), _EXPLANATION
-    )
-    share = sheet.panel((0, 1), "misfit explained", Quantity("share explained", "1"), _EXPLANATION)
-    distance = best["delta_bic"].max() - best["delta_bic"]
-    for panel, values in ((behind, distance), (share, best["explained_share"].clip(-0.1, 1.1))):
-        _ranking_marks(panel, best, values)
+    shown = {
+        Quantity("evidence against it: BIC above the best", "1"): best["delta_bic"].max() - best["delta_bic"],
+        Quantity("share explained", "1"): best["explained_share"].clip(-0.1, 1.1),
+    }
+    titles, place = ("behind the best", "misfit explained"), np.arange(len(best))
+    for column, (quantity, values) in enumerate(shown.items()):
+        panel = sheet.panel((0, column), titles[column], quantity, Quantity("explanation", ""))
+        series = {
+            words: (colour, best["kind"].eq(kind) & best["place"].eq(""), {})
+            for kind, (words, colour) in _KINDS.items()
+        }
+        diamond = {"marker": "D", "markersize": 6.0}
+        series |= {words: ("named", best["place"] == name, diamond) for name, words in _PLACES.items()}
+        for words, (colour, own, style) in series.items():
+            if own.any():
+                panel.marks(words, values[own], place[own], colour, labels=list(best["explanation"][own]), **style)
         list_rows(panel, names)
-        panel.axes.set_ylabel("")
+    behind, share = sheet.panels
+    farthest = max(float(best["delta_bic"].max() - best["delta_bic"].min()), _APART)
     behind.vertical_line("told apart from here on", _APART)
-    _distance_scale(behind, distance.max())
+    behind.axes.set_xscale("symlog", linthresh=_APART, linscale=0.7)
+    decades = 10.0 ** np.arange(1, 12)
+    label_ticks(behind.axes.xaxis, FixedLocator([0.0, *decades[decades <= 1.5 * farthest]]))
+    behind.axes.set_xlim(-1.5, 1.8 * farthest)
     share.vertical_line("all of the misfit", 1.0, named=False)
     share.axes.set_xlim(-0.12, 1.12)
     share.axes.tick_params(labelleft=False)
@@ -369,50 +330,9 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-def _shown(fits: pd.DataFrame) -> pd.DataFrame:
-    """The best of the fits, best first, and the base, which all of them are compared with."""
-    fitted = fits[(fits["kind"] != "base") & fits["delta_bic"].notna()].sort_values("delta_bic", ascending=False)
-    alone = fitted["kind"] == "single"
-    base = {"explanation": BASE, "kind": "base", "delta_bic": 0.0, "explained_share": 0.0, "place": ""}
-    rows = [fitted[alone].head(RANKED), fitted[~alone].head(RANKED), pd.DataFrame([base])]
-    columns = list(base)
-    kept = pd.concat([frame[columns] for frame in rows if len(frame)], ignore_index=True)
-    return kept.sort_values("delta_bic", ascending=False, kind="stable", ignore_index=True)
-
-
-def _ranking_marks(panel: Panel, best: pd.DataFrame, values: pd.Series) -> None:
-    place = np.arange(len(best))
-    for kind, (series, colour) in _KINDS.items():
-        own = ((best["kind"] == kind) & (best["place"] == "")).to_numpy()
-        if own.any():
-            panel.marks(series, values[own], place[own], colour, labels=list(best["explanation"][own]))
-    for series, words in (
-        ("named", "named"),
-        ("equivalent", "cannot be told apart"),
-        ("best_known", "best known, not proven"),
-    ):
-        own = (best["place"] == series).to_numpy()
-        if own.any():
-            labels = list(best["explanation"][own])
-            panel.marks(words, values[own], place[own], "named", labels=labels, marker="D", markersize=6.0)
-
-
-def _distance_scale(panel: Panel, farthest: float) -> None:
-    """An abscissa that is linear up to the difference that tells two explanations apart and logarithmic beyond."""
-    from matplotlib.ticker import FixedLocator
-
-    decades = 10.0 ** np.arange(1, 12)
-    ticks = [0.0, *decades[decades <= 1.5 * max(farthest, _APART)]]
-    panel.axes.set_xscale("symlog", linthresh=_APART, linscale=0.7)
-    label_ticks(panel.axes.xaxis, FixedLocator(ticks))
-    panel.axes.set_xlim(-1.5, 1.8 * max(farthest, _APART))
-
-
-POSITION = Quantity("slider position", "mm", "$x$")
-SPEED = Quantity("slider velocity", "m/s", "$v$")
+POSITION, SPEED = Quantity("slider position", "mm", "$x$"), Quantity("slider velocity", "m/s", "$v$")
 FORCES = {"slider_force": Quantity("force on the slider", "N"), "crank_torque": Quantity("torque on the crank", "N m")}
 _COLOURS = ("paper", "after", "network", "second surrogate", "spline", "other", "ideal")
-_WIDEST = 5.0  # [pt] curve of the first run, which lies lowest
 
 
 @figure(
@@ -428,46 +348,34 @@ _WIDEST = 5.0  # [pt] curve of the first run, which lies lowest
 def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
     """What the named effects push the slider with (or turn the crank) along each run: over x, over v, and over both."""
     samples = tables["missing_force"]
-    shown = [name for name in FORCES if samples[name].abs().max() > 0.0]
+    shown = {name: force for name, force in FORCES.items() if samples[name].abs().max() > 0.0}
     if not shown:
         return message_sheet(FIGURES["missing_force"].title, FIGURES["missing_force"].nothing)
-    across = [("slider_velocity", SPEED, 1.0), ("slider_position", POSITION, 1e3)]
+    values = {SPEED: samples["slider_velocity"], POSITION: 1e3 * samples["slider_position"]}
+    values[CRANK_ANGLE] = np.degrees(samples["crank_angle"])
     sheet = Sheet(0.5 + 2.7 * len(shown), len(shown), 3, width=10.5)
-    for row, name in enumerate(shown):
-        force = FORCES[name]
-        if name == "crank_torque":
-            across = [across[0], ("crank_angle", CRANK_ANGLE, 180.0 / np.pi)]
-        for column, (key, quantity, factor) in enumerate(across):
+    for row, (name, force) in enumerate(shown.items()):
+        for column, quantity in enumerate((SPEED, POSITION if name == "slider_force" else CRANK_ANGLE)):
             panel = sheet.panel((row, column), f"{force.name} over {quantity.name}", quantity, force)
-            for number, run in enumerate(_runs_in(samples)):
-                own = samples[samples["run"] == run]
+            for number, run in enumerate(samples["run"].unique()):
+                own = samples["run"] == run
+                style = {"linewidth": 5.0 * 0.5**number + 0.7}  # one curve may lie on the others
                 colour = _COLOURS[number % len(_COLOURS)]
-                width = _WIDEST * 0.5**number + 0.7  # one curve may lie on the others: those drawn first show beside it
-                panel.line(f"run {run}", factor * own[key].to_numpy(), own[name].to_numpy(), colour, linewidth=width)
+                panel.line(f"run {run}", values[quantity][own], samples[name][own], colour, **style)
             panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
             if quantity is CRANK_ANGLE:
                 panel.over_crank_angle(0.0, 360.0)
-        _plane(sheet, row, samples, name)
+        panel = sheet.panel((row, 2), f"{force.name} as colour", POSITION, SPEED)
+        most = samples[name].abs().max()
+        style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most, "s": 9.0, "linewidths": 0.0, "rasterized": True}
+        drawn = panel.axes.scatter(values[POSITION], values[SPEED], c=samples[name], **style)
+        recorded = {"value": samples[name], "value_quantity": force.name, "value_unit": force.unit}
+        panel.record(force.name, values[POSITION], values[SPEED], **recorded)
+        sheet.figure.colorbar(drawn, ax=panel.axes, label=force.label)
     sheet.legend()
     return sheet.drawing()
 
 
-def _plane(sheet: Sheet, row: int, samples: pd.DataFrame, name: str) -> None:
-    """Colour of the force along the runs in the plane of position and speed."""
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    force = FORCES[name]
-    panel = sheet.panel((row, 2), f"{force.name} as colour", POSITION, SPEED)
-    x, y, value = 1e3 * samples["slider_position"], samples["slider_velocity"], samples[name]
-    most = value.abs().max()
-    colours = ScalarMappable(Normalize(-most, most), "RdBu_r")
-    panel.axes.scatter(x, y, c=value, cmap=colours.cmap, norm=colours.norm, s=9.0, linewidths=0.0, rasterized=True)
-    panel.record(force.name, x, y, value=value, value_quantity=force.name, value_unit=force.unit)
-    sheet.figure.colorbar(colours, ax=panel.axes, label=force.label)
-
-
-GAP = Quantity("gap: root mean square residual", SPREADS)
 ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify": "used for fitting"}
 
 
@@ -482,84 +390,39 @@ ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify":
     nothing="no gap was taken",
 )
 def gaps(tables: Tables, verdict: Verdict) -> Drawing:
-    """Root mean squared whitened residual by run and channel, with 90 % intervals; 1 is the noise. Nothing after where
-    nothing was added."""
-    table = tables["gaps"]
-    roles = [role for role in ROLES if (table["role"] == role).any()]
-    counts = [int((table["role"] == role).sum()) for role in roles]
-    sheet = Sheet(
-        1.2 + sum(0.55 + 0.2 * count for count in counts), len(roles), 1, height_ratios=[2 + n for n in counts]
-    )
-    added = not np.array_equal(table["before"], table["after"])
-    moments = (("before", -0.14, "before"), ("after", 0.14, "after")) if added else (("before", 0.0, "before"),)
-    above, widest = None, max(_width_of(_gap_label(each)) for each in table.itertuples())
-    for row, role in enumerate(roles):
-        own = _in_order(table[table["role"] == role])
-        panel = sheet.panel((row, 0), ROLES[role], GAP, Quantity("run", ""), below=above)
-        place = np.arange(len(own))
-        labels = [_gap_label(each) for each in own.itertuples()]
-        for series, shift, colour in moments:
-            low, high = (own[f"{series}_{end}"] for end in ("low", "high"))
-            marker = "D" if series == "after" else "o"
-            panel.marks(series, own[series], place + shift, colour, low, high, labels, along="x", marker=marker)
-        list_rows(panel, labels)
-        _from_the_left(panel, widest)
-        panel.vertical_line("noise alone", 1.0)
-        panel.axes.set_ylabel("")
-        above = panel
-    _gap_scale(sheet, table)
-    sheet.legend()
-    return sheet.drawing()
-
-
-def _in_order(own: pd.DataFrame) -> pd.DataFrame:
-    """All runs first, then each run: all channels, then one by one."""
-    runs = {run: place for place, run in enumerate(("all", *(run for run in own["run"].unique() if run != "all")))}
-    place = own["run"].map(runs) + (own["channel"] != "all") * 0.5
-    return own.assign(place=place).sort_values("place", kind="stable").drop(columns="place").reset_index(drop=True)
-
-
-def _gap_label(row) -> str:
-    """The channels of a run are indented below it."""
-    if row.channel != "all":
-        return f"      {in_words(row.channel)}"
-    return "all runs" if row.run == "all" else f"run {row.run}"
-
-
-def _width_of(label: str) -> float:
-    """Width [pt] of a tick's label; a blank has none by itself."""
-    from matplotlib import rcParams
-    from matplotlib.textpath import TextPath
-
-    size = rcParams["ytick.labelsize"]
-    ends = (TextPath((0, 0), f"{text}|", size=size).get_extents().x1 for text in (label, ""))
-    return next(ends) - next(ends)
-
-
-def _from_the_left(panel: Panel, width: float) -> None:
-    """Labels of rows begin at one place, `width` [pt] left of the axis, so that indents show."""
-    panel.axes.tick_params(axis="y", pad=width + 4.0)
-    for label in panel.axes.get_yticklabels():
-        label.set_horizontalalignment("left")
-
-
-def _gap_scale(sheet: Sheet, table: pd.DataFrame) -> None:
+    """Root mean squared whitened residual by run and channel, with 90 % intervals; 1 is the noise."""
     from matplotlib.ticker import LogLocator
 
-    shown = table[["before", "after", "before_low", "before_high", "after_low", "after_high"]].to_numpy(dtype=float)
-    low, high = np.nanmin(shown), np.nanmax(shown)
-    for panel in sheet.panels:
+    table = tables["gaps"]
+    moments = _moments(table["before"], table["after"])
+    by_role = {role: table[table["role"] == role] for role in ROLES if (table["role"] == role).any()}
+    counts = [len(own) for own in by_role.values()]
+    height = 1.2 + sum(0.55 + 0.2 * count for count in counts)
+    sheet, above = Sheet(height, len(counts), 1, height_ratios=[2 + count for count in counts]), None
+    ends = table[[f"{moment}{end}" for moment in moments for end in ("", "_low", "_high")]]
+    for row, (role, own) in enumerate(by_role.items()):
+        order = pd.DataFrame(
+            {"alone": own["run"] != "all", "run": pd.factorize(own["run"])[0], "one": own["channel"] != "all"}
+        )
+        own = own.loc[order.sort_values(["alone", "run", "one"], kind="stable").index]
+        labels = [
+            ("all runs" if one.run == "all" else f"run {one.run}")
+            + ("" if one.channel == "all" else f", {in_words(one.channel)}")
+            for one in own.itertuples()
+        ]
+        above = panel = sheet.panel((row, 0), ROLES[role], GAP, _RUN, below=above)
+        for moment in moments:
+            place = np.arange(len(own)) + (0.0 if len(moments) == 1 else -0.14 if moment == "before" else 0.14)
+            value, low, high = (own[f"{moment}{end}"] for end in ("", "_low", "_high"))
+            marker = "D" if moment == "after" else "o"
+            panel.marks(moment, value, place, moment, low, high, labels, along="x", marker=marker)
+        list_rows(panel, labels)
+        panel.vertical_line("noise alone", 1.0)
         panel.axes.set_xscale("log")
-        panel.axes.set_xlim(0.85 * min(low, 0.9), 1.2 * max(high, 1.5))
+        panel.axes.set_xlim(0.85 * min(ends.min().min(), 0.9), 1.2 * max(ends.max().max(), 1.5))
         label_ticks(panel.axes.xaxis, LogLocator(subs=(1.0, 2.0, 5.0)))
-
-
-MODELS = {"base": "before", "augmented": "after"}
-"""Series of the models of table `CAMPAIGN_OPTIMUM`."""
-
-_LENGTHS = {"crank_length": "crank length", "rod_length": "rod length"}
-_ROOM = 0.25  # of a scale's span, to each side
-_SMALLEST_CHANGE = 2e-3  # of a length: smaller ones look small
+    sheet.legend()
+    return sheet.drawing()
 
 
 @figure(
@@ -579,62 +442,45 @@ def optimum(tables: Tables, verdict: Verdict) -> Drawing:
     optima = tables["campaign_optimum"].dropna(subset=["crank_length"])
     if optima.empty:
         return message_sheet("Optimum before and after", "the model could not be optimised again: see the summary")
-    order = optima["model"].map(list(MODELS).index)
-    optima = optima.assign(order=order).sort_values(["source", "order"], kind="stable", ignore_index=True)
-    names = [f"{MODELS[row.model]}, {in_words(row.source)}" for row in optima.itertuples()]
-    sheet = Sheet(1.0 + 0.32 * max(3, len(names)), 1, 3, width=9.0, width_ratios=[1.0, 1.0, 1.3])
-    for column, (key, words) in enumerate(_LENGTHS.items()):
-        panel = sheet.panel((0, column), f"optimal {words}", Quantity(words, "mm"), Quantity("model", ""))
-        for place, row in enumerate(optima.itertuples()):
-            value, series = 1e3 * getattr(row, key), MODELS[row.model]
-            edge = ", at a bound" if row.at_edge else ""
-            panel.marks(series, [value], [place], series, labels=[row.source], marker="D")
-            _beside(panel, value, place, f"{value:.2f} mm{edge}")
-        _length_scale(panel, 1e3 * optima[key].to_numpy(dtype=float))
-        _optimum_rows(panel, names, column == 0)
-    error = sheet.panel(
-        (0, 2), "RMS error of the transmission angle", Quantity("RMS error", "mdeg"), Quantity("model", "")
-    )
-    for place, row in enumerate(optima.itertuples()):
+    series = {model: moment for moment, model in MODELS.items()}
+    optima = optima.assign(series=optima["model"].map(series)).sort_values(["source", "model"], ascending=[True, False])
+    rows = list(optima.itertuples())
+    sheet = Sheet(1.0 + 0.32 * max(3, len(rows)), 1, 3, width=9.0, width_ratios=[1.0, 1.0, 1.3])
+    titles = {"crank length": "optimal crank length", "rod length": "optimal rod length"}
+    titles["RMS error"] = "RMS error of the transmission angle"
+    panels = [
+        sheet.panel((0, column), title, Quantity(name, "mdeg" if "RMS" in name else "mm"), Quantity("model", ""))
+        for column, (name, title) in enumerate(titles.items())
+    ]
+    error = panels[2]
+    for place, row in enumerate(rows):
+        diamond = {"labels": [row.source], "marker": "D"}
+        for panel, length in zip(panels, (row.crank_length, row.rod_length), strict=False):
+            panel.marks(row.series, [1e3 * length], [place], row.series, **diamond)
+            _beside(panel, 1e3 * length, place, f"{1e3 * length:.2f} mm{', at a bound' if row.at_edge else ''}")
         original, optimal = (1e3 * np.degrees(value) for value in (row.rms_before, row.rms_after))
         error.line("fall", [original, optimal], [place, place], "limit", linewidth=1.0)
         error.axes.lines[-1].set_label("")
         error.marks("original lengths", [original], [place], "other", labels=[row.source], markerfacecolor="white")
-        error.marks("optimal lengths", [optimal], [place], MODELS[row.model], labels=[row.source], marker="D")
+        error.marks("optimal lengths", [optimal], [place], row.series, **diamond)
         again = "" if pd.isna(row.resimulated) else f", simulated again {percent(-row.resimulated)}"
         _beside(error, 0.0, place, f"{percent(-row.reduction)}{again}".replace("-", "−"))
-    most = 1e3 * np.degrees(optima["rms_before"].max())
-    error.axes.set_xlim(0.0, 1.08 * most)
-    _optimum_rows(error, names, False)
+    for panel, length in zip(panels, ("crank_length", "rod_length"), strict=False):
+        low, high = 1e3 * optima[length].min(), 1e3 * optima[length].max()
+        half = max(0.75 * (high - low), 1e-3 * (low + high))  # a change of a thousandth looks small
+        panel.axes.set_xlim((low + high) / 2.0 - half, (low + high) / 2.0 + half)
+        panel.axes.locator_params(axis="x", nbins=4)
+    error.axes.set_xlim(0.0, 1.08e3 * np.degrees(optima["rms_before"].max()))
+    for panel in panels:
+        list_rows(panel, [f"{row.series}, {in_words(row.source)}" if panel is panels[0] else "" for row in rows])
+        panel.axes.set_ylim(len(rows) - 0.4, -0.75)
     sheet.legend([error])
     return sheet.drawing()
 
 
-def _optimum_rows(panel: Panel, names: list[str], named: bool) -> None:
-    panel.rows(names if named else [""] * len(names), np.arange(len(names), dtype=float))
-    panel.axes.set_ylim(len(names) - 0.4, -0.75)
-    panel.axes.set_ylabel("")
-
-
 def _beside(panel: Panel, x: float, place: float, text: str) -> None:
-    panel.axes.annotate(
-        text, (x, place), (0, 5), textcoords="offset points", ha="center" if x else "left", va="bottom", fontsize=8.0
-    )
-
-
-def _length_scale(panel: Panel, values: np.ndarray) -> None:
-    """A scale on which a change of a thousandth of a length looks small."""
-    middle, span = (values.min() + values.max()) / 2.0, values.max() - values.min()
-    half = max((0.5 + _ROOM) * span, _SMALLEST_CHANGE * middle)
-    panel.axes.set_xlim(middle - half, middle + half)
-    panel.axes.locator_params(axis="x", nbins=4)
-
-
-COSINE = Quantity("cosine of the signatures", "1")
-_EFFECT = Quantity("effect", "")
-_RELATIVE_SIZE = Quantity("smallest detectable size over the size that makes a gap of 1.5", "1")
-_WRITTEN_FROM = 0.5  # cosines that are written as numbers
-_MERGED = "cannot be told apart here"
+    style = {"ha": "center" if x else "left", "va": "bottom", "fontsize": 8.0}
+    panel.axes.annotate(text, (x, place), (0, 5), textcoords="offset points", **style)
 
 
 @figure(
@@ -652,78 +498,58 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
     outlined."""
     from matplotlib.patches import Rectangle
 
-    pairs = tables["confusability"]
-    labels = sorted({*pairs["first"], *pairs["second"]})
-    number = {label: place for place, label in enumerate(labels)}
-    cosine = np.eye(len(labels))
-    rows, columns = pairs["first"].map(number), pairs["second"].map(number)
-    cosine[rows, columns] = cosine[columns, rows] = np.nan_to_num(np.abs(pairs["cosine"].to_numpy(dtype=float)))
-    np.fill_diagonal(cosine, 1.0)
-    order = _order_by_likeness(cosine, [[number[label] for label in group] for group in _merged(verdict, number)])
-    labels, cosine = [labels[i] for i in order], cosine[np.ix_(order, order)]
-    number = {label: place for place, label in enumerate(labels)}
-    count = len(labels)
+    pairs = tables["confusability"].assign(cosine=lambda table: table["cosine"].abs())
+    matrix = pairs.pivot_table(index="first", columns="second", values="cosine", dropna=False)
+    matrix = matrix.combine_first(matrix.T).fillna(0.0)
+    groups = [
+        own
+        for group in verdict.get("preflight", {}).get("merged", ())
+        if len(own := [label for label in group if label in matrix.index]) > 1
+    ]
+    labels = _order_by_likeness(matrix, groups)
+    cosine, count = matrix.loc[labels, labels].to_numpy(), len(labels)
     size = 3.6 + 0.25 * count
     sheet = Sheet(size * 0.95, 1, 1, width=size)
     panel = sheet.panel((0, 0), "how alike the effects look", _EFFECT, _EFFECT)
-    drawn = panel.axes.pcolormesh(
-        np.arange(count + 1) - 0.5, np.arange(count + 1) - 0.5, cosine, cmap="Blues", vmin=0, vmax=1
-    )
-    x, y = np.meshgrid(np.arange(count, dtype=float), np.arange(count, dtype=float))
-    panel.record(
-        COSINE.name,
-        x.ravel(),
-        y.ravel(),
-        value=cosine.ravel(),
-        label=[f"{first} / {second}" for first in labels for second in labels],
-        value_quantity=COSINE.name,
-        value_unit=COSINE.unit,
-    )
+    drawn = panel.axes.imshow(cosine, cmap="Blues", vmin=0, vmax=1)
+    y, x = (place.ravel().astype(float) for place in np.indices(cosine.shape))
+    shown = {"label": [f"{first} / {second}" for first in labels for second in labels], "value": cosine.ravel()}
+    panel.record(COSINE.name, x, y, value_quantity=COSINE.name, value_unit=COSINE.unit, **shown)
     for (row, column), value in np.ndenumerate(cosine):
-        if row != column and value >= _WRITTEN_FROM:
-            ink = "white" if value > 0.6 else "black"
-            panel.axes.text(column, row, _two_digits(value), ha="center", va="center", color=ink, fontsize=6.0)
-    for group in _merged(verdict, number):
-        places = sorted(number[label] for label in group)
+        if row != column and value >= 0.5:
+            ink, text = "white" if value > 0.6 else "black", f"{value:.2f}".lstrip("0")
+            panel.axes.text(column, row, text, ha="center", va="center", color=ink, fontsize=6.0)
+    for group in groups:
+        places, series = sorted(map(labels.index, group)), "cannot be told apart here"
         edge = Rectangle((places[0] - 0.5, places[0] - 0.5), len(places), len(places), fill=False, linewidth=1.8)
-        edge.set(edgecolor=COLOURS["before"], label=_MERGED, zorder=3)
+        edge.set(edgecolor=COLOURS["before"], label=series, zorder=3)
         panel.axes.add_patch(edge)
-        panel.record(_MERGED, places, places, label=[labels[place] for place in places])
+        panel.record(series, places, places, label=[labels[place] for place in places])
     names = [in_words(label) for label in labels]
     panel.axes.set_xticks(range(count), names, rotation=90, fontsize=7.0)
     panel.axes.set_yticks(range(count), names, fontsize=7.0)
-    panel.axes.set(xlabel="", ylabel="", aspect="equal")
-    panel.axes.invert_yaxis()
+    panel.axes.set(xlabel="", ylabel="")
     panel.axes.grid(False)
     sheet.figure.colorbar(drawn, ax=panel.axes, label=COSINE.label, shrink=0.6)
-    if _merged(verdict, number):
+    if groups:
         sheet.legend()
     return sheet.drawing()
 
 
-def _merged(verdict: Mapping[str, Any], shown: Mapping[str, int]) -> list[list[str]]:
-    groups = verdict.get("preflight", {}).get("merged", ())
-    return [own for group in groups if len(own := [label for label in group if label in shown]) > 1]
-
-
-def _order_by_likeness(cosine: np.ndarray, groups: list[list[int]]) -> list[int]:
+def _order_by_likeness(matrix: pd.DataFrame, groups: list[list[str]]) -> list[str]:
     """An order in which effects that look alike are neighbours, those of one group without a stranger between them."""
     from scipy.cluster.hierarchy import leaves_list, linkage
     from scipy.spatial.distance import squareform
 
-    if len(cosine) < 3:
-        return list(range(len(cosine)))
-    near = cosine.copy()
+    if len(matrix) < 3:
+        return list(matrix.index)
+    distance = 2.0 - matrix
     for group in groups:
-        near[np.ix_(group, group)] = 2.0  # nearer than any other can be
-    distance = 2.0 - near
-    np.fill_diagonal(distance, 0.0)
-    return list(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))
-
-
-def _two_digits(value: float) -> str:
-    """Two digits after the point, three where these would be 1.00."""
-    return "1" if value >= 0.9995 else f"{value:.{3 if value >= 0.995 else 2}f}".lstrip("0")
+        distance.loc[group, group] = 0.0  # nearer than any other can be
+    values = distance.to_numpy(copy=True)
+    np.fill_diagonal(values, 0.0)
+    tree = linkage(squareform(values, checks=False), "average", optimal_ordering=True)
+    return list(matrix.index[leaves_list(tree)])
 
 
 @figure(
@@ -738,29 +564,24 @@ def _two_digits(value: float) -> str:
 )
 def detectable(tables: Tables, verdict: Verdict) -> Drawing:
     """The smallest size of each effect that this experiment shows, over the one that makes a gap of 1.5, with its
-    value.
-
-    Where the value falls as the effect grows, the ratio is turned over: to the left of the line is always what is
-    easily seen."""
+    value. To the left of the line is always what is easily seen.
+    """
     effects = tables["detectable"]
     ratio = (effects["smallest_detectable"] / effects["typical"]).abs()
     effects = effects.assign(ratio=ratio.where(~effects["falls"], 1.0 / ratio))
     effects = effects.sort_values("ratio", na_position="last").reset_index(drop=True)
     sheet = Sheet(1.3 + 0.21 * len(effects), 1, 1)
-    panel = sheet.panel((0, 0), "from which size on this campaign shows an effect", _RELATIVE_SIZE, _EFFECT)
-    place, seen = np.arange(len(effects), dtype=float), effects["detectable"].to_numpy(dtype=bool)
-    panel.marks(
-        "smallest detectable size", effects["ratio"][seen], place[seen], "after", labels=list(effects["label"][seen])
-    )
+    quantity = Quantity("smallest detectable size over the size that makes a gap of 1.5", "1")
+    panel = sheet.panel((0, 0), "from which size on this campaign shows an effect", quantity, _EFFECT)
+    seen = effects[effects["detectable"].astype(bool)]
+    panel.marks("smallest detectable size", seen["ratio"], seen.index, "after", labels=list(seen["label"]))
     list_rows(panel, [in_words(label) for label in effects["label"]])
     panel.vertical_line("size that makes a gap of 1.5", 1.0)
     panel.axes.set_xscale("log")
-    low, high = effects["ratio"][seen].min(), effects["ratio"][seen].max()
-    panel.axes.set_xlim(0.7 * np.fmin(low, 0.2), 2.0 * np.fmax(high, 1.0))
+    panel.axes.set_xlim(0.7 * np.fmin(seen["ratio"].min(), 0.2), 2.0 * np.fmax(seen["ratio"].max(), 1.0))
     panel.axes.xaxis.set_major_formatter(tick_label)
-    panel.axes.set_ylabel("")
     right_axis = panel.axes.secondary_yaxis("right")
-    right_axis.set_yticks(place, [_detectable_size(row) for row in effects.itertuples()])
+    right_axis.set_yticks(range(len(effects)), [_detectable_size(row) for row in effects.itertuples()])
     right_axis.tick_params(length=0)
     right_axis.spines["right"].set_visible(False)
     sheet.legend()
@@ -770,7 +591,5 @@ def detectable(tables: Tables, verdict: Verdict) -> Drawing:
 def _detectable_size(effect) -> str:
     if pd.notna(effect.failed):
         return "not simulated"
-    if not effect.detectable:
-        return "no size shows"
-    size = size_for_the_eye(effect.smallest_detectable, effect.unit)
-    return f"up to {size}" if effect.falls else size
+    size = size_for_the_eye(effect.smallest_detectable, effect.unit) if effect.detectable else "no size shows"
+    return f"up to {size}" if effect.detectable and effect.falls else size

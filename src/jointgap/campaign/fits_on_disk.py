@@ -1,7 +1,7 @@
 """Fits and outcomes of identification as tables."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,8 @@ from jointgap.core import schema
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
-from jointgap.core.schema import CHANNEL_ERRORS
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.decide_verdict import NO_DISAGREEMENT, Decision, Ranked, proposal
+from jointgap.identification.decide_verdict import Decision, Ranked
 from jointgap.identification.fit import FAILED, LEVELS, Fit, compress_rows, effect_estimates, nuisance_estimates
 from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.law_family import FamilyInterval
@@ -23,22 +22,27 @@ from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.screening import LinearizedFit, Signature, Signatures, only_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
+JOINED = " + "
+"""What stands between the labels of effects that are one explanation."""
+
 _ANGLE = "crank_angle"
+_ORIGIN = "origin"  # in place of a parameter's name: residuals at zero size, where these are not the base's
+_BETWEEN_TEXTS = "; "
+_SERIES = ["run", "channel"]
 
 
 def clockwise(campaign: Campaign) -> frozenset[str]:
-    """The runs whose crank turns clockwise."""
+    """The runs whose crank turns clockwise; in tables and verdicts these are mirrored back."""
     return frozenset(run.id for run in campaign.runs if run.direction == "clockwise")
 
 
 def map_as_read(spans: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
     """Bins or windows of the map of disagreement, of which those in clockwise `runs` are mirrored back."""
     turned = spans["run"].isin(runs)
-    sign = np.where(turned & (spans["channel"] == _ANGLE), -1.0, 1.0)
     return spans.assign(
         start_deg=spans["start_deg"].where(~turned, 360.0 - spans["end_deg"]),
         end_deg=spans["end_deg"].where(~turned, 360.0 - spans["start_deg"]),
-        mean=sign * spans["mean"],
+        mean=np.where(turned & (spans["channel"] == _ANGLE), -1.0, 1.0) * spans["mean"],
     )
 
 
@@ -51,74 +55,57 @@ def residuals_as_read(residuals: pd.DataFrame, runs: Collection[str]) -> pd.Data
     return residuals.assign(crank_angle=angle, **{name: sign * residuals[name] for name in signed})
 
 
-def parameter_as_read(parameter: Parameter, estimate: dict[str, Any], runs: Collection[str]) -> dict[str, Any]:
-    """A fitted parameter with its interval, as `jointgap.identification.fit.estimate_with_interval` says it: the
-    first angle of clockwise `runs` is mirrored back.
-    """
-    if parameter.name != "first_angle" or parameter.run not in runs:
-        return estimate
-    mirrored = {"value": -estimate["value"]}
-    for key in (f"interval_{level}" for level in LEVELS):
-        mirrored[key] = [None if end is None else -end for end in reversed(estimate[key])]
-    return estimate | mirrored
-
-
 def nuisances_as_read(fit: Fit, runs: Collection[str] = ()) -> list[tuple[Parameter, dict[str, Any]]]:
-    """`jointgap.identification.fit.nuisance_estimates`, of which the first angles of clockwise `runs` are
-    mirrored back.
-    """
-    return [(p, parameter_as_read(p, estimate, runs)) for p, estimate in nuisance_estimates(fit)]
+    """Nuisances with their estimates; the first angles of clockwise `runs` are mirrored back."""
+    found = nuisance_estimates(fit)
+    for p, estimate in found:
+        if p.name == "first_angle" and p.run in runs:
+            estimate["value"] = -estimate["value"]
+            for key in (f"interval_{level}" for level in LEVELS):
+                estimate[key] = [None if end is None else -end for end in reversed(estimate[key])]
+    return found
 
 
-JOINED = " + "
-"""What stands between the labels of effects that are one explanation."""
+def _frame(table: schema.Table, parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """The parts below each other, with the table's columns even where there is none."""
+    filled = [part.reindex(columns=table.names) for part in parts if len(part)]
+    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=table.names)
 
-_ORIGIN = "origin"  # in place of a parameter's name: residuals at zero size, where these are not the base's
-_BETWEEN_TEXTS = "; "
+
+def _long(matrix: np.ndarray, row: str, column: str, value: str, names: Sequence = (), first: int = 0) -> pd.DataFrame:
+    """A row for each entry; rows are counted from `first`, columns have `names` or numbers."""
+    rows, columns = matrix.shape
+    places = {row: np.repeat(np.arange(rows) + first, columns), column: list(names or range(columns)) * rows}
+    return pd.DataFrame(places | {value: np.ravel(matrix)})
 
 
 def noise_to_frames(noise: Mapping[tuple[str, str], NoiseEstimate]) -> Frames:
     """Tables `NOISE_TABLES`, by name."""
     samples, memory, drive = [], [], []
     for (run, channel), series in noise.items():
-        count = series.sd.size
-        numerics = np.broadcast_to(series.numerics, count)
-        columns = {"run": run, "channel": channel, "sample": np.arange(count), "sd": series.sd, "numerics": numerics}
-        samples.append(pd.DataFrame(columns))
+        place, count = {"run": run, "channel": channel}, series.sd.size
+        spread = {"sample": np.arange(count), "sd": series.sd, "numerics": series.numerics}
+        samples.append(pd.DataFrame(place | spread))
         if series.drive is not None:
-            place = {"run": run, "channel": channel, "sample": np.repeat(np.arange(count), series.drive.shape[1])}
-            errors = np.tile(np.arange(series.drive.shape[1]), count)
-            drive.append(pd.DataFrame(place | {"error": errors, "change": series.drive.ravel()}))
-        shared = {
-            "run": run,
-            "channel": channel,
-            "source": series.source,
-            "found": series.estimated_sd,
-            "effective_samples": series.effective_samples,
-            "remarks": _BETWEEN_TEXTS.join(series.remarks),
-        }
-        memory += [
-            shared | {"lag": lag, "autocorrelation": rho} for lag, rho in enumerate((1.0, *series.autocorrelation))
-        ]
-    return {
-        "noise": pd.concat(samples, ignore_index=True),
-        "noise_memory": pd.DataFrame(memory),
-        "noise_drive": _frame(schema.NOISE_DRIVE, drive),
-    }
+            drive.append(_long(series.drive, "sample", "error", "change").assign(**place))
+        rho = (1.0, *series.autocorrelation)
+        shared = {"source": series.source, "found": series.estimated_sd, "effective_samples": series.effective_samples}
+        shared |= {"remarks": _BETWEEN_TEXTS.join(series.remarks), "lag": range(len(rho)), "autocorrelation": rho}
+        memory.append(pd.DataFrame(place | shared))
+    tables = {"noise": samples, "noise_memory": memory, "noise_drive": drive}
+    return {name: _frame(schema.TABLES[name], parts) for name, parts in tables.items()}
 
 
 def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
     """The noise of every series from the tables of `noise_to_frames`."""
-    lags = {
-        key: rows.sort_values("lag") for key, rows in frames["noise_memory"].groupby(["run", "channel"], sort=False)
-    }
-    drive = dict(list(frames["noise_drive"].groupby(["run", "channel"], sort=False)))
+    memory, drive = (dict(list(frames[name].groupby(_SERIES, sort=False))) for name in ("noise_memory", "noise_drive"))
     noise = {}
-    for key, rows in frames["noise"].groupby(["run", "channel"], sort=False):
-        shared = lags[key].iloc[0]
+    for key, rows in frames["noise"].groupby(_SERIES, sort=False):
+        lags = memory[key].sort_values("lag")
+        shared = lags.iloc[0]
         noise[key] = NoiseEstimate(
             rows["sd"].to_numpy(),
-            tuple(lags[key]["autocorrelation"].iloc[1:]),
+            tuple(lags["autocorrelation"].iloc[1:]),
             rows["numerics"].to_numpy(),
             shared["source"],
             drive[key].pivot(index="sample", columns="error", values="change").to_numpy() if key in drive else None,
@@ -131,42 +118,33 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
 
 def signatures_to_frames(signatures: Signatures) -> Frames:
     """Tables `SIGNATURES` and `SIGNATURE_SHAPES`, by name."""
-    columns, shapes, count = [], [], {}
+    frames, shapes, count = [], [], {}
     for signature in signatures.entries:
         label = signature.candidate.label
         start = count[label] = count.get(label, -1) + 1
-        columns += [
-            (label, start, p.key, column) for p, column in zip(signature.amplitudes, signature.columns.T, strict=True)
-        ]
+        columns = {p.key: column for p, column in zip(signature.amplitudes, signature.columns.T, strict=True)}
         if signature.origin is not signatures.residual:
-            columns.append((label, start, _ORIGIN, signature.origin))
+            columns[_ORIGIN] = signature.origin
+        for name, column in columns.items():
+            values = {"name": name, "sample": np.arange(column.size), "derivative": column}
+            frames.append(pd.DataFrame({"label": label, "start": start} | values))
         shapes += [(label, start, name, value) for name, value in signature.shape_parameters.items()]
-    frames = [
-        pd.DataFrame(
-            {"label": label, "start": start, "name": name, "sample": np.arange(column.size), "derivative": column}
-        )
-        for label, start, name, column in columns
-    ]
     return {
         "signatures": _frame(schema.SIGNATURES, frames),
-        "signature_shapes": pd.DataFrame(shapes, columns=["label", "start", "name", "value"]),
+        "signature_shapes": pd.DataFrame(shapes, columns=schema.SIGNATURE_SHAPES.names),
     }
 
 
 def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
     """The signatures of all candidates from their tables."""
-    columns = {
-        key: {name: rows["derivative"].to_numpy() for name, rows in own.groupby("name", sort=False)}
-        for key, own in frames["signatures"].groupby(["label", "start"], sort=False)
-    }
-    shapes = {
-        key: dict(zip(rows["name"], rows["value"], strict=True))
-        for key, rows in frames["signature_shapes"].groupby(["label", "start"], sort=False)
-    }
+    shapes: dict[tuple[str, int], dict[str, float]] = {}
+    for row in frames["signature_shapes"].itertuples():
+        shapes.setdefault((row.label, row.start), {})[row.name] = row.value
     fit, runs = base.base, base.problem.runs
     by_label = {candidate.label: candidate for candidate in base.problem.model.candidates}
     signatures, factor = [], base.problem.settings.screening.secant_factor
-    for (label, start), own in columns.items():
+    for (label, start), rows in frames["signatures"].groupby(["label", "start"], sort=False):
+        own = {name: column.to_numpy() for name, column in rows.groupby("name", sort=False)["derivative"]}
         candidate = by_label.get(label)
         sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []
         if candidate is None or not own.keys() >= set(sizes):
@@ -175,19 +153,18 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
                 "now give; run `jointgap noise` on the campaign file again, and the stages after it"
             )
         derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((fit.residual.size, 0))
-        origin = own.get(_ORIGIN, fit.residual)
-        own_shapes, searched = shapes.get((label, start), {}), only_searched(base.problem, candidate)
+        origin, searched = own.get(_ORIGIN, fit.residual), only_searched(base.problem, candidate)
+        own_shapes = shapes.get((label, start), {})
         signatures.append(Signature(candidate, own_shapes, derivatives, origin, runs, factor, searched))
-    failed = frames["screened"].query("kind == 'failed'")
-    reasons = dict(zip(failed["explanation"], failed["reason"], strict=True))
-    return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, signatures, reasons)
+    failed = frames["screened"].query("kind == 'failed'").set_index("explanation")["reason"].to_dict()
+    return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, signatures, failed)
 
 
 def screened_frame(signatures: Signatures, chosen: Sequence[LinearizedFit]) -> pd.DataFrame:
     """Table `SCREENED`."""
     rows = [(screened.label, kind_of(screened.hypothesis), screened.chi2, screened.bic, None) for screened in chosen]
     rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in signatures.failed.items()]
-    return pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "bic", "reason"])
+    return pd.DataFrame(rows, columns=schema.SCREENED.names)
 
 
 def hypothesis_of(label: str, candidates: Sequence[Candidate]) -> Hypothesis:
@@ -214,47 +191,29 @@ _MATRICES = {
 """Tables of a matrix with a column for each parameter of a fit: what counts its rows, and what its entries are."""
 
 
-def _rows_of_matrix(fit: Fit, table: str, matrix: np.ndarray) -> pd.DataFrame:
-    count, entry = _MATRICES[table]
-    keys = [p.key for p in fit.parameters]
-    places = np.arange(len(matrix)) + (count == "numerics")  # these count from 1
-    return _labelled(fit, {count: np.repeat(places, len(keys)), "key": keys * len(matrix), entry: np.ravel(matrix)})
-
-
 def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, whole_jacobian: bool = False) -> Frames:
     """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals."""
     fits = list(fits)
     durations = [np.nan] * len(fits) if seconds is None else list(seconds)
-    rows, parts = [], {name: [] for name in ("fit_values", "fit_residuals", *_MATRICES)}
+    parts: dict[str, list] = {name: [] for name in ("fits", "fit_values", "fit_residuals", *_MATRICES)}
     for fit, duration in zip(fits, durations, strict=True):
-        failed = fit.status == FAILED
-        rows.append(
-            {
-                "explanation": fit.label,
-                "kind": kind_of(fit.hypothesis),
-                "status": fit.status,
-                "reason": fit.reason or None,
-                "chi2": np.nan if failed else fit.chi2,
-                "samples": fit.residual.size,
-                "parameters": len(fit.parameters),
-                "bic": np.nan if failed else fit.bic,
-                "simulations": fit.simulations,
-                "seconds": duration,
-                "gap_left": fit.gap_left,
-            }
-        )
+        failed, keys, label = fit.status == FAILED, [p.key for p in fit.parameters], {"explanation": fit.label}
+        row = label | {"kind": kind_of(fit.hypothesis), "status": fit.status, "reason": fit.reason or None}
+        row |= {"chi2": np.nan if failed else fit.chi2, "samples": fit.residual.size, "parameters": len(keys)}
+        row |= {"bic": np.nan if failed else fit.bic, "simulations": fit.simulations, "seconds": duration}
+        parts["fits"].append(row | {"gap_left": fit.gap_left})
         slope = np.nan if failed else fit.half_derivative
-        values = {"key": [p.key for p in fit.parameters], "value": fit.values, "slope": slope}
-        parts["fit_values"].append(_labelled(fit, values))
+        parts["fit_values"].append(pd.DataFrame({"key": keys, "value": fit.values, "slope": slope}).assign(**label))
         if failed:
             continue
-        residuals = {"sample": np.arange(fit.residual.size), "residual": fit.residual}
-        parts["fit_residuals"].append(_labelled(fit, residuals))
+        residuals = pd.DataFrame({"sample": np.arange(fit.residual.size), "residual": fit.residual})
+        parts["fit_residuals"].append(residuals.assign(**label))
         jacobian = fit.jacobian if whole_jacobian else compress_rows(fit.jacobian)[0]
-        for table, matrix in zip(_MATRICES, (jacobian, fit.shifts, fit.draws), strict=True):
+        for (table, (count, entry)), matrix in zip(_MATRICES.items(), (jacobian, fit.shifts, fit.draws), strict=True):
             if matrix is not None:
-                parts[table].append(_rows_of_matrix(fit, table, matrix))
-    parts["fits"] = [pd.DataFrame(rows)] if rows else []
+                first = int(count == "numerics")  # these count from 1
+                parts[table].append(_long(matrix, count, "key", entry, keys, first).assign(**label))
+    parts["fits"] = [pd.DataFrame(parts["fits"])]
     return {name: _frame(schema.TABLES[name], own) for name, own in parts.items()}
 
 
@@ -266,28 +225,24 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
     """
     families = {f.law.label: f.law for c in problem.model.candidates for f in c.families}
     candidates = (*problem.model.candidates, *families.values(), *more)
-    own = {
-        (name, label): rows
-        for name in ("fit_values", "fit_residuals", *_MATRICES)
-        for label, rows in frames[name].groupby("explanation", sort=False)
-    }
+    own = {name: dict(list(frames[name].groupby("explanation", sort=False))) for name in frames if name != "fits"}
     fits = []
     for row in frames["fits"].to_dict("records"):
         label = row["explanation"]
         hypothesis = hypothesis_of(label, candidates)
-        stored = own.get(("fit_values", label), frames["fit_values"].head(0)).set_index("key")
+        stored = own["fit_values"].get(label, frames["fit_values"].head(0)).set_index("key")
         parameters = tuple(p for p in problem.parameters(hypothesis) if p.key in stored.index)
         keys = [p.key for p in parameters]
         values, slope = (stored.loc[keys, name].to_numpy(dtype=float) for name in ("value", "slope"))
-        residual = np.full(problem.size, np.nan)
-        if ("fit_residuals", label) in own:
-            residual = own["fit_residuals", label]["residual"].to_numpy()
-        jacobian, shifts, draws = (
-            own[table, label].pivot(index=count, columns="key", values=entry)[keys].to_numpy()
-            if (table, label) in own
-            else None
+        residual, jacobian = np.full(problem.size, np.nan), np.empty((problem.size, 0))
+        if label in own["fit_residuals"]:
+            residual = own["fit_residuals"][label]["residual"].to_numpy()
+        matrices = {
+            table: own[table][label].pivot(index=count, columns="key", values=entry)[keys].to_numpy()
             for table, (count, entry) in _MATRICES.items()
-        )
+            if label in own[table]
+        }
+        jacobian, shifts, draws = (matrices.get(table) for table in _MATRICES)
         if jacobian is None:
             jacobian = np.empty((problem.size, 0))
         status = row["simulations"], row["status"], row["reason"] or ""
@@ -299,74 +254,44 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
 def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.DataFrame:
     """Table `FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them."""
     rows = []
-    for fit in fits:
-        if fit.status == FAILED:
-            continue
+    for fit in (fit for fit in fits if fit.status != FAILED):
         found = [((p.key, p.name, None, p.run), own, p.unit) for p, own in nuisances_as_read(fit, clockwise)]
         for candidate in fit.hypothesis:
             for name, own in effect_estimates(fit, candidate).items():
                 found.append(((f"{candidate.label}.{name}", name, candidate.label, None), own, ""))
         for names, own, unit in found:
-            rows.append(
-                (fit.label, *names, own["value"], own["sd"], *own["interval_90"], own.get("remark"), unit),
-            )
+            rows.append((fit.label, *names, own["value"], own["sd"], *own["interval_90"], own.get("remark"), unit))
     return pd.DataFrame(rows, columns=schema.FIT_PARAMETERS.names)
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """A verdict with all that later stages need of the fits."""
+class Outcome(Decision):
+    """A decision whose ranking is a table."""
 
-    verdict: str
-    because: str
-    chosen: Fit  # The explanation named; the base where none is
-    base: Fit  # What explanations were compared with: the recalibrated base, or a better one that was found on the way
-    equivalent: list[Fit]
-    ranking: pd.DataFrame  # Table `RANKING`
-    best_known: Fit | None = None  # The best explanation where it is not proven
+    ranking: pd.DataFrame = field(default_factory=pd.DataFrame)  # Table `RANKING` without its column place
 
     @property
     def named(self) -> Fit | None:
-        """The explanation that was added to the model; None where none was."""
+        """The explanation that was added to the model."""
         return self.chosen if self.verdict.startswith("named") else None
-
-    @property
-    def proposed(self) -> Fit | None:
-        """What the held-out data are asked about, as of `jointgap.identification.decide_verdict.Decision`."""
-        return proposal(self.chosen, self.equivalent, self.best_known)
 
     @property
     def explanations(self) -> list[Fit]:
         """All that later stages show of the fits: the one named, those that are as good, or the best known."""
         return [fit for fit in (self.named, *self.equivalent, self.best_known) if fit is not None]
 
-    def frame(self) -> pd.DataFrame:
-        """Table `DECISION`."""
-        nuisances = "nominal" if self.verdict == NO_DISAGREEMENT else "base"
-        return pd.DataFrame([{"verdict": self.verdict, "because": self.because, "nuisances": nuisances}])
+    @property
+    def placed_ranking(self) -> pd.DataFrame:
+        """Table `RANKING`."""
+        places = {fit.label: "equivalent" for fit in self.equivalent}
+        places |= {fit.label: "best_known" for fit in (self.best_known,) if fit}
+        places |= {fit.label: "named" for fit in (self.named,) if fit}
+        return self.ranking.assign(place=[places.get(label, "") for label in self.ranking["explanation"]])
 
 
 def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
     """A decision with its ranking as a table."""
-    found = Outcome(
-        decision.verdict,
-        decision.because,
-        decision.chosen,
-        decision.base,
-        decision.equivalent,
-        ranking_frame(decision.ranking, seconds),
-        decision.best_known,
-    )
-    return with_places(found)
-
-
-def with_places(outcome: Outcome) -> Outcome:
-    """The outcome with what its ranking says of the `place` of each explanation."""
-    places = {fit.label: "equivalent" for fit in outcome.equivalent}
-    places |= {fit.label: "best_known" for fit in (outcome.best_known,) if fit is not None}
-    places |= {fit.label: "named" for fit in (outcome.named,) if fit is not None}
-    ranking = outcome.ranking
-    return replace(outcome, ranking=ranking.assign(place=[places.get(label, "") for label in ranking["explanation"]]))
+    return Outcome(**vars(decision) | {"ranking": ranking_frame(decision.ranking, seconds)})
 
 
 def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
@@ -374,20 +299,16 @@ def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
     one of the law and of what is best known.
     """
     ranking = pd.concat([outcome.ranking, ranking_frame(proposed.ranking)], ignore_index=True)
-    if not proposed.named:
-        known = outcome.best_known
-        enough = outcome.base.bic - DEFAULT_SETTINGS.decision.min_delta_bic if known is None else known.bic
-        if proposed.fit is not None and proposed.fit.bic < enough:
-            known = proposed.fit
-        because = f"{outcome.because}; {proposed.reason}"
-        return with_places(replace(outcome, because=because, ranking=ranking, best_known=known))
-    return with_places(Outcome(proposed.verdict, proposed.reason, proposed.fit, outcome.base, [], ranking))
+    law, known = proposed.fit, outcome.best_known
+    if proposed.named:
+        decided = {"verdict": proposed.verdict, "because": proposed.reason, "chosen": law, "best_known": None}
+        return replace(outcome, equivalent=[], ranking=ranking, **decided)
+    enough = outcome.base.bic - DEFAULT_SETTINGS.decision.min_delta_bic if known is None else known.bic
+    best = law if law is not None and law.bic < enough else known
+    return replace(outcome, because=f"{outcome.because}; {proposed.reason}", ranking=ranking, best_known=best)
 
 
-def ranking_frame(
-    ranking: Sequence[Ranked],
-    seconds: Mapping[str, float] | None = None,
-) -> pd.DataFrame:
+def ranking_frame(ranking: Sequence[Ranked], seconds: Mapping[str, float] | None = None) -> pd.DataFrame:
     """Table `RANKING`, with no explanation named."""
     fits = [ranked.fit for ranked in ranking]
     frame = fits_to_frames(fits, [(seconds or {}).get(fit.label, np.nan) for fit in fits])["fits"]
@@ -398,7 +319,6 @@ def ranking_frame(
         feature_gain=[ranked.feature_gain for ranked in ranking],
         passes=[ranked.passes for ranked in ranking],
         admissible=[ranked.admissible for ranked in ranking],
-        place="",
         remark=[ranked.remark or None for ranked in ranking],
     )
 
@@ -408,104 +328,16 @@ def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:
     return pd.DataFrame([asdict(family) for family in families], columns=schema.LAW_FAMILIES.names)
 
 
-def confusability_frame(cosines: pd.DataFrame, merged: Iterable[Iterable[str]]) -> pd.DataFrame:
-    """Table `CONFUSABILITY`: a matrix of cosines as one row for each two effects."""
-    together = {frozenset((a, b)) for group in merged for a in group for b in group if a != b}
-    labels = list(cosines.columns)
-    rows = [
-        (first, second, cosines.loc[first, second], frozenset((first, second)) in together)
-        for first in labels
-        for second in labels
-    ]
-    return pd.DataFrame(rows, columns=["first", "second", "cosine", "merged"])
-
-
-def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
-    """Groups of effects that a campaign cannot tell apart, from table `CONFUSABILITY`."""
-    groups: list[list[str]] = []
-    for first, rows in confusability[confusability["merged"]].groupby("first", sort=False):
-        group = sorted({first, *rows["second"]})
-        if group not in groups:
-            groups.append(group)
-    return groups
-
-
-def undetectable(detectable: pd.DataFrame) -> list[str]:
-    """Effects of which a campaign says nothing, from table `DETECTABLE`.
-
-    No size within their bounds shows them, or they cannot be simulated (`failures`).
-    """
-    seen = detectable.groupby("label", sort=False)["detectable"].any()
-    return list(seen.index[~seen])
-
-
-def failures_of_preflight(detectable: pd.DataFrame) -> dict[str, str]:
-    """Why effects could not be simulated, by label, from table `DETECTABLE`."""
-    failed = detectable[detectable["failed"].notna()]
-    return dict(zip(failed["label"], failed["failed"], strict=True))
-
-
-def assumed(detectable: pd.DataFrame) -> list[str]:
-    """Noise that was assumed where none is stated, by run and channel, from table `DETECTABLE`."""
-    return [text for texts in detectable["assumed"].unique() for text in texts.split(_BETWEEN_TEXTS) if text]
-
-
-def assumed_in_a_cell(assumptions: Iterable[str]) -> str:
-    """What `assumed` takes apart again."""
-    return _BETWEEN_TEXTS.join(assumptions)
-
-
-def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) -> dict[str, float | None]:
-    """Gap before and after over all channels of a run, or of all runs, in a role, from table `GAPS`.
-
-    None where there is no such gap: what was added cannot be simulated there.
-    """
-    row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
-    gap = {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
-    return gap if added else gap | {"after": gap["before"]}
-
-
-def held_out(gaps: pd.DataFrame, roles: Mapping[str, str], added: bool = True) -> list[dict[str, Any]]:
-    """The held-out data as a verdict lists them."""
-    runs = []
-    for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all")].to_dict("records"):
-        if (run := row["run"]) != "all":
-            part = "last_third" if roles[run] == "split" else "whole"
-            reason = {"not_simulated": row["remark"]} if added and isinstance(row["remark"], str) else {}
-            runs.append({"run": run, "part": part, "gap": gap_of(gaps, "confirm", run, added), **reason})
-    return runs
-
-
-def _labelled(fit: Fit, columns: dict[str, Any]) -> pd.DataFrame:
-    return pd.DataFrame(columns).assign(explanation=fit.label)
-
-
-def _frame(table: schema.Table, parts: list[pd.DataFrame]) -> pd.DataFrame:
-    """The parts below each other, with the table's columns even where there is none."""
-    names = [column.name for column in table.columns]
-    filled = [part.reindex(columns=names) for part in parts if len(part)]
-    return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=names)
-
-
 def channel_errors(residuals: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
-    """Root mean square errors by run and channel, held-out samples apart."""
-    speeds = {run.id: run.speed for run in campaign.runs}
-    rows = []
+    """Root mean square errors by run and channel, held-out samples apart: table `CHANNEL_ERRORS`."""
+    speeds, rows = {run.id: run.speed for run in campaign.runs}, []
     for (run, name, held_out), own in residuals.groupby(["run", "channel", "held_out"], sort=False):
         channel = name.partition(" ")[0]  # a statistic is of the channel that its name begins with
         # A model of another mechanism may have channels of its own, in SI.
         unit, factor = campaign.shown_unit(channel) if channel in campaign.channels else ("", 1.0)
         row = {"run": run, "speed": speeds[run], "channel": name, "held_out": held_out, "samples": len(own)}
-        row |= {
-            "unit": unit,
-            "si_per_unit": factor,
-            "noise": _rms(own["spread"]) / factor,
-        }
-        for when, model in (("before", "base"), ("after", "augmented")):
-            row[when] = _rms(own["measured"] - own[model]) / factor
-        rows.append(row)
-    return pd.DataFrame(rows, columns=CHANNEL_ERRORS.names)
-
-
-def _rms(values: pd.Series) -> float:
-    return float(np.sqrt(np.mean(values.to_numpy(dtype=float) ** 2)))
+        errors = {"noise": own["spread"], "before": own["measured"] - own["base"]}
+        errors["after"] = own["measured"] - own["augmented"]
+        rms = {when: float(np.sqrt(np.mean(error.to_numpy(float) ** 2))) / factor for when, error in errors.items()}
+        rows.append(row | {"unit": unit, "si_per_unit": factor} | rms)
+    return pd.DataFrame(rows, columns=schema.CHANNEL_ERRORS.names)

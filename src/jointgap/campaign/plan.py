@@ -9,23 +9,17 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.fits_on_disk import (
-    assumed,
-    assumed_in_a_cell,
-    confusability_frame,
-    confusable_groups,
-    failures_of_preflight,
-    undetectable,
-)
 from jointgap.campaign.sentences import label_in_words, shown_size, unit_of, without_code_names
 from jointgap.config.campaign import CHANNELS, Campaign, Channel
 from jointgap.core.candidates import Model
+from jointgap.core.schema import CONFUSABILITY
 from jointgap.core.words import joined
-from jointgap.identification.preflight import Preflight, advise, preflight
+from jointgap.identification.preflight import advise, preflight
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.rig.model import build_model
 from jointgap.rig.read_files import read_measurements
@@ -34,45 +28,57 @@ from jointgap.rig.recording import Measurements, Recording
 _FASTER, _SLOWER = 1.5, 0.5
 """Further speeds that are tried [1, of the fastest and of the slowest]: far enough to change what inertia hides."""
 
-_SEPARATOR = " | "
+_SEPARATOR, _BETWEEN_TEXTS = " | ", "; "
 _MOST_ADVICE = 3  # lines: the first helps most, and a plan is changed one step at a time
 
 
 def preflight_tables(
-    campaign: Campaign,
-    rate: float,
-    settings: IdentificationSettings = DEFAULT_SETTINGS,
+    campaign: Campaign, rate: float, settings: IdentificationSettings = DEFAULT_SETTINGS, advice: bool = False
 ) -> dict[str, pd.DataFrame]:
-    """What the campaign's speeds and channels can show."""
+    """What the campaign's speeds and channels can show; with `advice` which one further speed or channel helps most."""
     campaign, recordings = recorded(campaign)
-    model = _as_recorded(campaign, recordings)
-    if model is None:
-        model = build_model(campaign, None, revolutions(campaign, recordings))
-    return _frames(preflight(model, None, rate, counts(model, recordings), settings))
+    model, frames = _as_recorded(campaign, recordings), {}
+    if advice:
+        more = extended(campaign)
+        if (like := recordings.get(campaign.runs[0].id)) is not None:  # a further run is as long, and for fitting
+            for_fitting = replace(like, held_out=np.zeros_like(like.held_out))
+            recordings |= {run.id: for_fitting for run in more.runs[len(campaign.runs) :]}
+        lengths = revolutions(more, recordings)
+        plan, wider = (build_model(each, None, lengths) for each in (campaign, more))
+        wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
+        planned = [series.key for series in plan.series]
+        found, changes = advise(wider, planned, None, rate, counts(wider, recordings), settings)
+        texts = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
+        frames["advice"] = changes.assign(**texts)
+    if model is not None or not advice:
+        model = model or build_model(campaign, None, revolutions(campaign, recordings))
+        found = preflight(model, None, rate, counts(model, recordings), settings)
+    effects = found.effects
+    # What varies an effect need not be what states it: units of the latter are in the catalogue.
+    units = [row.unit or unit_of(*row.label.partition(":")[::2], row.parameter) for row in effects.itertuples()]
+    failed = [found.failed.get(label) for label in effects["label"]]
+    frames["detectable"] = effects.assign(unit=units, failed=failed, assumed=_BETWEEN_TEXTS.join(found.assumed))
+    together = {frozenset(pair) for group in found.merged for pair in combinations(group, 2)}
+    labels = list(found.cosines.columns)
+    rows = [(a, b, found.cosines.loc[a, b], frozenset((a, b)) in together) for a in labels for b in labels]
+    return frames | {"confusability": pd.DataFrame(rows, columns=CONFUSABILITY.names)}
 
 
-def preflight_tables_with_advice(
-    campaign: Campaign,
-    rate: float,
-    settings: IdentificationSettings = DEFAULT_SETTINGS,
-) -> dict[str, pd.DataFrame]:
-    """As `preflight_tables`, and table `ADVICE`: which one further speed or channel would help most."""
-    campaign, recordings = recorded(campaign)
-    more = extended(campaign)
-    like = recordings.get(campaign.runs[0].id)
-    if like is not None:  # a further run is as long as the one that it is like
-        for_fitting = replace(like, held_out=np.zeros_like(like.held_out))  # a further run is for fitting
-        recordings |= {run.id: for_fitting for run in more.runs[len(campaign.runs) :]}
-    lengths = revolutions(more, recordings)
-    plan, wider = (build_model(each, None, lengths) for each in (campaign, more))
-    wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
-    planned = [series.key for series in plan.series]
-    shown_now, changes = advise(wider, planned, None, rate, counts(wider, recordings), settings)
-    joined = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
-    measured = _as_recorded(campaign, recordings)
-    if measured is not None:
-        shown_now = preflight(measured, None, rate, counts(measured, recordings), settings)
-    return _frames(shown_now) | {"advice": changes.assign(**joined)}
+def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
+    """Groups of effects that a campaign cannot tell apart, from table `CONFUSABILITY`."""
+    merged = confusability[confusability["merged"]].groupby("first", sort=False)["second"]
+    return [list(group) for group in dict.fromkeys(tuple(sorted({first, *others})) for first, others in merged)]
+
+
+def undetectable(detectable: pd.DataFrame) -> list[str]:
+    """Effects that no size within their bounds shows, or that cannot be simulated, from table `DETECTABLE`."""
+    seen = detectable.groupby("label", sort=False)["detectable"].any()
+    return list(seen.index[~seen])
+
+
+def assumed(detectable: pd.DataFrame) -> list[str]:
+    """Noise that was assumed where none is stated, by run and channel, from table `DETECTABLE`."""
+    return [text for texts in detectable["assumed"].unique() for text in texts.split(_BETWEEN_TEXTS) if text]
 
 
 def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Model | None:
@@ -97,8 +103,7 @@ def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
 
 def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict[str, float]:
     """How often the crank turns in each recording [revolutions], those without angles at the run's speed."""
-    speeds = {run.id: run.speed for run in campaign.runs}
-    turned = {}
+    speeds, turned = {run.id: run.speed for run in campaign.runs}, {}
     for run, recording in recordings.items():
         angle = recording.crank_angle if recording.has_angle else speeds[run] * recording.time
         turned[run] = float(np.ptp(angle[np.isfinite(angle)])) / math.tau * angle.size / (angle.size - 1)
@@ -110,11 +115,8 @@ def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str,
     counted = {}
     for run, channel in (series.key for series in model.series if series.run in recordings):
         recording = recordings[run]
-        values = (
-            recording.crank_angle
-            if channel == "crank_angle"
-            else recording.channels.get(channel, np.zeros(recording.held_out.size))
-        )
+        measured = recording.channels | {"crank_angle": recording.crank_angle}
+        values = measured.get(channel, np.zeros(recording.held_out.size))
         counted[run, channel] = int(np.count_nonzero(np.isfinite(values) & ~recording.held_out))
     return counted
 
@@ -141,15 +143,6 @@ def extended(campaign: Campaign) -> Campaign:
     return campaign.model_copy(update={"runs": (*campaign.runs, *runs), "channels": campaign.channels | channels})
 
 
-def _frames(result: Preflight) -> dict[str, pd.DataFrame]:
-    effects = result.effects
-    # What varies an effect need not be what states it: units of the latter are in the catalogue.
-    units = [row.unit or unit_of(*row.label.partition(":")[::2], row.parameter) for row in effects.itertuples()]
-    failed = pd.Series([result.failed.get(label) for label in effects["label"]], dtype=object)
-    detectable = effects.assign(unit=units, failed=failed, assumed=assumed_in_a_cell(result.assumed))
-    return {"detectable": detectable, "confusability": confusability_frame(result.cosines, result.merged)}
-
-
 def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
     """Which further experiment would tell explanations apart, in a sentence."""
     first, *others = explanations
@@ -163,32 +156,27 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Ite
     return "No single further speed or channel that was tried would separate them: vary a mass or a load between runs."
 
 
-def preflight_in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame) -> str:
+def preflight_in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame | None) -> str:
     """What a preflight found, as lines of text."""
     lines = ["Effects that these runs and channels show, from which size on:"]
     for row in detectable[detectable["detectable"]].itertuples():
-        size = shown_size(row.label, row.parameter, row.smallest_detectable, row.unit, row.falls)
-        lines.append(f"  {label_in_words(row.label)}: {size}")
-    failed = failures_of_preflight(detectable)
-    if absent := [label for label in undetectable(detectable) if label not in failed]:
+        lines.append(f"  {label_in_words(row.label)}: {shown_size(row)}")
+    failed = detectable[detectable["failed"].notna()]
+    if absent := [label for label in undetectable(detectable) if label not in set(failed["label"])]:
         lines.append(f"Not detectable at any size within bounds: {joined(map(label_in_words, absent))}")
-    lines += [
-        f"Could not be simulated, so what size shows is not known: {label_in_words(label)} ({why})"
-        for label, why in failed.items()
-    ]
+    for row in failed.itertuples():
+        text = "Could not be simulated, so what size shows is not known"
+        lines.append(f"{text}: {label_in_words(row.label)} ({row.failed})")
     for group in confusable_groups(confusability):
         lines.append(f"Cannot be told apart: {joined(map(label_in_words, group))}")
-    for row in advice.head(_MOST_ADVICE).itertuples():
+    for row in () if advice is None else advice.head(_MOST_ADVICE).itertuples():
         shown = [label_in_words(label) for label in row.newly_detectable.split(", ") if label]
         pairs = [pair.split(_SEPARATOR) for pair in row.separated.split(", ") if pair]
-        apart = [" from ".join(map(label_in_words, pair)) for pair in pairs]
         gains = [f"shows {joined(shown)}"] if shown else []
-        gains += [f"tells {', '.join(apart)}"] if apart else []
+        gains += [f"tells {', '.join(' from '.join(map(label_in_words, pair)) for pair in pairs)}"] if pairs else []
         if gains:
             lines.append(f"A further {without_code_names(row.change)} {', and '.join(gains)}")
     if noise := assumed(detectable):
-        lines += [
-            "Assumed noise, where the campaign states none:",
-            *(f"  {without_code_names(text)}" for text in noise),
-        ]
+        lines.append("Assumed noise, where the campaign states none:")
+        lines += [f"  {without_code_names(text)}" for text in noise]
     return "\n".join(lines)

@@ -8,63 +8,40 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
 from jointgap.campaign.campaign_files import FIT_TABLES, MECHANISM, NOISE_TABLES, OUTCOME_TABLES, SUMMARIES, VERDICT
+from jointgap.core import schema
 from jointgap.core.files import write_text
-from jointgap.core.schema import (
-    ADVICE,
-    CAMPAIGN_OPTIMUM,
-    CHANNEL_ERRORS,
-    CONFIG_SNAPSHOT,
-    CONFUSABILITY,
-    CONTRADICTIONS,
-    DETECTABLE,
-    GAPS,
-    LAW_FAMILIES,
-    LOOK,
-    MAP_BINS,
-    MAP_ORDERS,
-    MAP_SCALING,
-    MAP_STANDOUT,
-    MAP_TESTS,
-    MAP_WINDOWS,
-    MEASURED,
-    MISSING_FORCE,
-    REMARKS,
-    RESIDUALS,
-    SCREENED,
-    SIGNATURE_SHAPES,
-    SIGNATURES,
-    THRESHOLDS,
-    Table,
-)
 from jointgap.core.stage import Option, Stages
 
 if TYPE_CHECKING:
-    from jointgap.campaign.fits_on_disk import Outcome
     from jointgap.campaign.state import CampaignState
 
 CAMPAIGN_STAGES = Stages()
+stage = CAMPAIGN_STAGES.stage
 
 Anyway = Annotated[bool, Option("--anyway", is_flag=True, help="Go on where channels contradict each other.")]
 Parts = Annotated[
-    int,
-    Option("--parts", type=1, default=1, show_default=True, help="Into how many parts the fits are divided."),
+    int, Option("--parts", type=1, default=1, show_default=True, help="Into how many parts the fits are divided.")
 ]
 Part = Annotated[
-    int,
-    Option("--part", type=0, default=0, show_default=True, help="Which of them to fit, counted from 0."),
+    int, Option("--part", type=0, default=0, show_default=True, help="Which of them to fit, counted from 0.")
 ]
 
 PUBLISHED = "track/published.json"
 """Place of what was published where."""
 
-_MEASURED = (MEASURED, REMARKS, CONTRADICTIONS, CONFIG_SNAPSHOT)
+_MEASURED = (schema.MEASURED, schema.REMARKS, schema.CONTRADICTIONS, schema.CONFIG_SNAPSHOT)
 
 
-def _of(stage: str, written: tuple[Table, ...]) -> tuple[Table, ...]:
-    return tuple(table.at(stage) for table in written)
+def _of(place: str, written: tuple[schema.Table, ...]) -> tuple[schema.Table, ...]:
+    return tuple(table.at(place) for table in written)
 
 
-@CAMPAIGN_STAGES.stage(writes=(*_MEASURED, LOOK), does="read and look at the data", memory=1500, minutes=20)
+def _read(*stages: str) -> tuple[schema.Table, ...]:
+    """The measured data and what `stages` write."""
+    return (*_MEASURED, *CAMPAIGN_STAGES.written_by(*stages))
+
+
+@stage(writes=(*_MEASURED, schema.LOOK), does="read and look at the data")
 def measure(state: "CampaignState", pictures: bool = True) -> str:
     """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter."""
     import pandas as pd
@@ -78,28 +55,24 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     read = read_measurements(state.campaign)
     odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)]
     state.measurements = replace(read, remarks=(*read.remarks, *odd))
-    folder.write(CONFIG_SNAPSHOT, config_snapshot(state.campaign))
-    folder.write(REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
-    folder.write(CONTRADICTIONS, pd.DataFrame(state.measurements.contradictions, columns=CONTRADICTIONS.names))
-    folder.write(MEASURED, to_frame(state.measurements))
+    folder.write(schema.CONFIG_SNAPSHOT, config_snapshot(state.campaign))
+    folder.write(schema.REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
+    contradictions = pd.DataFrame(state.measurements.contradictions, columns=schema.CONTRADICTIONS.names)
+    folder.write(schema.CONTRADICTIONS, contradictions)
+    folder.write(schema.MEASURED, to_frame(state.measurements))
     if pictures:
         from jointgap.core import plot
         from jointgap.rig.inspection import inspect
 
         numbers, drawings = inspect(state.campaign, state.measurements)
-        folder.write(LOOK, numbers)
+        folder.write(schema.LOOK, numbers)
         for run, drawing in drawings.items():
             plot.save(drawing, folder.path / "measure" / run)
     remarks = [f"Remark: {text}" for text in state.measurements.remarks]
     return "\n".join([*remarks, f"figures and tables: {folder.path / 'measure'}"])
 
 
-@CAMPAIGN_STAGES.stage(
-    writes=(DETECTABLE, CONFUSABILITY, ADVICE),
-    does="what can be detected and told apart",
-    memory=1500,
-    minutes=20,
-)
+@stage(writes=(schema.DETECTABLE, schema.CONFUSABILITY, schema.ADVICE), does="what can be detected and told apart")
 def preflight(state: "CampaignState", advice: bool = True) -> str:
     """Say before anything is measured what CAMPAIGN will be able to show.
 
@@ -107,45 +80,42 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     which further speed or channel would help most. The runs' files need not exist; of those that do, the samples are
     counted.
     """
-    from jointgap.campaign.plan import preflight_in_words, preflight_tables, preflight_tables_with_advice
+    from jointgap.campaign.plan import preflight_in_words, preflight_tables
 
-    frames = (preflight_tables_with_advice if advice else preflight_tables)(
-        state.campaign, state.false_alarm_rate, state.settings
-    )
+    frames = preflight_tables(state.campaign, state.false_alarm_rate, state.settings, advice)
     state.folder.write_all(frames)
-    told = (DETECTABLE, CONFUSABILITY, ADVICE)
-    return preflight_in_words(*(frames[table.name] for table in told)) if advice else ""
+    return preflight_in_words(**frames) if advice else ""
 
 
-@CAMPAIGN_STAGES.stage(
+@stage(
     reads=_MEASURED,
     writes=_of("noise", NOISE_TABLES),
     does="find the noise, re-fit uncertain parameters",
-    memory=1500,
     job="recalibrate",
 )
 def noise(state: "CampaignState", anyway: Anyway = False) -> None:
     """Find the noise of every channel of every run, from what does not repeat."""
+    from jointgap.campaign.fits_on_disk import noise_to_frames
     from jointgap.identification.noise import noise_of_model
 
     if not anyway:
         state.check_agreement()
     state.noise = noise_of_model(state.model, state.settings)
-    state.write_noise(state.noise, "noise")
+    state.folder.write_all(noise_to_frames(state.noise), "noise")
 
 
-@CAMPAIGN_STAGES.stage(
-    reads=(*_MEASURED, *CAMPAIGN_STAGES.written_by("noise")),
+@stage(
+    reads=_read("noise"),
     writes=(
         *_of("recalibrate", NOISE_TABLES),
         *_of("recalibrate/nominal", FIT_TABLES),
         *_of("recalibrate/base", FIT_TABLES),
     ),
     does="find the noise, re-fit uncertain parameters",
-    memory=1500,
 )
 def recalibrate(state: "CampaignState") -> None:
     """Fit the parameters that are not known exactly within their ranges."""
+    from jointgap.campaign.fits_on_disk import noise_to_frames
     from jointgap.identification.baseline import recalibrate as recalibrated
     from jointgap.identification.noise import numerics_noise
 
@@ -154,20 +124,15 @@ def recalibrate(state: "CampaignState") -> None:
     of_all_runs = numerics_noise(state.model, baseline.base.mapping, state.noise, state.settings.noise)
     of_fitted_runs = {part.series.key: part.noise for part in baseline.problem.parts}
     state.noise_with_numerics = of_all_runs | of_fitted_runs
-    state.write_noise(state.noise_with_numerics, "recalibrate")
+    state.folder.write_all(noise_to_frames(state.noise_with_numerics), "recalibrate")
     state.write_fits([baseline.nominal], "recalibrate/nominal")
     state.write_fits([baseline.base], "recalibrate/base")
 
 
-_BASELINE = (*_MEASURED, *CAMPAIGN_STAGES.written_by("noise", "recalibrate"))
-
-
-@CAMPAIGN_STAGES.stage(
-    reads=_BASELINE,
-    writes=(SIGNATURES, SIGNATURE_SHAPES, SCREENED, THRESHOLDS),
+@stage(
+    reads=_read("noise", "recalibrate"),
+    writes=(schema.SIGNATURES, schema.SIGNATURE_SHAPES, schema.SCREENED, schema.THRESHOLDS),
     does="screen the candidates",
-    memory=1500,
-    minutes=20,
 )
 def screen(state: "CampaignState") -> None:
     """Simulate every effect that could be missing at a small size, and choose what is worth a fit."""
@@ -181,30 +146,29 @@ def screen(state: "CampaignState") -> None:
     dof = degrees_of_freedom(state.noise)
     signatures, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
     state.folder.write_all(signatures_to_frames(signatures))
-    state.folder.write(THRESHOLDS, pd.DataFrame([vars(limits)]))
-    state.folder.write(SCREENED, screened_frame(signatures, shortlist_singles(signatures, limits, state.settings)))
+    state.folder.write(schema.THRESHOLDS, pd.DataFrame([vars(limits)]))
+    shortlist = shortlist_singles(signatures, limits, state.settings)
+    state.folder.write(schema.SCREENED, screened_frame(signatures, shortlist))
 
 
-_SCREENED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("screen"))
-
-
-@CAMPAIGN_STAGES.stage(
-    reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES), does="fit candidates, part {part}", memory=1500, minutes=120
+@stage(
+    reads=_read("noise", "recalibrate", "screen"),
+    writes=_of("fit/{part}", FIT_TABLES),
+    does="fit candidates, part {part}",
+    minutes=120,
 )
 def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """Fit the chosen effects by forward simulation."""
     from jointgap.identification.hypothesis_fits import fit_singles
 
-    screening = state.screening
-    fits, seconds = fit_singles(state.baseline, screening.signatures, screening.limits, part, parts)
+    fits, seconds = fit_singles(state.baseline, *state.screening, part, parts)
     state.write_fits(fits, f"fit/{part}", seconds)
 
 
-@CAMPAIGN_STAGES.stage(
-    reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit")),
+@stage(
+    reads=_read("noise", "recalibrate", "screen", "fit"),
     writes=_of("pair/{part}", FIT_TABLES),
     does="fit pairs, part {part}",
-    memory=1500,
     minutes=120,
 )
 def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
@@ -215,17 +179,15 @@ def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """
     from jointgap.identification.hypothesis_fits import fit_pairs
 
-    screening, (alone, _) = state.screening, state.fits("fit", parts)
-    doubted = bool(state.doubted_channels)
-    fits, seconds = fit_pairs(state.baseline, screening.signatures, screening.limits, alone, part, parts, doubted)
+    (alone, _), doubted = state.fits("fit", parts), bool(state.doubted_channels)
+    fits, seconds = fit_pairs(state.baseline, *state.screening, alone, part, parts, doubted)
     state.write_fits(fits, f"pair/{part}", seconds)
 
 
-@CAMPAIGN_STAGES.stage(
-    reads=(*_SCREENED, *CAMPAIGN_STAGES.written_by("fit", "pair")),
-    writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES), LAW_FAMILIES),
+@stage(
+    reads=_read("noise", "recalibrate", "screen", "fit", "pair"),
+    writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES), schema.LAW_FAMILIES),
     does="weigh the fits, map the disagreement, predict the held-out runs, write the augmented mechanism",
-    memory=1500,
     minutes=90,
 )
 def decide(state: "CampaignState", parts: Parts = 1) -> None:
@@ -235,24 +197,24 @@ def decide(state: "CampaignState", parts: Parts = 1) -> None:
     from jointgap.identification.law_family import with_families
     from jointgap.identification.model_selection import select_hypothesis
 
-    (singles, seconds), (pairs, seconds_of_pairs) = (state.fits(stage, parts) for stage in ("fit", "pair"))
-    labels, screening = seconds | seconds_of_pairs, state.screening
-    total = {label: seconds.get(label, 0.0) + seconds_of_pairs.get(label, 0.0) for label in labels}
-    decision = select_hypothesis(state.baseline, screening.signatures, [*singles, *pairs], screening.limits)
-    decision, families = with_families(state.baseline, decision, screening.limits)
+    (singles, of_singles), (pairs, seconds) = (state.fits(stage, parts) for stage in ("fit", "pair"))
+    seconds = {label: of_singles.get(label, 0.0) + seconds.get(label, 0.0) for label in of_singles | seconds}
+    signatures, limits = state.screening
+    decision = select_hypothesis(state.baseline, signatures, [*singles, *pairs], limits)
+    decision, families = with_families(state.baseline, decision, limits)
     decision = with_feature_gains(state.baseline.problem, decision)
-    state.folder.write(LAW_FAMILIES, family_frame(families))
-    state.rest_on(decision.base)
+    state.folder.write(schema.LAW_FAMILIES, family_frame(families))
+    state.verdict_baseline = replace(state.baseline, base=decision.base)
     state.write_fits([decision.base], "decide/base")
-    state.write_outcome(outcome_of(decision, total), "decide")
+    state.write_outcome(outcome_of(decision, seconds), "decide")
 
 
-_DECIDED = (*_BASELINE, *CAMPAIGN_STAGES.written_by("decide"))
+_MAP = ("bins", "windows", "tests", "orders", "standout", "scaling")
 
 
-@CAMPAIGN_STAGES.stage(
-    reads=_DECIDED,
-    writes=(MAP_BINS, MAP_WINDOWS, MAP_TESTS, MAP_ORDERS, MAP_STANDOUT, MAP_SCALING),
+@stage(
+    reads=_read("noise", "recalibrate", "decide"),
+    writes=tuple(schema.TABLES[f"map_{name}"] for name in _MAP),
     does="see decide",
     job="decide",
 )
@@ -263,16 +225,13 @@ def locate(state: "CampaignState") -> None:
 
     baseline = state.verdict_baseline
     disagreement = map_disagreement(baseline.problem, baseline.base.residual, state.false_alarm_rate)
-    state.folder.write(MAP_BINS, map_as_read(disagreement.bins, state.clockwise))
-    state.folder.write(MAP_WINDOWS, map_as_read(disagreement.windows, state.clockwise))
-    state.folder.write(MAP_TESTS, disagreement.tests)
-    state.folder.write(MAP_ORDERS, disagreement.orders)
-    state.folder.write(MAP_STANDOUT, disagreement.standout)
-    state.folder.write(MAP_SCALING, disagreement.scaling)
+    for name in _MAP:
+        frame = getattr(disagreement, name)
+        state.folder.write(f"map_{name}", map_as_read(frame, state.clockwise) if "start_deg" in frame else frame)
 
 
-@CAMPAIGN_STAGES.stage(
-    reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")),
+@stage(
+    reads=_read("noise", "recalibrate", "screen", "decide"),
     writes=_of("regress", OUTCOME_TABLES),
     does="see decide",
     job="decide",
@@ -283,33 +242,28 @@ def regress(state: "CampaignState") -> None:
     from jointgap.identification import force_law
     from jointgap.identification.decide_verdict import UNEXPLAINED
 
-    if state.folder.read("decision", "decide")["verdict"].iloc[0] != UNEXPLAINED:
-        state.folder.write_all(state.folder.read_all(OUTCOME_TABLES, "decide"), "regress")
-        return
-    baseline = state.verdict_baseline
-    proposed = force_law.find_force_law(
-        baseline.problem, baseline.base, state.library, state.screening.limits, baseline.differences
-    )
-    state.write_outcome(outcome_with_law(state.outcome("decide"), proposed), "regress")
+    outcome = state.outcome("decide")
+    if outcome.verdict == UNEXPLAINED:
+        baseline, limits = state.verdict_baseline, state.screening.limits
+        found = force_law.find_force_law(baseline.problem, baseline.base, state.library, limits, baseline.differences)
+        outcome = outcome_with_law(outcome, found)
+    state.write_outcome(outcome, "regress")
 
 
-_REGRESSED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("regress"))
-
-
-@CAMPAIGN_STAGES.stage(
-    reads=_REGRESSED,
-    writes=(RESIDUALS, CHANNEL_ERRORS, GAPS, *_of("verdict", OUTCOME_TABLES)),
+@stage(
+    reads=_read("noise", "recalibrate", "decide", "regress"),
+    writes=(schema.RESIDUALS, schema.CHANNEL_ERRORS, schema.GAPS, *_of("verdict", OUTCOME_TABLES)),
     does="see decide",
     job="decide",
 )
 def confirm(state: "CampaignState") -> None:
     """Predict the held-out runs with and without what was found, and come to the final verdict."""
-    from jointgap.campaign.fits_on_disk import channel_errors, residuals_as_read, with_places
+    from jointgap.campaign.fits_on_disk import Outcome, channel_errors, residuals_as_read
     from jointgap.identification import confirmation
     from jointgap.identification.decide_by_features import refitted_to_features
     from jointgap.identification.decide_verdict import final_verdict
 
-    def confirmed_with(outcome: "Outcome") -> confirmation.Confirmed:
+    def confirmed_with(outcome: Outcome) -> confirmation.Confirmed:
         proposed = outcome.proposed
         plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
         return confirmation.confirm(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
@@ -322,16 +276,16 @@ def confirm(state: "CampaignState") -> None:
     if by_features is not final and (again := confirmed_with(by_features)).test.outcome == confirmation.FALLS:
         final, prediction = by_features, again
     residuals = residuals_as_read(prediction.residuals, state.clockwise)
-    state.folder.write(RESIDUALS, residuals)
-    state.folder.write(CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
-    state.folder.write(GAPS, prediction.gaps)
-    state.write_outcome(with_places(final), "verdict")
+    state.folder.write(schema.RESIDUALS, residuals)
+    state.folder.write(schema.CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
+    state.folder.write(schema.GAPS, prediction.gaps)
+    state.write_outcome(final, "verdict")
 
 
-_CONFIRMED = (*_DECIDED, *CAMPAIGN_STAGES.written_by("confirm"))
+_CONFIRMED = _read("noise", "recalibrate", "decide", "confirm")
 
 
-@CAMPAIGN_STAGES.stage(reads=_CONFIRMED, writes=(MISSING_FORCE,), files=(MECHANISM,), does="see decide", job="decide")
+@stage(reads=_CONFIRMED, writes=(schema.MISSING_FORCE,), files=(MECHANISM,), does="see decide", job="decide")
 def augment(state: "CampaignState") -> None:
     """Write the mechanism file with what was found, for every other stage."""
     from jointgap.campaign.augment import augment as augmented
@@ -339,47 +293,36 @@ def augment(state: "CampaignState") -> None:
 
     text, force = augmented(state.campaign, state.outcome("verdict"), mechanism_as_written(state.file))
     write_text(state.folder.path / MECHANISM, text)
-    state.folder.write(MISSING_FORCE, force)
+    state.folder.write(schema.MISSING_FORCE, force)
 
 
-@CAMPAIGN_STAGES.stage(
-    reads=_CONFIRMED, writes=(CAMPAIGN_OPTIMUM,), does="optimise again, before and after", minutes=60
-)
+@stage(reads=_CONFIRMED, writes=(schema.CAMPAIGN_OPTIMUM,), does="optimise again, before and after", minutes=60)
 def reoptimise(state: "CampaignState") -> None:
     """Optimise the link lengths for the model before and after: does the missing effect move the optimum?
 
     At the speed of the fastest run for fitting. Where nothing was added to the model, or no joint is loose, there is
     nothing to compare, and the table has no row.
     """
-    import pandas as pd
-
-    from jointgap.config import load_mechanism
-
-    augmented = load_mechanism(state.folder.path / MECHANISM)
-    # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
-    loose = state.campaign.mechanism.applied().loose or augmented.applied().loose
-    outcome = state.outcome("verdict") if loose else None
-    if outcome is None or all(candidate.sensor for candidate in outcome.chosen.hypothesis):
-        state.folder.write(CAMPAIGN_OPTIMUM, pd.DataFrame(columns=CAMPAIGN_OPTIMUM.names))
-        return
     from jointgap.campaign.augment import mechanisms
     from jointgap.campaign.reoptimise import reoptimise as reoptimised
+    from jointgap.config import load_mechanism
 
-    models = dict(zip(("base", "augmented"), mechanisms(state.campaign, outcome), strict=True))
+    models = {}
+    # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
+    if any(one.applied().loose for one in (state.campaign.mechanism, load_mechanism(state.folder.path / MECHANISM))):
+        outcome = state.outcome("verdict")
+        if not all(candidate.sensor for candidate in outcome.chosen.hypothesis):
+            models = dict(zip(("base", "augmented"), mechanisms(state.campaign, outcome), strict=True))
     fastest = max((run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
     if fastest.direction == "clockwise":
         models = {name: mechanism.applied().mirrored() for name, mechanism in models.items()}
-    state.folder.write(CAMPAIGN_OPTIMUM, reoptimised(models, fastest.speed))
+    state.folder.write(schema.CAMPAIGN_OPTIMUM, reoptimised(models, fastest.speed))
 
 
-@CAMPAIGN_STAGES.stage(
-    reads=(
-        *_CONFIRMED,
-        *CAMPAIGN_STAGES.written_by("preflight", "locate", "augment", "reoptimise"),
-    ),
+@stage(
+    reads=(*_CONFIRMED, *CAMPAIGN_STAGES.written_by("preflight", "locate", "augment", "reoptimise")),
     files=(VERDICT, *SUMMARIES, "figures/gaps.png"),
     does="verdict, summary and figures",
-    minutes=20,
 )
 def conclude(state: "CampaignState") -> None:
     """Write verdict.json, the one-page summary and the figures."""
@@ -389,12 +332,11 @@ def conclude(state: "CampaignState") -> None:
     concluding.show(state)
 
 
-@CAMPAIGN_STAGES.stage(
-    reads=(*_of("verdict", OUTCOME_TABLES), GAPS, RESIDUALS),
+@stage(
+    reads=(*_of("verdict", OUTCOME_TABLES), schema.GAPS, schema.RESIDUALS),
     files=(PUBLISHED,),
     does="publish to MLflow",
     after=("conclude",),
-    minutes=20,
     publishes=True,
 )
 def track_campaign(state: "CampaignState") -> None:

@@ -1,8 +1,7 @@
-"""The figure of a trend: sizes over dates, with their intervals and the line through them."""
+"""Sizes of effects by date over campaigns of one rig, and whether they grow."""
 
 import math
 from collections.abc import Mapping, Sequence
-from datetime import date as Date
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +10,7 @@ import pandas as pd
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from scipy.stats import norm
 
-from jointgap.campaign import verdict_json as verdict_file
+from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import VERDICT, check_unchanged, config_snapshot
 from jointgap.campaign.sentences import label_in_words, parameter_in_words, unit_of
 from jointgap.campaign.state import FALSE_ALARM_RATE
@@ -25,119 +24,43 @@ from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
 from jointgap.core.words import in_words, joined, number, with_unit
 from jointgap.effects import EFFECTS
-from jointgap.identification.decide_verdict import NO_DISAGREEMENT
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS
 
-SHOWN_UNITS = {"m": (1e6, "µm")}
-"""Units in which sizes are shown, by SI unit, and how many of them that is."""
-
-_DATE = Quantity("date", "d since 1970-01-01")
-
-
-def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
-    """Sizes over dates, a panel for each: 90 % intervals, and the line where one was fitted."""
-    sheet = Sheet(0.8 + 2.4 * len(growth), len(growth), 1)
-    above = None
-    days = date2num(pd.to_datetime(sizes["date"]).to_numpy())
-    for place, line in enumerate(growth.to_dict("records")):
-        factor, unit = SHOWN_UNITS.get(line["unit"], (1.0, line["unit"]))
-        of_line = (sizes["label"] == line["label"]).to_numpy()
-        own, when = sizes[of_line], days[of_line]
-        panel = sheet.panel((place, 0), in_words(line["label"]), _DATE, Quantity("size", unit), below=above)
-        panel.axes.set_xlabel("date")
-        above = panel
-        counts, stated = own["counts"].to_numpy(), own["value"].notna().to_numpy()
-        for kept, series, colour, style in (
-            (counts, "size with 90 % interval", "settled", {}),
-            (stated & ~counts, "does not count in the line", "limit", {"markerfacecolor": "white"}),
-        ):
-            if kept.any():
-                shown = factor * own.loc[kept, ["value", "low_90", "high_90"]].to_numpy(float)
-                value, low, high = shown.T
-                ends = [np.where(np.isnan(end), value, end) for end in (low, high)]
-                panel.marks(series, when[kept], value, colour, *ends, **style)
-        smallest = factor * own["smallest_detectable"].to_numpy(float)
-        known, unknown = (~stated & (np.isnan(smallest) == lost) for lost in (False, True))
-        if known.any():
-            panel.marks("not found; would show from here on", when[known], smallest[known], "other", marker="v")
-        for order, day in enumerate(when[unknown]):
-            panel.vertical_line("not found; no size known", day, named=order == 0)
-        if pd.notna(line["rate"]):
-            span = np.array([when[counts].min(), when[counts].max()])
-            ends = factor * (line["first_value"] + line["rate"] * (span - when.min()))
-            panel.line("straight line", span, ends, "before")
-        locator = AutoDateLocator(minticks=3, maxticks=8)
-        panel.axes.xaxis.set_major_locator(locator)
-        panel.axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-        panel.axes.margins(x=0.05)
-    sheet.legend()
-    return sheet.drawing()
-
+_SHOWN_UNITS = {"m": (1e6, "µm")}  # by SI unit, and how many of them that is
 
 FEWEST_DATES = 3
 """Different dates: two make a line whatever the errors are, and nothing tells whether these are right."""
 
-PAGE, FIGURE = "trend.md", "trend"
-"""Files in the folder of a trend, beside its tables."""
-
-_SOMETHING_ELSE = ("unexplained", "ambiguous")  # is missing there that the base does not have
+_PAGE = "trend.md"
 _CLEARANCE = "_clearance"  # ends the names of effects and nuisances that are clearances
 
 
-class Dated(NamedTuple):
-    """A campaign and what came of it."""
-
-    campaign: Campaign
-    verdict: dict[str, Any]
-    smallest: dict[str, float]
-    """Smallest detectable size [SI] by label."""
-
-
 class Growth(NamedTuple):
-    """A straight line through sizes over days: rate with its 90 % interval [SI/d], value on day 0 [SI], probability of
-    as large a rate where nothing grows [1], and the factor on the stated errors [1].
-    """
+    """A straight line through sizes over days."""
 
-    rate: float
-    low: float
+    rate: float  # [SI/d]
+    low: float  # of its 90 % interval
     high: float
-    first_value: float
-    p: float
-    error_scale: float
+    first_value: float  # on day 0 [SI]
+    p: float  # Probability of as large a rate where nothing grows [1]
+    error_scale: float  # Factor on the stated errors [1]
 
 
 def fit_growth(days: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Growth:
     """The straight line through sizes over days."""
-    weights = errors**-2.0
-    mean_day, mean = (np.average(each, weights=weights) for each in (days, values))
-    moment = weights @ (days - mean_day) ** 2
-    rate = weights @ ((days - mean_day) * (values - mean)) / moment
-    residuals = values - mean - rate * (days - mean_day)
-    scale = max(1.0, math.sqrt(weights @ residuals**2 / (len(days) - 2)))
-    error = scale / math.sqrt(moment)
+    (rate, first), covariance = np.polyfit(days, values, 1, w=1.0 / errors, cov="unscaled")
+    chi2 = np.sum(((values - first - rate * days) / errors) ** 2)
+    scale = max(1.0, math.sqrt(chi2 / (len(days) - 2)))
+    error = scale * math.sqrt(covariance[0, 0])
     half_width = HALF_WIDTHS[90] * error
-    p = 2.0 * float(norm.sf(abs(rate) / error))
-    return Growth(rate, rate - half_width, rate + half_width, mean - rate * mean_day, p, scale)
+    return Growth(rate, rate - half_width, rate + half_width, first, 2.0 * float(norm.sf(abs(rate) / error)), scale)
 
 
 def trend(files: Sequence[Path], results: Path, folder: Path) -> str:
     """Write the tables, the figure and the page of a trend."""
     target = ResultsFolder(folder)
-    drawn = (f"figures/{FIGURE}{suffix}" for suffix in (".svg", ".png", ".parquet"))
-    target.check_writable(TREND.path, TREND_GROWTH.path, PAGE, *drawn)
-    sizes = trend_frame(read_campaigns(files, results))
-    growth = growth_frame(sizes)
-    with matplotlib_style():
-        drawing = trend_figure(sizes, growth)
-    target.write(TREND, sizes)
-    target.write(TREND_GROWTH, growth)
-    save(drawing, folder / "figures" / FIGURE)
-    write_text(folder / PAGE, to_markdown(_page(sizes, growth)))
-    return "\n".join(map(growth_in_words, growth.to_dict("records"))) + f"\n{folder / PAGE}"
-
-
-def read_campaigns(files: Sequence[Path], results: Path) -> list[Dated]:
-    """Campaigns with their verdicts, by date; arguments and errors as in `trend`."""
+    drawn = (f"figures/trend{suffix}" for suffix in (".svg", ".png", ".parquet"))
+    target.check_writable(TREND.path, TREND_GROWTH.path, _PAGE, *drawn)
     campaigns: list[Campaign] = []
     for file in files:
         campaign = load_campaign(file)
@@ -146,19 +69,20 @@ def read_campaigns(files: Sequence[Path], results: Path) -> list[Dated]:
         for other in campaigns:
             _check_apart(file, campaign, other)
         campaigns.append(campaign)
-    return [_read(each, results) for each in sorted(campaigns, key=lambda each: (each.date, each.name))]
-
-
-def _read(campaign: Campaign, results: Path) -> Dated:
-    folder = ResultsFolder(results / campaign.name)
-    verdict = verdict_file.read(folder.path / VERDICT)
-    if verdict["campaign"] != campaign.name:
-        raise InputError(
-            f"{folder.path / VERDICT}: is of campaign '{verdict['campaign']}', not '{campaign.name}'; run `make "
-            "campaign` on it again"
-        )
-    check_unchanged(campaign, folder.read(CONFIG_SNAPSHOT))
-    return Dated(campaign, verdict, _smallest_detectable(folder))
+    campaigns.sort(key=lambda each: (each.date, each.name))
+    folders = {each.name: ResultsFolder(results / each.name) for each in campaigns}
+    verdicts = {name: verdict_json.read(each.path / VERDICT) for name, each in folders.items()}
+    for campaign in campaigns:
+        check_unchanged(campaign, folders[campaign.name].read(CONFIG_SNAPSHOT))
+    sizes = _sizes_of(campaigns, verdicts, folders)
+    growth = growth_frame(sizes)
+    with matplotlib_style():
+        drawing = trend_figure(sizes, growth)
+    target.write(TREND, sizes)
+    target.write(TREND_GROWTH, growth)
+    save(drawing, folder / "figures/trend")
+    write_text(folder / _PAGE, to_markdown(_page(sizes, growth)))
+    return "\n".join(map(growth_in_words, growth.to_dict("records"))) + f"\n{folder / _PAGE}"
 
 
 def _check_apart(file: Path, campaign: Campaign, other: Campaign) -> None:
@@ -170,41 +94,21 @@ def _check_apart(file: Path, campaign: Campaign, other: Campaign) -> None:
         raise InputError(
             f"{file}: reads {shared[0]}, as campaign '{other.name}' does; give each campaign the data of its own date"
         )
-    mine, its = (_mechanism(each) for each in (campaign, other))
-    different = next((key for key in {**its, **mine} if mine.get(key) != its.get(key)), None)
-    if different is not None:
-        raise InputError(
-            f"{file}: {different} = {mine.get(different, 'absent')}, but {its.get(different, 'absent')} in campaign "
-            f"'{other.name}' (SI); campaigns of a trend are of one mechanism, analyse them with the same file"
-        )
+    mine, its = (
+        config_snapshot(each).set_index("key")["value"].filter(like="mechanism.") for each in (campaign, other)
+    )
+    for key in (*its.index, *mine.index):
+        if mine.get(key) != its.get(key):
+            raise InputError(
+                f"{file}: {key} = {mine.get(key, 'absent')}, but {its.get(key, 'absent')} in campaign '{other.name}' "
+                "(SI); campaigns of a trend are of one mechanism, analyse them with the same file"
+            )
 
 
-def _mechanism(campaign: Campaign) -> dict[str, str]:
-    snapshot = config_snapshot(campaign)
-    own = snapshot[snapshot["key"].str.startswith("mechanism.")]
-    return dict(zip(own["key"], own["value"], strict=True))
-
-
-def _smallest_detectable(folder: ResultsFolder) -> dict[str, float]:
-    if not folder.place(DETECTABLE).exists():  # a verdict can be kept without what led to it
-        return {}
-    effects = folder.read(DETECTABLE)
-    return dict(zip(effects["label"], effects["smallest_detectable"], strict=True))
-
-
-class _Size(NamedTuple):
-    """A size that a campaign states, with its estimate as ``verdict.json`` has it."""
-
-    parameter: str
-    unit: str
-    source: str
-    estimate: Mapping[str, Any]
-
-
-def _sizes(verdict: Mapping[str, Any]) -> dict[str, _Size]:
+def _stated(verdict: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """The sizes that a campaign states, by label: of what is named or certain, and clearances that were fitted."""
     stated = {
-        key: _Size(key, "m", "nuisance", estimate)
+        key: {"parameter": key, "unit": "m", "source": "nuisance", "estimate": estimate}
         for key, estimate in verdict["nuisances"].items()
         if key.endswith(_CLEARANCE)
     }
@@ -213,7 +117,8 @@ def _sizes(verdict: Mapping[str, Any]) -> dict[str, _Size]:
             parameter, estimate = next(iter(effect["parameters"].items()), ("", {}))
             if isinstance(estimate.get("value"), int | float):  # a law that was found has a formula instead
                 unit = unit_of(effect["name"], effect["site"], parameter)
-                stated[_label(effect)] = _Size(parameter, unit, source, estimate)
+                size = {"parameter": parameter, "unit": unit, "source": source, "estimate": estimate}
+                stated[_label(effect)] = size
     return stated
 
 
@@ -223,71 +128,60 @@ def _label(effect: Mapping[str, Any]) -> str:
     return name if name in EFFECTS and "site" not in EFFECTS[name].model_fields else f"{name}:{site}"
 
 
-def trend_frame(campaigns: Sequence[Dated]) -> pd.DataFrame:
+def _sizes_of(
+    campaigns: Sequence[Campaign], verdicts: Mapping[str, Mapping], folders: Mapping[str, ResultsFolder]
+) -> pd.DataFrame:
     """Table `TREND`: every size that can be followed, with a row for each campaign."""
-    stated = [_sizes(each.verdict) for each in campaigns]
-    labels = list(dict.fromkeys(label for each in stated for label in each))
-    followed = [label for label in labels if label.endswith(_CLEARANCE) or sum(label in each for each in stated) > 1]
+    stated = {name: _stated(verdict) for name, verdict in verdicts.items()}
+    times = pd.Series([label for each in stated.values() for label in each], dtype=object).value_counts(sort=False)
+    followed = [label for label, count in times.items() if label.endswith(_CLEARANCE) or count > 1]
     if not followed:
-        names = joined(each.campaign.name for each in campaigns)
         raise InputError(
-            f"campaigns {names}: no clearance was found in any of them, and no other effect in two; there is no size "
-            "to follow"
+            f"campaigns {joined(stated)}: no clearance was found in any of them, and no other effect in two; there is "
+            "no size to follow"
         )
+    detectable = {}
+    for name, folder in folders.items():
+        if folder.place(DETECTABLE).exists():  # a verdict can be kept without what led to it
+            detectable[name] = folder.read(DETECTABLE).set_index("label")["smallest_detectable"]
     rows = []
     for label in followed:
-        like = [each[label] for each in stated if label in each]
+        like = [each[label] for each in stated.values() if label in each]
         # an effect states whole sizes under its own name, which the nuisance of a clearance has as its key
-        known = next((size for size in like if size.source != "nuisance"), like[0])
-        for each, own in zip(campaigns, stated, strict=True):
-            rows.append(_row(label, known, own.get(label), each, campaigns[0].campaign.date))
+        known = next((size for size in like if size["source"] != "nuisance"), like[0])
+        for campaign in campaigns:
+            size = stated[campaign.name].get(label)
+            estimate = size["estimate"] if size else {}
+            reason = _why_it_does_not_count(label, size, verdicts[campaign.name])
+            row = {"label": label, "parameter": known["parameter"], "unit": known["unit"], "campaign": campaign.name}
+            row |= {"date": campaign.date.isoformat(), "days": (campaign.date - campaigns[0].date).days}
+            row |= {"source": size["source"] if size else "", "counts": not reason, "reason": reason}
+            row["value"] = estimate.get("value")
+            for level in LEVELS:
+                row[f"low_{level}"], row[f"high_{level}"] = estimate.get(f"interval_{level}") or (None, None)
+            if not size:
+                row["smallest_detectable"] = detectable.get(campaign.name, {}).get(label)
+            rows.append(row)
     frame = pd.DataFrame(rows, columns=TREND.names)
-    numbers = [name for name in TREND.names if name.startswith(("value", "low_", "high_", "smallest"))]
+    numbers = [column.name for column in TREND.columns if column.kind == "float"]
     return frame.astype(dict.fromkeys(numbers, float))  # None, of what has no interval, is no number
 
 
-def _row(label: str, known: _Size, size: _Size | None, dated: Dated, first: Date) -> dict[str, Any]:
-    estimate = size.estimate if size else {}
-    ends = {level: estimate.get(f"interval_{level}") or (None, None) for level in LEVELS}
-    reason = _why_it_does_not_count(label, size, dated.verdict)
-    return {
-        "label": label,
-        "parameter": known.parameter,
-        "unit": known.unit,
-        "campaign": dated.campaign.name,
-        "date": dated.campaign.date.isoformat(),
-        "days": (dated.campaign.date - first).days,
-        "source": size.source if size else "",
-        "value": estimate.get("value"),
-        **{f"{end}_{level}": ends[level][place] for level in LEVELS for place, end in enumerate(("low", "high"))},
-        "counts": not reason,
-        "reason": reason,
-        "smallest_detectable": None if size else dated.smallest.get(label),
-    }
-
-
-def _why_it_does_not_count(label: str, size: _Size | None, verdict: Mapping[str, Any]) -> str:
+def _why_it_does_not_count(label: str, size: Mapping[str, Any] | None, verdict: Mapping[str, Any]) -> str:
     """Why a campaign's size of `label` does not count in the growth; empty where it does."""
     if size:
-        if size.source == "nuisance" and verdict["verdict"] in _SOMETHING_ELSE:
+        if size["source"] == "nuisance" and verdict["verdict"] in ("unexplained", "ambiguous"):
             return "fitted without what else is missing"
-        estimate = size.estimate
-        low, high = estimate.get("interval_90") or (None, None)
+        low, high = size["estimate"].get("interval_90") or (None, None)
         bounded = low is not None and high is not None and high > low
-        return estimate.get("remark") or ("" if bounded else "has no 90 % interval")
-
-    def holds(explanation: Sequence[Mapping[str, Any]]) -> bool:
-        return label in map(_label, explanation)
-
-    if any(map(holds, verdict["equivalent"])):
+        return size["estimate"].get("remark") or ("" if bounded else "has no 90 % interval")
+    if any(label == _label(effect) for explanation in verdict["equivalent"] for effect in explanation):
         return "not certain: one of several explanations that fit equally well"
-    if holds((verdict["best_known"] or {}).get("effects", ())):
+    if label in map(_label, (verdict["best_known"] or {}).get("effects", ())):
         return "not proven, though in the best explanation known"
     if label in verdict["preflight"]["undetectable"]:
         return "not found, and not detectable with its runs and channels"
-    if verdict["verdict"] == NO_DISAGREEMENT:
-        return "not found: the mechanism as it stands leaves noise alone"
-    return f"not found; the verdict is {verdict['verdict']}"
+    return f"not found; the verdict is {verdict['verdict'].replace('_', ' ')}"
 
 
 def growth_frame(sizes: pd.DataFrame) -> pd.DataFrame:
@@ -296,15 +190,13 @@ def growth_frame(sizes: pd.DataFrame) -> pd.DataFrame:
     for (label, parameter, unit), own in sizes.groupby(["label", "parameter", "unit"], sort=False):
         counted = own[own["counts"]]
         row = {"label": label, "parameter": parameter, "unit": unit, "dates": counted["days"].nunique()}
-        if row["dates"] < FEWEST_DATES:
-            rows.append(row | {"growth": "too few dates"})
-            continue
-        errors = (counted["high_90"] - counted["low_90"]) / (2.0 * HALF_WIDTHS[90])
-        found = fit_growth(*(each.to_numpy(dtype=float) for each in (counted["days"], counted["value"], errors)))
-        growth = "no growth" if found.p > FALSE_ALARM_RATE else "grew" if found.rate > 0 else "shrank"
-        interval = {"rate_low": found.low, "rate_high": found.high}
-        rest = {key: value for key, value in found._asdict().items() if key not in ("low", "high")}
-        rows.append(row | {"growth": growth} | interval | rest)
+        row["growth"] = "too few dates"
+        if row["dates"] >= FEWEST_DATES:
+            errors = (counted["high_90"] - counted["low_90"]) / (2.0 * HALF_WIDTHS[90])
+            found = fit_growth(*(each.to_numpy(dtype=float) for each in (counted["days"], counted["value"], errors)))
+            row |= found._asdict() | {"rate_low": found.low, "rate_high": found.high}
+            row["growth"] = "no growth" if found.p > FALSE_ALARM_RATE else "grew" if found.rate > 0 else "shrank"
+        rows.append(row)
     return pd.DataFrame(rows, columns=TREND_GROWTH.names)
 
 
@@ -313,31 +205,69 @@ def growth_in_words(growth: Mapping[str, Any]) -> str:
     what = label_in_words(growth["label"])
     if growth["growth"] == "too few dates":
         return f"{what}: too few dates, {growth['dates']} of the {FEWEST_DATES} at least that a growth needs"
-    factor, unit = SHOWN_UNITS.get(growth["unit"], (1.0, growth["unit"]))
+    factor, unit = _SHOWN_UNITS.get(growth["unit"], (1.0, growth["unit"]))
     sign = -1.0 if growth["growth"] == "shrank" else 1.0
     rates = sorted(sign * factor * growth[key] for key in ("rate_low", "rate", "rate_high"))
     low, rate, high = (_rounded(each, rates[2] - rates[1]) for each in rates)
     verdict = "no growth that these data show," if growth["growth"] == "no growth" else f"{growth['growth']} by"
-    told = with_unit(rate, unit)
     p = "below 1e-10" if growth["p"] < 1e-10 else f"= {growth['p']:.2g}"
-    return f"{what}: {verdict} {told} per day (90 % interval {low} to {high}; p {p})"
+    return f"{what}: {verdict} {with_unit(rate, unit)} per day (90 % interval {low} to {high}; p {p})"
 
 
 def _rounded(value: float, error: float) -> str:
     """A `value` to the second digit of its `error`, with no minus zero."""
+    if not error > 0.0:
+        return number(value)
     decimals = max(0, 1 - math.floor(math.log10(error)))
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
+    """Sizes over dates, a panel for each: 90 % intervals, and the line where one was fitted."""
+    sheet, above = Sheet(0.8 + 2.4 * len(growth), len(growth), 1), None
+    sizes = sizes.assign(day=date2num(pd.to_datetime(sizes["date"]).to_numpy()))
+    for place, line in enumerate(growth.to_dict("records")):
+        factor, unit = _SHOWN_UNITS.get(line["unit"], (1.0, line["unit"]))
+        own, date = sizes[sizes["label"] == line["label"]], Quantity("date", "d since 1970-01-01")
+        above = panel = sheet.panel((place, 0), in_words(line["label"]), date, Quantity("size", unit), below=above)
+        panel.axes.set_xlabel("date")
+        counts, stated = own[own["counts"]], own["value"].notna()
+        others = own[stated & ~own["counts"]]
+        series = {"size with 90 % interval": (counts, "settled", {})}
+        series["does not count in the line"] = (others, "limit", {"markerfacecolor": "white"})
+        for words, (shown, colour, style) in series.items():
+            if len(shown):
+                low, high = (factor * shown[end].fillna(shown["value"]) for end in ("low_90", "high_90"))
+                panel.marks(words, shown["day"], factor * shown["value"], colour, low, high, **style)
+        known = own[~stated].dropna(subset=["smallest_detectable"])
+        if len(known):
+            smallest = factor * known["smallest_detectable"]
+            panel.marks("not found; would show from here on", known["day"], smallest, "other", marker="v")
+        unknown = own.loc[~stated & own["smallest_detectable"].isna(), "day"]
+        for order, day in enumerate(unknown):
+            panel.vertical_line("not found; no size known", day, named=order == 0)
+        if pd.notna(line["rate"]):
+            span = np.array([counts["day"].min(), counts["day"].max()])
+            ends = line["first_value"] + line["rate"] * (span - own["day"].min())
+            panel.line("straight line", span, factor * ends, "before")
+        locator = AutoDateLocator(minticks=3, maxticks=8)
+        panel.axes.xaxis.set_major_locator(locator)
+        panel.axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        panel.axes.margins(x=0.05)
+    sheet.legend()
+    return sheet.drawing()
 
 
 def _page(sizes: pd.DataFrame, growth: pd.DataFrame) -> Page:
     blocks = []
     for row in growth.to_dict("records"):
-        blocks += [Paragraph(f"{growth_in_words(row)}.", strong=True), *_widened(row)]
-        factor, unit = SHOWN_UNITS.get(row["unit"], (1.0, row["unit"]))
-        own = sizes[(sizes["label"] == row["label"]) & (sizes["parameter"] == row["parameter"])]
+        wider = f" Errors were widened by the factor {row['error_scale']:.2g}." if row["error_scale"] > 1.0 else ""
+        blocks.append(Paragraph(f"{growth_in_words(row)}.{wider}", strong=True))
+        factor, unit = _SHOWN_UNITS.get(row["unit"], (1.0, row["unit"]))
         size = f"{parameter_in_words(row['label'].partition(':')[0], row['parameter'])} [{unit}]"
         intervals = (f"{level} % interval" for level in LEVELS)
         heads = ("date", "campaign", size, *intervals, "from", "smallest that shows", "why it does not count")
+        own = sizes[(sizes["label"] == row["label"]) & (sizes["parameter"] == row["parameter"])]
         lines = tuple(_line(line, factor) for line in own.to_dict("records"))
         blocks.append(TableBlock(heads, lines, "llrrrrlrl"))
     meaning = (
@@ -345,29 +275,16 @@ def _page(sizes: pd.DataFrame, growth: pd.DataFrame) -> Page:
         f"sizes in SI. Grew or shrank: p below {FALSE_ALARM_RATE:g}. A campaign that found nothing does not count; its "
         "size may be anything below the smallest that shows there."
     )
-    return Page("Wear by date", (*blocks, FigureBlock(FIGURE, "Sizes by date"), Paragraph(meaning)))
-
-
-def _widened(growth: Mapping[str, Any]) -> list[Paragraph]:
-    if not growth["error_scale"] > 1.0:
-        return []
-    return [
-        Paragraph(
-            f"The sizes scatter about the line more than their intervals say; errors were widened by the factor "
-            f"{growth['error_scale']:.2g}."
-        )
-    ]
+    return Page("Wear by date", (*blocks, FigureBlock("trend", "Sizes by date"), Paragraph(meaning)))
 
 
 def _line(row: Mapping[str, Any], factor: float) -> tuple[str, ...]:
     error = factor * (row["high_90"] - row["low_90"]) / 2.0
 
     def shown(key: str) -> str:
-        if pd.isna(row[key]):
-            return "–"
-        return _rounded(factor * row[key], error) if error > 0.0 else number(factor * row[key])
+        return "–" if pd.isna(row[key]) else _rounded(factor * row[key], error)
 
     intervals = (f"{shown(f'low_{level}')} to {shown(f'high_{level}')}" for level in LEVELS)
-    ends = [text if text != "– to –" else "–" for text in intervals]
+    ends = ["–" if text == "– to –" else text for text in intervals]
     smallest = shown("smallest_detectable")
     return row["date"], row["campaign"], shown("value"), *ends, row["source"] or "–", smallest, row["reason"] or "–"

@@ -2,14 +2,17 @@
 
 import json
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.fits_on_disk import JOINED, Outcome, gap_of, nuisances_as_read
+from jointgap.campaign.fits_on_disk import JOINED, Outcome, clockwise, nuisances_as_read
+from jointgap.campaign.plan import confusable_groups, undetectable
+from jointgap.config.campaign import Campaign
+from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError
+from jointgap.core.results_folder import Frames
 from jointgap.identification.confirmation import held_out_test
 from jointgap.identification.decide_verdict import certain_effects
 from jointgap.identification.fit import MATCHED, Fit, coordinate_estimate, effect_estimates, is_taken_over
@@ -18,66 +21,55 @@ from jointgap.identification.problem import label_of
 
 SCHEMA_VERSION = 1  # one more when a key of verdict.json changes its meaning or goes
 
-_TERM_PREFIX = "discovered_"
+TABLES = ("detectable", "confusability", "gaps", "map_windows", "map_standout", "law_families")
+"""What it is made from besides the outcome."""
 
 
-@dataclass(frozen=True)
-class Conclusion:
-    """What a campaign came to, from which ``verdict.json`` follows."""
-
-    campaign: str
-    outcome: Outcome
-    windows: pd.DataFrame  # Table `MAP_WINDOWS`
-    gaps: pd.DataFrame  # Table `GAPS`
-    gap: Mapping[str, Mapping[str, float | None]]  # By role: before and after
-    held_out: Sequence[Mapping[str, Any]]
-    preflight: Mapping[str, Sequence]  # Labels that are undetectable, groups that are merged
-    false_alarm_rate: float
-    separated_by: str = ""
-    clockwise: Collection[str] = ()  # Runs
-    standout: pd.DataFrame | None = None  # Table `MAP_STANDOUT`
-    doubted_channels: Collection[str] = ()
-    families: pd.DataFrame | None = None  # Table `LAW_FAMILIES`
-    repeats: bool = True  # Whether samples are compared, and not statistics over cycles
-
-
-def document(conclusion: Conclusion) -> dict[str, Any]:
-    """The content of ``verdict.json``."""
-    outcome, gaps, standout = conclusion.outcome, conclusion.gaps, conclusion.standout
-    gains = _gains(outcome)
+def document(
+    outcome: Outcome, tables: Frames, campaign: Campaign, doubted: Sequence[str] = (), repeats: bool = True
+) -> dict[str, Any]:
+    """The content of ``verdict.json``; `repeats` where samples are compared, and not statistics over cycles."""
+    gaps, gains = tables["gaps"], _gains(outcome)
     certain = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
     test = held_out_test(gaps) if outcome.proposed else None
     by_features = any(fit.status == MATCHED for fit in outcome.explanations)
+    added = outcome.named is not None
     return {
         "schema_version": SCHEMA_VERSION,
-        "campaign": conclusion.campaign,
+        "campaign": campaign.name,
         "verdict": outcome.verdict,
         "because": outcome.because,
-        "basis": "samples" if conclusion.repeats and not by_features else "statistics",
-        "effects": _with_families(effects(outcome.chosen, gains), conclusion.families),
+        "basis": "samples" if repeats and not by_features else "statistics",
+        "effects": _with_families(effects(outcome.chosen, gains), tables["law_families"]),
         "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
         "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
-        "separated_by": conclusion.separated_by,
+        "separated_by": "",
         "best_known": _best_known(outcome, gaps, gains),
         "interval_factor": (outcome.proposed or outcome.chosen).scale,
         "held_out_test": test and test.outcome,
         "held_out_features": test and test.features and dict(zip(("before", "after"), test.features, strict=True)),
-        "doubted_channels": list(conclusion.doubted_channels),
-        "nuisances": _nuisances(outcome.chosen, conclusion.clockwise),
+        "doubted_channels": list(doubted),
+        "nuisances": {
+            p.key: estimate | ({} if is_taken_over(p, estimate) else {"kept": True})
+            for p, estimate in nuisances_as_read(outcome.chosen, clockwise(campaign))
+        },
         "where": [
             {
-                "run": row["run"],
-                "channel": row["channel"],
-                "crank_angle_deg": [row["start_deg"], row["end_deg"]],
-                "p_adjusted": row["p_adjusted"],
+                "run": row.run,
+                "channel": row.channel,
+                "crank_angle_deg": [row.start_deg, row.end_deg],
+                "p_adjusted": row.p_adjusted,
             }
-            for row in conclusion.windows.to_dict("records")
+            for row in tables["map_windows"].itertuples()
         ],
-        "orders": [] if standout is None else standout.to_dict("records"),
-        "gap": {role: dict(own) for role, own in conclusion.gap.items()},
-        "held_out": [dict(run) for run in conclusion.held_out],
-        "preflight": {key: list(value) for key, value in conclusion.preflight.items()},
-        "false_alarm_rate": conclusion.false_alarm_rate,
+        "orders": tables["map_standout"].to_dict("records"),
+        "gap": {role: gap_of(gaps, role, added=added) for role in ("identify", "confirm")},
+        "held_out": held_out(gaps, {run.id: run.role for run in campaign.runs}, added),
+        "preflight": {
+            "undetectable": undetectable(tables["detectable"]),
+            "merged": confusable_groups(tables["confusability"]),
+        },
+        "false_alarm_rate": None,
     }
 
 
@@ -97,38 +89,45 @@ def read(path) -> dict[str, Any]:
     return content
 
 
+def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) -> dict[str, float | None]:
+    """Gap before and after over all channels; None where what was added cannot be simulated."""
+    row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
+    gap = {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
+    return gap if added else gap | {"after": gap["before"]}
+
+
+def held_out(gaps: pd.DataFrame, roles: Mapping[str, str], added: bool = True) -> list[dict[str, Any]]:
+    runs = []
+    for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all") & (gaps["run"] != "all")].itertuples():
+        part = "last_third" if roles[row.run] == "split" else "whole"
+        reason = {"not_simulated": row.remark} if added and isinstance(row.remark, str) else {}
+        runs.append({"run": row.run, "part": part, "gap": gap_of(gaps, "confirm", row.run, added), **reason})
+    return runs
+
+
 def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]) -> dict[str, Any] | None:
-    """What is best but not proven, and how far it goes; None where nothing is."""
+    """What is best but not proven, and how far it goes."""
     best = outcome.best_known
     if best is None:
         return None
-    gap = {role: gap_of(gaps, role) for role in ("identify", "confirm")}
+    known = {"effects": effects(best, gains), "explained_share": None}
+    known |= {"gap": {role: gap_of(gaps, role) for role in ("identify", "confirm")}, "rival": None}
     if best.status == MATCHED:  # samples, by which the others are ranked, say nothing of it
-        return {"effects": effects(best, gains), "explained_share": None, "gap": gap, "rival": None}
-    ranking = outcome.ranking.set_index("explanation")
-    own, labels = ranking.loc[best.label], set(best.label.split(JOINED))
-    rivals = [
-        row
-        for row in ranking.dropna(subset=["bic"]).query("admissible").itertuples()
-        if not set(row.Index.split(JOINED)) >= labels and not set(row.Index.split(JOINED)) < labels
-    ]
-    nearest = min(rivals, key=lambda row: row.bic, default=None)
-    return {
-        "effects": effects(best, gains),
-        "explained_share": own["explained_share"],
-        "gap": gap,
-        "rival": nearest
-        and {
-            "explanation": nearest.Index,
-            "behind": nearest.bic - best.bic,
-            "explained_share": nearest.explained_share,
-        },
-    }
+        return known
+    ranking, labels = outcome.ranking.set_index("explanation"), set(best.label.split(JOINED))
+    known["explained_share"] = ranking.loc[best.label, "explained_share"]
+    for row in ranking.dropna(subset=["bic"]).query("admissible").sort_values("bic", kind="stable").itertuples():
+        other = set(row.Index.split(JOINED))
+        if not other >= labels and not other < labels:
+            share = row.explained_share
+            known["rival"] = {"explanation": row.Index, "behind": row.bic - best.bic, "explained_share": share}
+            break
+    return known
 
 
 def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None = None) -> list[dict[str, Any]]:
     """The effects of one explanation; terms of a law are one effect."""
-    laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith(_TERM_PREFIX)]
+    laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith("discovered_")]
     entries = [
         _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate))
         for candidate in fit.hypothesis
@@ -138,17 +137,20 @@ def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None
         law = law_of(tuple(laws), fit.mapping)
         keys = [p.key for p in fit.parameters]
         parameters: dict[str, Any] = {"formula": {"value": law.formula}}
-        for name, key in law.keys.items():
-            parameters[name] = coordinate_estimate(fit, keys.index(key))
+        parameters |= {name: coordinate_estimate(fit, keys.index(key)) for name, key in law.keys.items()}
         entries.append(_effect(effect_of(laws[0]), law.site, fit, laws, gains, parameters))
     return entries
 
 
-def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
-    """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself,
-    or where samples do not decide. Its choices by run, where it has such, such as the start of its motion."""
+def _effect(
+    name: str, site: str, fit: Fit, own: Sequence[Candidate], gains: Mapping[str, float], parameters: dict[str, Any]
+) -> dict[str, Any]:
+    """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself, or
+    where samples do not decide. Its choices by run, where it has such, such as the start of its motion.
+    """
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
     cost = gains[left] - fit.bic if left in gains and fit.status != MATCHED else None
+    entry = {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
     values = fit.mapping
     choices = {
         p.key: round(values[key])
@@ -156,31 +158,22 @@ def _effect(name, site, fit: Fit, own, gains, parameters) -> dict[str, Any]:
         for p in candidate.coordinates
         if p.choices and (key := f"{candidate.label}.{p.key}") in values
     }
-    return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters} | (
-        {"choices": choices} if choices else {}
-    )
+    return entry | ({"choices": choices} if choices else {})
 
 
-def _with_families(named: list[dict[str, Any]], families: pd.DataFrame | None) -> list[dict[str, Any]]:
+def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[dict[str, Any]]:
     """The effects `named`, each with what the data leave of its families, if it has any."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    for row in () if families is None else families.itertuples():
-        left = {"law": row.law.partition(":")[0], "shape": row.shape, "value": row.value}
-        left |= {"interval_99": [row.low, row.high], "named": not row.alone}
-        found.setdefault(row.effect if row.fits else row.law, []).append(left)
-
-    def with_own(effect: dict[str, Any]) -> dict[str, Any]:
-        own = found.get(effect["name"], found.get(f"{effect['name']}:{effect['site']}", []))
-        if not own:
-            return effect
-        # a shape that is a parameter too has one 99 % interval, that of its family
-        parameters = dict(effect["parameters"])
-        for family in own:
-            if (shape := family["shape"]) in parameters and family["law"] == effect["name"]:
-                parameters[shape] = parameters[shape] | {"interval_99": family["interval_99"]}
-        return effect | {"parameters": parameters, "families": own}
-
-    return [with_own(effect) for effect in named]
+    for effect in named:
+        for row in families.itertuples():
+            if (row.effect if row.fits else row.law) not in (effect["name"], f"{effect['name']}:{effect['site']}"):
+                continue
+            law, interval = row.law.partition(":")[0], {"interval_99": [row.low, row.high]}
+            left = {"law": law, "shape": row.shape, "value": row.value, **interval, "named": not row.alone}
+            effect.setdefault("families", []).append(left)
+            # a shape that is a parameter too has one 99 % interval, that of its family
+            if row.shape in effect["parameters"] and law == effect["name"]:
+                effect["parameters"][row.shape] |= interval
+    return named
 
 
 def _close(outcome: Outcome) -> list[list[str]]:
@@ -193,15 +186,7 @@ def _close(outcome: Outcome) -> list[list[str]]:
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:
-    ranked = outcome.ranking.dropna(subset=["bic"])
-    return {"base": outcome.base.bic} | dict(zip(ranked["explanation"], ranked["bic"], strict=True))
-
-
-def _nuisances(fit: Fit, clockwise: Collection[str]) -> dict[str, dict[str, Any]]:
-    return {
-        p.key: estimate | ({} if is_taken_over(p, estimate) else {"kept": True})
-        for p, estimate in nuisances_as_read(fit, clockwise)
-    }
+    return {"base": outcome.base.bic} | outcome.ranking.dropna(subset=["bic"]).set_index("explanation")["bic"].to_dict()
 
 
 def _finite(value: Any) -> Any:
