@@ -140,7 +140,7 @@ def test_a_campaign_that_names_nothing_is_listed_with_the_smallest_size_that_wou
     assert np.isnan(first["value"])
     assert rig.growth["dates"][0] == 3
     assert rig.growth["rate"][0] == pytest.approx(2e-7)
-    assert "| 2026-01-01 | rig-0 | – | – | – | – | – | 70 | not found; the verdict is no disagreement |" in rig.page
+    assert "| 2026-01-01 | rig-0 | – | – | – | – | 70 | not found; the verdict is no disagreement |" in rig.page
 
 
 @pytest.mark.parametrize(

@@ -631,7 +631,7 @@ class _Bars:
             self._bars = Progress(*columns, transient=True, **streams)
             self._bars.start()
         if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(what)
+            self._tasks[what] = self._bars.add_task(what, total=total)
         self._bars.update(self._tasks[what], completed=done, total=total, visible=done != total)
 
     def end(self) -> None:

@@ -6,20 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from jointgap.campaign import page as verdict_page
+from jointgap.campaign import sentences as say
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
-from jointgap.campaign.sentences import (
-    answer,
-    effect_in_words,
-    estimate_row,
-    held_out_in_words,
-    left_out_in_words,
-    parameter_in_words,
-    sure_value,
-    unit_of,
-)
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
@@ -96,7 +89,7 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
     """The results of a run."""
     learned = {name: own for name, own in scenarios.items() if own.scenario.mechanism.applied().loose}
     summaries = {name: _summary(own) for name, own in learned.items()}
-    parts = [_scenario(own, summaries.get(name), folder) for name, own in scenarios.items()]
+    parts = [_scenario(own, summaries.get(name)) for name, own in scenarios.items()]
     parts += [_campaign(folder, name) for name in campaigns]
     several = len(parts) > 1
     pictures = (path for part in parts for path in (folder / part.place).glob("*.png"))
@@ -141,25 +134,21 @@ def _headline(summaries: Mapping[str, Any], parts: Sequence[_Part]) -> str:
     if summaries:
         return next(iter(summaries.values()))["headline"]
     results = {part.name: part.result for part in parts if part.result}
-    if len(results) == 1:
-        return next(iter(results.values()))
-    return (
-        "; ".join(f"{name}: {result}" for name, result in results.items()) or "The motion of the mechanism, simulated"
-    )
+    told = [result if len(results) == 1 else f"{name}: {result}" for name, result in results.items()]
+    return "; ".join(told) or "The motion of the mechanism, simulated"
 
 
-def _scenario(own: ScenarioResults, summary: Mapping[str, Any] | None, folder: Path) -> _Part:
+def _scenario(own: ScenarioResults, summary: Mapping[str, Any] | None) -> _Part:
     name, result = own.path.name, summary["headline"] if summary else ""
     pages = {
         "summary.html": "lengths, gain and side effects",
         "figures/impacts.html": "zoom into the impacts",
         "comparison.html": "the paper's numbers and claims compared",
     }
-    links = (Link(words, f"{name}/{path}") for path, words in pages.items() if (folder / name / path).is_file())
-    specs = {key: FIGURES[key] for key in FIGURES.still if (folder / name / f"figures/{key}.png").is_file()}
-    texts = (own.scenario.description, f"{result}." if result else "")
-    texts = tuple(filter(None, texts))
-    return _Part(name, f"Scenario {name}", result, texts, tuple(links), f"{name}/figures/", specs, _KEY_FIGURES)
+    links = tuple(Link(words, f"{name}/{path}") for path, words in pages.items() if (own.path / path).is_file())
+    specs = {key: FIGURES[key] for key in FIGURES.still if (own.path / f"figures/{key}.png").is_file()}
+    texts = tuple(filter(None, (own.scenario.description, f"{result}." if result else "")))
+    return _Part(name, f"Scenario {name}", result, texts, links, f"{name}/figures/", specs, _KEY_FIGURES)
 
 
 def _campaign(folder: Path, name: str) -> _Part:
@@ -168,7 +157,7 @@ def _campaign(folder: Path, name: str) -> _Part:
     result = verdict_page.title(content)
     specs = {key: spec for key, spec in CAMPAIGN_FIGURES.items() if _shows(folder / place / f"figures/{key}.png")}
     links = (Link("numbers, parameters and next steps", f"{place}{SUMMARIES[1]}"),)
-    texts = (f"{result}.", answer(content))
+    texts = (f"{result}.", say.answer(content))
     return _Part(name, f"Campaign {name}", result, texts, links, f"{place}figures/", specs, _KEY_FIGURES_OF_CAMPAIGNS)
 
 
@@ -194,26 +183,13 @@ def verdict_lines(folder: Path) -> list[str]:
     """The verdict of a campaign: the answer, sizes with their intervals, the gap on held-out data, and the page."""
     content = verdict_json.read(folder / VERDICT)
     told = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
-    return [
-        f"campaign {content['campaign']}: {answer(content)}",
-        *(f"  {line}" for line in left_out_in_words(content)),
-        *(f"  {line}" for line in _sizes(content["effects"])),
-        f"  gap (residual in standard deviations of the noise), {told.get(content['basis'], content['basis'])}: "
-        f"{_small(held_out_in_words(content))}",
-        f"  page: {folder / SUMMARIES[1]}",
-    ]
-
-
-def _sizes(effects: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    for effect in effects:
-        for name, estimate in effect["parameters"].items():
-            unit = unit_of(effect["name"], effect["site"], name)
-            words, *row = estimate_row(parameter_in_words(effect["name"], name), estimate, unit)
-            yield f"{effect_in_words(effect)}: {words} {sure_value(*row)}"
-
-
-def _small(sentence: str) -> str:
-    return f"{sentence[:1].lower()}{sentence[1:]}"
+    lines = [f"campaign {content['campaign']}: {say.answer(content)}", *say.left_out_in_words(content)]
+    for effect in content["effects"]:
+        for words, *row in say.parameter_rows([effect]):
+            lines.append(f"{say.effect_in_words(effect)}: {words} {say.sure_value(*row)}")
+    gap = say.held_out_in_words(content)
+    lines.append(f"gap (1 is noise), {told[content['basis']]}: {gap[:1].lower()}{gap[1:]}")
+    return "\n  ".join([*lines, f"page: {folder / SUMMARIES[1]}"]).split("\n")
 
 
 def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
@@ -226,40 +202,24 @@ def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
     known = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items() if path.is_file()}
     if not known:
         return []
-    rows = (_optimum(name, summary) for name, summary in known.items())
+    rows = [_optimum(name, summary) for name, summary in known.items()]
     pages = [f"page of {name}: {results / name / SUMMARY_PAGE}" for name in known]
     shown = pages if len(pages) <= _MOST_PAGES else [f"pages: {results}/*/{SUMMARY_PAGE}"]
-    return [*_aligned([_HEADS, *rows]), *_LEGEND, *_remarks(known), *shown]
+    told: dict[str, list[str]] = {}  # what several share is told once
+    for name, summary in known.items():
+        for remark in summary["remarks"]:
+            told.setdefault(remark, []).append(name)
+    remarks = [
+        f"remark on {'all scenarios' if len(known) > 1 and owners == [*known] else ', '.join(owners)}: {sentence}"
+        for sentence, owners in told.items()
+    ]
+    table = pd.DataFrame(rows, columns=_HEADS).to_string(index=False)
+    return [*table.splitlines(), *_LEGEND, *remarks, *shown]
 
 
 def _optimum(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
     error, falls = summary["rms_error_deg"], summary["reduction_percent"]
     middle, *ends = (-falls[key] for key in ("median", "5_percent", "95_percent"))
-    low, high = sorted(ends)
-    return (
-        name,
-        *(f"{summary[length]['after']:.3f}" for length in ("crank_length_mm", "rod_length_mm")),
-        f"{error['before']:.4f} to {error['after']:.4f}",
-        f"{middle:+.2f} ({low:+.2f} to {high:+.2f})",
-    )
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        first, *others = (
-            f"{cell:<{width}}" if place == 0 else f"{cell:>{width}}"
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        yield "  ".join((first, *others)).rstrip()
-
-
-def _remarks(known: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """What the summaries of scenarios remark; what several share is told once."""
-    told: dict[str, dict[str, None]] = {}
-    for name, summary in known.items():
-        for remark in summary["remarks"]:
-            told.setdefault(remark, {})[name] = None
-    for sentence, owners in told.items():
-        everyone = len(owners) > 1 and len(owners) == len(known)
-        yield f"remark on {'all scenarios' if everyone else ', '.join(owners)}: {sentence}"
+    lengths = (f"{summary[length]['after']:.3f}" for length in ("crank_length_mm", "rod_length_mm"))
+    change = f"{middle:+.2f} ({min(ends):+.2f} to {max(ends):+.2f})"
+    return name, *lengths, f"{error['before']:.4f} to {error['after']:.4f}", change

@@ -2,14 +2,14 @@
 fitted.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT
-from jointgap.campaign.fits_on_disk import JOINED
+from jointgap.campaign.sentences import label_of
 from jointgap.campaign.verdict_json import read
 from jointgap.core.publish import Dataset, Record
 from jointgap.core.results_folder import ResultsFolder
@@ -25,10 +25,8 @@ def records(folder: Path) -> list[Record]:
     places, verdict = ResultsFolder(folder), read(folder / VERDICT)
     metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
     metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
-    ranking = places.read("ranking", "verdict")
-    labels = {label for hypothesis in ranking["explanation"] for label in hypothesis.split(JOINED)}
     for effect in verdict["effects"]:
-        own = _metric(effect, labels)
+        own = f"effect/{label_of(effect).replace(':', '_')}"  # not all stores take a colon
         metrics[f"{own}_delta_bic"] = effect["delta_bic"]
         for name, estimate in effect["parameters"].items():
             if not isinstance(estimate["value"], str):
@@ -52,20 +50,12 @@ def records(folder: Path) -> list[Record]:
             "because": verdict["because"],
         },
     )
-    return [campaign_run, *(_fit(row) for row in ranking.to_dict("records"))]
+    return [campaign_run, *(_fit(row) for row in places.read("ranking", "verdict").to_dict("records"))]
 
 
 def _labels(effects: Sequence[Mapping[str, Any]]) -> str:
     """Effects of a verdict, each with its site."""
     return " + ".join(f"{effect['name']}:{effect['site']}" for effect in effects)
-
-
-def _metric(effect: Mapping[str, Any], labels: Collection[str]) -> str:
-    """What metrics of an effect begin with: its label among `labels`, its site behind an underscore, as not all stores
-    take a colon.
-    """
-    name, site = effect["name"], effect["site"]
-    return f"effect/{name}_{site}" if f"{name}:{site}" in labels else f"effect/{name}"
 
 
 def _fit(row: dict) -> Record:

@@ -13,6 +13,7 @@ from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.plan import assumed, confusable_groups, preflight_tables, separated_by
 from jointgap.campaign.state import CampaignState
 from jointgap.config.campaign import NUISANCES, Campaign
+from jointgap.core import schema
 from jointgap.core.files import write_text
 from jointgap.core.page import (
     Block,
@@ -32,16 +33,14 @@ from jointgap.core.words import (
     in_words,
     joined,
     nuisance_in_words,
-    number,
     percent,
+    reading_unit,
     rounded_gap,
     unit_in_words,
-    with_unit,
 )
 from jointgap.identification.fit import AT_BOUND
-from jointgap.identification.settings import DEFAULT_SETTINGS
 
-_MOST_WINDOWS = 5  # the largest disagreements; the map shows all
+_MOST_WINDOWS = 7  # the largest disagreements; the map shows all
 _PARAMETER_HEADS = ("parameter", "value", "90 % interval", "")
 _UNLISTED = ("first_angle", "friction_speed", "lasting_damping")  # parameters of every fit
 _BELOW_NOISE = 0.85  # a gap whose whole interval is below is less than noise
@@ -51,11 +50,13 @@ Verdict, Tables = Mapping[str, Any], Mapping[str, pd.DataFrame | None]
 
 def page(verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaign: Campaign | None = None) -> Page:
     """The one-page summary of a campaign."""
+    tried = verdict["effects"] or verdict["best_known"] or verdict["equivalent"]
+    shown = ("before", "after") if tried else ("before",)
     sections = {
         "": _answer(verdict),
-        "Measured against model": _measured(verdict, tables),
-        "Gap between simulation and measurement": _gap(verdict, tables.get("gaps")),
-        "Where it shows": _where(verdict, tables.get("map_windows")),
+        "Measured against model": _measured(tables.get("channel_errors"), shown),
+        "Gap between simulation and measurement": _gap(verdict, tables.get("gaps"), shown),
+        "Where it shows": _where(verdict["orders"], tables.get("map_windows")),
         "What else was tried": _tried(verdict, tables.get("missing_force")),
         "Does it move the optimum?": _optimum(verdict["effects"], tables.get("campaign_optimum")),
         "Parameters re-fitted within their ranges": _nuisances(verdict["nuisances"]),
@@ -85,6 +86,31 @@ def title(verdict: Verdict) -> str:
         "parameters_only": "Nothing is missing: other values of uncertain parameters fit the measurement",
         "ambiguous": f"Something is missing: {len(verdict['equivalent'])} explanations fit equally well",
     }.get(verdict["verdict"], "Something is missing that none of the effects tried explains")
+
+
+def frame_block(
+    table: schema.Table, frame: pd.DataFrame, names: Iterable[str], caption: str, si: tuple = ("", 1.0)
+) -> Block:
+    """Columns `names` of a `frame` of a `table` for the eye; those in SI in the unit and by the factor `si`."""
+    heads, columns, align = [], [], ""
+    own = {column.name: column for column in table.columns}
+    for column in map(own.get, names):
+        unit, factor = si if column.unit == "SI" else reading_unit(column.unit)
+        shown = unit_in_words(unit) if unit not in ("", "1") and " " not in unit else ""
+        heads.append(in_words(column.name.removesuffix("_deg")) + (f" [{shown}]" if shown else ""))
+        align += "l" if column.kind in ("text", "bool") else "r"
+        columns.append([_cell(column, value, factor) for value in frame[column.name]])
+    return TableBlock(tuple(heads), tuple(zip(*columns, strict=True)), align, caption)
+
+
+def _cell(column: schema.Column, value: Any, factor: float) -> str:
+    if value == "" or pd.isna(value):
+        return "–"
+    if column.kind == "float":
+        return f"{factor * value:.4g}"
+    if column.kind == "bool":
+        return "yes" if value else "no"
+    return {"channel": in_words, "source": in_words, "unit": unit_in_words}.get(column.name, str)(value)
 
 
 def _figure(name: str) -> FigureBlock:
@@ -119,95 +145,51 @@ def _answer(verdict: Verdict) -> list[Block]:
     return blocks
 
 
-def _something_tried(verdict: Verdict) -> bool:
-    """Whether a model with an effect is shown beside the one without."""
-    return bool(verdict["effects"] or verdict["best_known"] or verdict["equivalent"])
-
-
-_ERROR_HEADS = ("run", "crank speed [rpm]", "used", "channel", "unit", "noise", "RMS before", "RMS after", "explained")
-
-
-def _measured(verdict: Verdict, tables: Tables) -> list[Block]:
-    """Residuals in the unit of each channel."""
-    errors, gaps = tables.get("channel_errors"), tables.get("gaps")
-    if errors is None:
-        return []
-    closed = {} if gaps is None else {(row.run, row.role, row.channel): row for row in gaps.itertuples()}
-    shown, rows = len(_ERROR_HEADS) if _something_tried(verdict) else 7, []
-    for row in errors.itertuples():
-        gap, share = closed.get((row.run, "confirm" if row.held_out else "identify", row.channel)), "–"
-        if gap is not None and pd.notna(gap.closed):
-            if gap.before**2 > DEFAULT_SETTINGS.decision.tolerated_reduced_chi2:
-                share = percent(min(gap.closed, 1.0), 0 if gap.closed > 0.995 else 1)
-        used, numbers = "held out" if row.held_out else "to fit", (row.noise, row.before, row.after)
-        cells = (row.run, f"{30.0 / pi * row.speed:.4g}", used, in_words(row.channel), unit_in_words(row.unit))
-        cells += (*("–" if pd.isna(each) else f"{each:.3g}" for each in numbers), share)
-        rows.append(cells[:shown])
+def _measured(errors: pd.DataFrame | None, shown: Sequence[str]) -> list[Block]:
     caption = (
-        "Root mean square (RMS) of the residual. Before: no effect added, uncertain parameters re-fitted. After: with "
-        "the effects above. Noise: expected from sensor noise and numerics. Explained: share of the mean square beyond "
-        "noise that is gone."
+        "Root mean square of the residual in the unit of each channel. Before: no effect added, uncertain parameters "
+        "re-fitted. After: with the effects above. Noise: expected from sensor noise and numerics."
     )
-    return [TableBlock(_ERROR_HEADS[:shown], tuple(rows), "lrlllrrrr"[:shown], caption)]
+    names = ("run", "speed", "held_out", "channel", "unit", "noise", *shown)
+    return [] if errors is None else [frame_block(schema.CHANNEL_ERRORS, errors, names, caption)]
 
 
-def _gap(verdict: Verdict, gaps: pd.DataFrame | None) -> list[Block]:
-    shown = _something_tried(verdict)
+def _gap(verdict: Verdict, gaps: pd.DataFrame | None, shown: Sequence[str]) -> list[Block]:
     meaning = "The gap is the root mean square residual in standard deviations of the noise; 1 is noise alone."
     blocks: list[Block] = [Paragraph(f"{meaning} {say.held_out_in_words(verdict)}.")]
     if shared := [run["run"] for run in verdict.get("held_out", ()) if run["part"] == "last_third"]:
         text = f"The last third of {joined(shared)} is held out; a separate run would be stronger evidence."
         blocks.append(Paragraph(text))
     if gaps is not None:
-        own = gaps[(gaps["channel"] == "all") & (gaps["role"] == "confirm") & (gaps["run"] != "all")]
-        when = ("before", "after") if shown else ("before",)
-        rows = tuple((row["run"], *(_interval(row, each) for each in when)) for row in own.to_dict("records"))
-        after = "gap after" if verdict["effects"] else "gap with the best explanation"
-        heads = ("held-out run", *(f"{each} (90 % interval)" for each in ("gap before", after)[: len(when)]))
-        blocks += [TableBlock(heads, rows), *_below_noise(gaps)]
-    return [*blocks, _figure("gaps"), *([_figure("residuals")] if shown else [])]
+        runs = gaps[(gaps["run"] != "all") & (gaps["role"] == "confirm")]
+        names = ["run", *(f"{when}{end}" for when in shown for end in ("", "_low", "_high"))]
+        caption = "Gap on each held-out run with its 90 % interval (low to high)."
+        blocks.append(frame_block(schema.GAPS, runs[runs["channel"] == "all"], names, caption))
+        gap, high = (gaps[f"after{end}"].fillna(gaps[f"before{end}"]) for end in ("", "_high"))
+        low = gaps.assign(gap=gap)[(high < _BELOW_NOISE) & (gaps["channel"] != "all") & (gaps["run"] != "all")]
+        if channels := [f"{in_words(row.channel)} ({row.run} {rounded_gap(row.gap)})" for row in low.itertuples()]:
+            text = (
+                f"The gap of {joined(channels)} is far below 1: the noise is overestimated. State or correct `noise`."
+            )
+            blocks.append(Paragraph(text))
+    return [*blocks, _figure("gaps"), *([_figure("residuals")] if "after" in shown else [])]
 
 
-def _interval(row: Mapping[str, Any], when: str) -> str:
-    gap, low, high = (rounded_gap(row[f"{when}{end}"]) for end in ("", "_low", "_high"))
-    return "–" if pd.isna(row[when]) else f"{gap} ({low} to {high})"
-
-
-def _below_noise(gaps: pd.DataFrame) -> list[Block]:
-    """Channels whose residual is far below their noise."""
-    gap, high = (gaps[f"after{end}"].fillna(gaps[f"before{end}"]) for end in ("", "_high"))
-    low = gaps.assign(gap=gap)[(high < _BELOW_NOISE) & (gaps["channel"] != "all") & (gaps["run"] != "all")]
-    if low.empty:
-        return []
-    channels = joined(f"{in_words(row.channel)} ({row.run} {rounded_gap(row.gap)})" for row in low.itertuples())
-    text = f"The gap of {channels} is far below 1: the noise is overestimated. State or correct `noise`."
-    return [Paragraph(text)]
-
-
-def _where(verdict: Verdict, windows: pd.DataFrame | None) -> list[Block]:
-    places = [say.place_of(window["run"], window["channel"], *window["crank_angle_deg"]) for window in verdict["where"]]
+def _where(orders: Sequence[Mapping[str, Any]], windows: pd.DataFrame | None) -> list[Block]:
+    blocks: list[Block] = []
     if windows is not None and len(windows):
-        places = [
-            f"{say.place_of(row.run, row.channel, row.start_deg, row.end_deg)}: RMS residual {row.rms:.1f} standard "
-            "deviations of the noise"
-            for row in windows.sort_values("rms", ascending=False).itertuples()
-        ]
-    blocks: list[Block] = [Paragraph("No window of crank angle has a significant residual.")]
-    if places:
-        more = len(places) - _MOST_WINDOWS
-        others = [f"and {more} more (map of disagreement)"] if more > 0 else []
-        text = "Largest residuals of the model without added effects, its parameters re-fitted:"
-        blocks = [Paragraph(text), Bullets((*places[:_MOST_WINDOWS], *others))]
-    if verdict["orders"]:
-        lines = tuple(
-            f"run {line['run']}, {in_words(line['channel'])}: order {line['order']} ({line['order']} cycles per "
-            f"revolution), amplitude {with_unit(number(line['amplitude']), unit_in_words(line['unit']))}, "
-            f"{percent(line['share'])} of the residual beyond noise"
-            for line in verdict["orders"]
+        text = (
+            "Windows of crank angle with the largest residuals before anything is added [standard deviations of noise]."
         )
-        text = "One order of the crank dominates (drive, gear teeth, motor poles, or a ringing joint):"
-        blocks += [Paragraph(text), Bullets(lines)]
-    return [*blocks, _figure("disagreement")]
+        largest = windows.sort_values("rms", ascending=False).head(_MOST_WINDOWS)
+        blocks.append(
+            frame_block(schema.MAP_WINDOWS, largest, ("run", "channel", "start_deg", "end_deg", "mean", "rms"), text)
+        )
+    if orders:
+        text = "Orders of the crank that dominate the residual (drive, gear teeth, motor poles, or a ringing joint)."
+        names = ("run", "channel", "order", "amplitude", "unit", "share")
+        blocks.append(frame_block(schema.MAP_STANDOUT, pd.DataFrame(orders), names, text))
+    return [*(blocks or [Paragraph("No window of crank angle has a significant residual.")]), _figure("disagreement")]
 
 
 def _tried(verdict: Verdict, force: pd.DataFrame | None) -> list[Block]:
@@ -232,19 +214,13 @@ def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None)
         return [Paragraph("Nothing was added to the mechanism, so the optimum stays.")]
     if optimum.empty:
         return [Paragraph("No: all joints are ideal, so the transmission angle depends on the lengths alone.")]
-    when, rows = {"base": "before", "augmented": "after"}, []
-    for row in optimum.itertuples():
-        if not pd.isna(row.failed):
-            rows.append((when[row.model], *5 * ["–"], f"could not be optimised: {row.failed}"))
-            continue
-        lengths = (f"{1e3 * length:.2f} mm" for length in (row.crank_length, row.rod_length))
-        falls = ("–" if pd.isna(share) else percent(share) for share in (row.reduction, row.resimulated))
-        edge = "at a bound of the lengths" if row.at_edge else ""
-        rows.append((when[row.model], in_words(row.source), *lengths, *falls, edge))
-    heads = ("model", "motion from", "optimal crank", "optimal rod", "error reduction, frozen", "re-simulated", "")
     before = "" if (optimum["model"] == "base").any() else " Before, all joints were ideal."
-    caption = f"Smallest RMS error of the transmission angle while the motion in the joints is frozen.{before}"
-    return [TableBlock(heads, tuple(rows), caption=caption), _figure("optimum")]
+    caption = (
+        f"Smallest RMS error of the transmission angle; reduction with frozen joint motion, and re-simulated.{before}"
+    )
+    shown = optimum.assign(model=optimum["model"].map({"base": "before", "augmented": "after"}))
+    names = ("model", "source", "crank_length", "rod_length", "reduction", "resimulated", "at_edge", "failed")
+    return [frame_block(schema.CAMPAIGN_OPTIMUM, shown, names, caption), _figure("optimum")]
 
 
 def _nuisances(nuisances: Mapping[str, Mapping[str, Any]]) -> list[Block]:
@@ -322,7 +298,7 @@ _ROLES = {"identify": "to fit and to choose", "confirm": "held out", "split": "t
 
 
 def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequence[str]) -> list[Block]:
-    """The runs with their files, the channels, and what was noticed; `look` is table `LOOK`."""
+    """The runs with their files, the channels, and what was noticed."""
     blocks: list[Block] = []
     if campaign is not None:
         sizes = {} if look is None else look.groupby("run")[["samples", "cycles"]].max().astype(str).T.to_dict("list")
@@ -332,14 +308,13 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
         )
         heads = ("run", "file", "crank speed [rpm]", "used", "samples", "whole revolutions")
         measured = f" Measured on {day_in_words(campaign.date)}." if campaign.date else ""
-        channels = tuple(
-            (in_words(name), f"`{channel.column}`", unit_in_words(channel.unit))
-            for name, channel in campaign.channels.items()
+        columns = (
+            (in_words(name), f"`{one.column}`", unit_in_words(one.unit)) for name, one in campaign.channels.items()
         )
-        blocks = [
-            TableBlock(heads, runs, "llrlrr", f"Runs of the campaign.{measured}"),
-            TableBlock(("channel", "column of the files", "unit"), channels, caption="What was measured."),
-        ]
+        blocks.append(TableBlock(heads, runs, "llrlrr", f"Runs of the campaign.{measured}"))
+        blocks.append(
+            TableBlock(("channel", "column of the files", "unit"), tuple(columns), caption="What was measured.")
+        )
     return [*blocks, *([Bullets(tuple(map(say.without_code_names, warnings)))] if warnings else [])]
 
 

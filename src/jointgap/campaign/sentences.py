@@ -60,6 +60,12 @@ def label_in_words(label: str) -> str:
     return effect_in_words({"name": name, "site": site}) if site or "{site}" not in _words(name) else name
 
 
+def label_of(effect: Effect) -> str:
+    """The label of an effect, which has its site where there is a choice."""
+    name, site = effect["name"], effect["site"]
+    return name if name in EFFECTS and "site" not in EFFECTS[name].model_fields else f"{name}:{site}"
+
+
 def is_fault(effect: Effect) -> bool:
     """Whether an effect is a fault of a sensor: it acts on what is read, not on the motion."""
     return effect["name"] in FAULTS

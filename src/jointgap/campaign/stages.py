@@ -29,6 +29,7 @@ Part = Annotated[
 PUBLISHED = "track/published.json"
 """Place of what was published where."""
 
+_IN_DECIDE = {"does": "see decide", "job": "decide"}
 _MEASURED = (schema.MEASURED, schema.REMARKS, schema.CONTRADICTIONS, schema.CONFIG_SNAPSHOT)
 
 
@@ -87,12 +88,7 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     return preflight_in_words(**frames) if advice else ""
 
 
-@stage(
-    reads=_MEASURED,
-    writes=_of("noise", NOISE_TABLES),
-    does="find the noise, re-fit uncertain parameters",
-    job="recalibrate",
-)
+@stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES), does="noise, uncertain parameters", job="recalibrate")
 def noise(state: "CampaignState", anyway: Anyway = False) -> None:
     """Find the noise of every channel of every run, from what does not repeat."""
     from jointgap.campaign.fits_on_disk import noise_to_frames
@@ -111,7 +107,7 @@ def noise(state: "CampaignState", anyway: Anyway = False) -> None:
         *_of("recalibrate/nominal", FIT_TABLES),
         *_of("recalibrate/base", FIT_TABLES),
     ),
-    does="find the noise, re-fit uncertain parameters",
+    does="see noise",
 )
 def recalibrate(state: "CampaignState") -> None:
     """Fit the parameters that are not known exactly within their ranges."""
@@ -151,12 +147,10 @@ def screen(state: "CampaignState") -> None:
     state.folder.write(schema.SCREENED, screened_frame(signatures, shortlist))
 
 
-@stage(
-    reads=_read("noise", "recalibrate", "screen"),
-    writes=_of("fit/{part}", FIT_TABLES),
-    does="fit candidates, part {part}",
-    minutes=120,
-)
+_SCREENED = _read("noise", "recalibrate", "screen")
+
+
+@stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES), does="fit candidates, part {part}", minutes=120)
 def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """Fit the chosen effects by forward simulation."""
     from jointgap.identification.hypothesis_fits import fit_singles
@@ -165,12 +159,10 @@ def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     state.write_fits(fits, f"fit/{part}", seconds)
 
 
-@stage(
-    reads=_read("noise", "recalibrate", "screen", "fit"),
-    writes=_of("pair/{part}", FIT_TABLES),
-    does="fit pairs, part {part}",
-    minutes=120,
-)
+_FITTED = _read("noise", "recalibrate", "screen", "fit")
+
+
+@stage(reads=_FITTED, writes=_of("pair/{part}", FIT_TABLES), does="fit pairs, part {part}", minutes=120)
 def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """Fit the pairs of effects that are worth it by forward simulation.
 
@@ -209,15 +201,11 @@ def decide(state: "CampaignState", parts: Parts = 1) -> None:
     state.write_outcome(outcome_of(decision, seconds), "decide")
 
 
+_DECIDED = _read("noise", "recalibrate", "decide")
 _MAP = ("bins", "windows", "tests", "orders", "standout", "scaling")
 
 
-@stage(
-    reads=_read("noise", "recalibrate", "decide"),
-    writes=tuple(schema.TABLES[f"map_{name}"] for name in _MAP),
-    does="see decide",
-    job="decide",
-)
+@stage(reads=_DECIDED, writes=tuple(schema.TABLES[f"map_{name}"] for name in _MAP), **_IN_DECIDE)
 def locate(state: "CampaignState") -> None:
     """Map where the recalibrated model disagrees with the measurement: run, channel, crank angle."""
     from jointgap.campaign.fits_on_disk import map_as_read
@@ -230,12 +218,7 @@ def locate(state: "CampaignState") -> None:
         state.folder.write(f"map_{name}", map_as_read(frame, state.clockwise) if "start_deg" in frame else frame)
 
 
-@stage(
-    reads=_read("noise", "recalibrate", "screen", "decide"),
-    writes=_of("regress", OUTCOME_TABLES),
-    does="see decide",
-    job="decide",
-)
+@stage(reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")), writes=_of("regress", OUTCOME_TABLES), **_IN_DECIDE)
 def regress(state: "CampaignState") -> None:
     """Where no effect explains what is missing: look for a force law as a formula."""
     from jointgap.campaign.fits_on_disk import outcome_with_law
@@ -253,8 +236,7 @@ def regress(state: "CampaignState") -> None:
 @stage(
     reads=_read("noise", "recalibrate", "decide", "regress"),
     writes=(schema.RESIDUALS, schema.CHANNEL_ERRORS, schema.GAPS, *_of("verdict", OUTCOME_TABLES)),
-    does="see decide",
-    job="decide",
+    **_IN_DECIDE,
 )
 def confirm(state: "CampaignState") -> None:
     """Predict the held-out runs with and without what was found, and come to the final verdict."""
@@ -285,7 +267,7 @@ def confirm(state: "CampaignState") -> None:
 _CONFIRMED = _read("noise", "recalibrate", "decide", "confirm")
 
 
-@stage(reads=_CONFIRMED, writes=(schema.MISSING_FORCE,), files=(MECHANISM,), does="see decide", job="decide")
+@stage(reads=_CONFIRMED, writes=(schema.MISSING_FORCE,), files=(MECHANISM,), **_IN_DECIDE)
 def augment(state: "CampaignState") -> None:
     """Write the mechanism file with what was found, for every other stage."""
     from jointgap.campaign.augment import augment as augmented

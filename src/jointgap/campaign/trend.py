@@ -12,18 +12,18 @@ from scipy.stats import norm
 
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import VERDICT, check_unchanged, config_snapshot
-from jointgap.campaign.sentences import label_in_words, parameter_in_words, unit_of
+from jointgap.campaign.page import frame_block
+from jointgap.campaign.sentences import label_in_words, label_of, parameter_in_words, unit_of
 from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
-from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock, to_markdown
+from jointgap.core.page import FigureBlock, Page, Paragraph, to_markdown
 from jointgap.core.plot import Drawing, Quantity, Sheet, matplotlib_style, save
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
-from jointgap.core.words import in_words, joined, number, with_unit
-from jointgap.effects import EFFECTS
+from jointgap.core.words import in_words, joined, with_unit
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS
 
 _SHOWN_UNITS = {"m": (1e6, "µm")}  # by SI unit, and how many of them that is
@@ -118,14 +118,8 @@ def _stated(verdict: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             if isinstance(estimate.get("value"), int | float):  # a law that was found has a formula instead
                 unit = unit_of(effect["name"], effect["site"], parameter)
                 size = {"parameter": parameter, "unit": unit, "source": source, "estimate": estimate}
-                stated[_label(effect)] = size
+                stated[label_of(effect)] = size
     return stated
-
-
-def _label(effect: Mapping[str, Any]) -> str:
-    """The label of an effect of a verdict, as the preflight has it."""
-    name, site = effect["name"], effect["site"]
-    return name if name in EFFECTS and "site" not in EFFECTS[name].model_fields else f"{name}:{site}"
 
 
 def _sizes_of(
@@ -175,9 +169,9 @@ def _why_it_does_not_count(label: str, size: Mapping[str, Any] | None, verdict: 
         low, high = size["estimate"].get("interval_90") or (None, None)
         bounded = low is not None and high is not None and high > low
         return size["estimate"].get("remark") or ("" if bounded else "has no 90 % interval")
-    if any(label == _label(effect) for explanation in verdict["equivalent"] for effect in explanation):
+    if any(label == label_of(effect) for explanation in verdict["equivalent"] for effect in explanation):
         return "not certain: one of several explanations that fit equally well"
-    if label in map(_label, (verdict["best_known"] or {}).get("effects", ())):
+    if label in map(label_of, (verdict["best_known"] or {}).get("effects", ())):
         return "not proven, though in the best explanation known"
     if label in verdict["preflight"]["undetectable"]:
         return "not found, and not detectable with its runs and channels"
@@ -216,8 +210,6 @@ def growth_in_words(growth: Mapping[str, Any]) -> str:
 
 def _rounded(value: float, error: float) -> str:
     """A `value` to the second digit of its `error`, with no minus zero."""
-    if not error > 0.0:
-        return number(value)
     decimals = max(0, 1 - math.floor(math.log10(error)))
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
@@ -264,27 +256,13 @@ def _page(sizes: pd.DataFrame, growth: pd.DataFrame) -> Page:
         wider = f" Errors were widened by the factor {row['error_scale']:.2g}." if row["error_scale"] > 1.0 else ""
         blocks.append(Paragraph(f"{growth_in_words(row)}.{wider}", strong=True))
         factor, unit = _SHOWN_UNITS.get(row["unit"], (1.0, row["unit"]))
-        size = f"{parameter_in_words(row['label'].partition(':')[0], row['parameter'])} [{unit}]"
-        intervals = (f"{level} % interval" for level in LEVELS)
-        heads = ("date", "campaign", size, *intervals, "from", "smallest that shows", "why it does not count")
         own = sizes[(sizes["label"] == row["label"]) & (sizes["parameter"] == row["parameter"])]
-        lines = tuple(_line(line, factor) for line in own.to_dict("records"))
-        blocks.append(TableBlock(heads, lines, "llrrrrlrl"))
+        names = ("date", "campaign", "value", "low_90", "high_90", "source", "smallest_detectable", "reason")
+        parameter = parameter_in_words(row["label"].partition(":")[0], row["parameter"])
+        blocks.append(frame_block(TREND, own, names, f"By campaign: {parameter}.", (unit, factor)))
     meaning = (
         "Straight lines by weighted least squares over the days; `trend_growth.parquet` has them, `trend.parquet` the "
         f"sizes in SI. Grew or shrank: p below {FALSE_ALARM_RATE:g}. A campaign that found nothing does not count; its "
         "size may be anything below the smallest that shows there."
     )
     return Page("Wear by date", (*blocks, FigureBlock("trend", "Sizes by date"), Paragraph(meaning)))
-
-
-def _line(row: Mapping[str, Any], factor: float) -> tuple[str, ...]:
-    error = factor * (row["high_90"] - row["low_90"]) / 2.0
-
-    def shown(key: str) -> str:
-        return "–" if pd.isna(row[key]) else _rounded(factor * row[key], error)
-
-    intervals = (f"{shown(f'low_{level}')} to {shown(f'high_{level}')}" for level in LEVELS)
-    ends = ["–" if text == "– to –" else text for text in intervals]
-    smallest = shown("smallest_detectable")
-    return row["date"], row["campaign"], shown("value"), *ends, row["source"] or "–", smallest, row["reason"] or "–"
