@@ -16,18 +16,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.core import schema as known
 from jointgap.core.files import check_writable, write_text
 from jointgap.core.progress import heard_by
-from jointgap.core.schema import (
-    ECCENTRICITY,
-    EVENTS,
-    GROWTH,
-    IMPACT_DISTRIBUTION,
-    JOINT_REVOLUTIONS,
-    POINCARE_SECTION,
-    TRAJECTORY,
-    Table,
-)
+from jointgap.core.schema import Table
 from jointgap.core.stage import Stage
 from jointgap.designs.stages import DESIGN_STAGES
 from jointgap.scenario.stages import SCENARIO_STAGES
@@ -362,7 +354,7 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     if not size > 0:
         raise InputError(f"--change {change!r}: must be a positive length, e.g. '1e-11 m'")
     result = measure_growth(scenario.mechanism, scenario.simulate, size, workers=workers)
-    write(GROWTH, result.frame(), growth)
+    write(known.GROWTH, result.frame(), growth)
     click.echo(result.verdict)
 
 
@@ -393,9 +385,9 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
     scenario, turned = parse_options(options), _quantity("--angle", angle, "rad")
     places = {name: folder / f"{name}.parquet" for name in ("section", "revolutions", "impacts", "eccentricity")}
     check_writable(*places.values())
-    samples, rows = read_trajectory(trajectory, scenario), read(EVENTS, events)
+    samples, rows = read_trajectory(trajectory, scenario), read(known.EVENTS, events)
     statistics = cycles(samples, rows, scenario.mechanism, scenario.simulate, first_revolution, turned)
-    tables = (POINCARE_SECTION, JOINT_REVOLUTIONS, IMPACT_DISTRIBUTION, ECCENTRICITY)
+    tables = (known.POINCARE_SECTION, known.JOINT_REVOLUTIONS, known.IMPACT_DISTRIBUTION, known.ECCENTRICITY)
     for table, (name, place) in zip(tables, places.items(), strict=True):
         write(table, getattr(statistics, name), place)
     click.echo(statistics.summary)
@@ -414,7 +406,7 @@ def _quantity(option: str, text: str, unit: str) -> float:
 
 def _flagged(stage: Stage) -> dict[str, Table]:
     """Tables of a stage whose files can be named one by one, by the name of the option."""
-    named = stage.writes and set(stage.reads) <= {TRAJECTORY}
+    named = stage.writes and set(stage.reads) <= {known.TRAJECTORY}
     return {Path(table.path).stem: table for table in (*stage.reads, *stage.writes)} if named else {}
 
 

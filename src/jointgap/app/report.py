@@ -13,22 +13,11 @@ from jointgap.campaign import sentences as say
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import SUMMARIES, VERDICT
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
+from jointgap.core import page as pages
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
-from jointgap.core.page import (
-    Block,
-    Bullets,
-    FigureBlock,
-    Heading,
-    Link,
-    Page,
-    Paragraph,
-    TableBlock,
-    place_of,
-    to_html,
-    written_today,
-)
+from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.plot import FigureSpec
 from jointgap.core.words import fall_in_percent
 from jointgap.scenario import overview
@@ -82,7 +71,7 @@ class _Part:
 
 def write_report(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], folder: Path, file: Path) -> None:
     """Put the results of a run on one page in one file, with its figures."""
-    write_text(file, to_html(page(scenarios, campaigns, folder), folder))
+    write_text(file, pages.to_html(page(scenarios, campaigns, folder), folder))
 
 
 def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], folder: Path) -> Page:
@@ -102,7 +91,7 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
     if several:
         results = ((part, part.result or "all joints are ideal: simulated") for part in parts)
         blocks.append(
-            Bullets(tuple(Link(part.name, f"#{place_of(part.heading)}", f": {said}") for part, said in results))
+            Bullets(tuple(Link(part.name, f"#{pages.place_of(part.heading)}", f": {said}") for part, said in results))
         )
     compared = {name: own for name, own in learned.items() if own.scenario.paper}
     if len(compared) > 1:
@@ -113,7 +102,7 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
         linked = {key: spec for part in parts for key, spec in part.specs.items() if key not in part.key_figures}
         rows = tuple((spec.title, spec.caption) for spec in linked.values())
         blocks += [Heading("Contents of the linked figures"), TableBlock(("figure", "content"), rows)]
-    footer = f"{written_today()} Runs and their files: `jointgap dashboard`. Stages: docs/workflow.md."
+    footer = f"{pages.written_today()} Runs and their files: `jointgap dashboard`. Stages: docs/workflow.md."
     return Page(_headline(summaries, parts), tuple(blocks), subject="Results of this run", footer=footer)
 
 

@@ -7,25 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from jointgap.core.plot import (
-    COLOURS,
-    CRANK_ANGLE,
-    INK,
-    WIDTH,
-    Drawing,
-    Figures,
-    Panel,
-    Quantity,
-    Sheet,
-    label_ticks,
-    message_sheet,
-    round_up,
-    tick_label,
-)
+from jointgap.core import plot
+from jointgap.core.plot import CRANK_ANGLE, WIDTH, Drawing, Panel, Quantity, Sheet
 from jointgap.core.words import in_words, percent, size_for_the_eye, unit_in_words
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
-FIGURES = Figures()
+FIGURES = plot.Figures()
 figure = FIGURES.figure
 Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
 _FIRST, _WHERE, _WHAT = "Measured and predicted", "Where", "What is missing"
@@ -162,7 +149,7 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     from matplotlib.colors import SymLogNorm
 
     bins = tables["map_bins"].dropna(subset=["mean"])
-    most = round_up(max(1.0, bins["mean"].abs().max()))
+    most = plot.round_up(max(1.0, bins["mean"].abs().max()))
     colours = ScalarMappable(SymLogNorm(1.0, vmin=-most, vmax=most), "RdBu_r")
     runs_of = {channel: list(own["run"].unique()) for channel, own in bins.groupby("channel", sort=False)}
     shares = [0.75 + len(runs) for runs in runs_of.values()]
@@ -183,7 +170,7 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     axes = [panel.axes for panel in sheet.panels]
     bar = sheet.figure.colorbar(colours, ax=axes, label=MEAN.label, location="bottom", shrink=0.7, aspect=45)
     bar.ax.minorticks_off()
-    bar.ax.xaxis.set_major_formatter(tick_label)
+    bar.ax.xaxis.set_major_formatter(plot.tick_label)
     if len(tables["map_windows"]):
         sheet.legend()
     return sheet.drawing()
@@ -203,7 +190,7 @@ def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
     series = "window with a disagreement"
     for spans in ends:
         for low, high in zip(spans["start_deg"], spans["end_deg"], strict=True):
-            frame = Rectangle((low, place - 0.43), high - low, 0.86, fill=False, edgecolor=INK, linewidth=1.3)
+            frame = Rectangle((low, place - 0.43), high - low, 0.86, fill=False, edgecolor=plot.INK, linewidth=1.3)
             frame.set(label=series, zorder=3)
             panel.axes.add_patch(frame)
         _record_spans(panel, series, place, run, spans)
@@ -321,7 +308,7 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     behind.vertical_line("told apart from here on", _APART)
     behind.axes.set_xscale("symlog", linthresh=_APART, linscale=0.7)
     decades = 10.0 ** np.arange(1, 12)
-    label_ticks(behind.axes.xaxis, FixedLocator([0.0, *decades[decades <= 1.5 * farthest]]))
+    plot.label_ticks(behind.axes.xaxis, FixedLocator([0.0, *decades[decades <= 1.5 * farthest]]))
     behind.axes.set_xlim(-1.5, 1.8 * farthest)
     share.vertical_line("all of the misfit", 1.0, named=False)
     share.axes.set_xlim(-0.12, 1.12)
@@ -350,7 +337,7 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
     samples = tables["missing_force"]
     shown = {name: force for name, force in FORCES.items() if samples[name].abs().max() > 0.0}
     if not shown:
-        return message_sheet(FIGURES["missing_force"].title, FIGURES["missing_force"].nothing)
+        return plot.message_sheet(FIGURES["missing_force"].title, FIGURES["missing_force"].nothing)
     values = {SPEED: samples["slider_velocity"], POSITION: 1e3 * samples["slider_position"]}
     values[CRANK_ANGLE] = np.degrees(samples["crank_angle"])
     sheet = Sheet(0.5 + 2.7 * len(shown), len(shown), 3, width=10.5)
@@ -420,7 +407,7 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
         panel.vertical_line("noise alone", 1.0)
         panel.axes.set_xscale("log")
         panel.axes.set_xlim(0.85 * min(ends.min().min(), 0.9), 1.2 * max(ends.max().max(), 1.5))
-        label_ticks(panel.axes.xaxis, LogLocator(subs=(1.0, 2.0, 5.0)))
+        plot.label_ticks(panel.axes.xaxis, LogLocator(subs=(1.0, 2.0, 5.0)))
     sheet.legend()
     return sheet.drawing()
 
@@ -441,7 +428,7 @@ def optimum(tables: Tables, verdict: Verdict) -> Drawing:
     the effect added."""
     optima = tables["campaign_optimum"].dropna(subset=["crank_length"])
     if optima.empty:
-        return message_sheet("Optimum before and after", "the model could not be optimised again: see the summary")
+        return plot.message_sheet("Optimum before and after", "the model could not be optimised again: see the summary")
     series = {model: moment for moment, model in MODELS.items()}
     optima = optima.assign(series=optima["model"].map(series)).sort_values(["source", "model"], ascending=[True, False])
     rows = list(optima.itertuples())
@@ -522,7 +509,7 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
     for group in groups:
         places, series = sorted(map(labels.index, group)), "cannot be told apart here"
         edge = Rectangle((places[0] - 0.5, places[0] - 0.5), len(places), len(places), fill=False, linewidth=1.8)
-        edge.set(edgecolor=COLOURS["before"], label=series, zorder=3)
+        edge.set(edgecolor=plot.COLOURS["before"], label=series, zorder=3)
         panel.axes.add_patch(edge)
         panel.record(series, places, places, label=[labels[place] for place in places])
     names = [in_words(label) for label in labels]
@@ -579,7 +566,7 @@ def detectable(tables: Tables, verdict: Verdict) -> Drawing:
     panel.vertical_line("size that makes a gap of 1.5", 1.0)
     panel.axes.set_xscale("log")
     panel.axes.set_xlim(0.7 * np.fmin(seen["ratio"].min(), 0.2), 2.0 * np.fmax(seen["ratio"].max(), 1.0))
-    panel.axes.xaxis.set_major_formatter(tick_label)
+    panel.axes.xaxis.set_major_formatter(plot.tick_label)
     right_axis = panel.axes.secondary_yaxis("right")
     right_axis.set_yticks(range(len(effects)), [_detectable_size(row) for row in effects.itertuples()])
     right_axis.tick_params(length=0)

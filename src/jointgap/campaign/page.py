@@ -13,31 +13,12 @@ from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.plan import assumed, confusable_groups, preflight_tables, separated_by
 from jointgap.campaign.state import CampaignState
 from jointgap.config.campaign import NUISANCES, Campaign
-from jointgap.core import schema
+from jointgap.core import page as blocks_of
+from jointgap.core import schema, words
 from jointgap.core.files import write_text
-from jointgap.core.page import (
-    Block,
-    Bullets,
-    FigureBlock,
-    Heading,
-    Page,
-    Paragraph,
-    TableBlock,
-    to_html,
-    to_markdown,
-    written_today,
-)
+from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.words import (
-    day_in_words,
-    in_words,
-    joined,
-    nuisance_in_words,
-    percent,
-    reading_unit,
-    rounded_gap,
-    unit_in_words,
-)
+from jointgap.core.words import in_words, joined, percent, reading_unit, rounded_gap, unit_in_words
 from jointgap.identification.fit import AT_BOUND
 
 _MOST_WINDOWS = 7  # the largest disagreements; the map shows all
@@ -67,7 +48,7 @@ def page(verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaig
     blocks: list[Block] = []
     for heading, own in sections.items():
         blocks += [Heading(heading), *own] if heading and own else own
-    footer = f"{written_today()} For programs: `{VERDICT}` and the Parquet tables (`jointgap describe FILE`)."
+    footer = f"{blocks_of.written_today()} For programs: `{VERDICT}` and the Parquet tables (`jointgap describe FILE`)."
     return Page(title(verdict), tuple(blocks), f"Campaign {verdict['campaign']}", footer, width="60rem")
 
 
@@ -228,7 +209,7 @@ def _nuisances(nuisances: Mapping[str, Mapping[str, Any]]) -> list[Block]:
         return []
     units, rows, notes = NUISANCES | {"first_angle": "rad", "friction_speed": "m/s"}, [], {}
     for key, estimate in nuisances.items():
-        *row, remark = say.estimate_row(nuisance_in_words(key), estimate, units.get(key.partition("@")[0], ""))
+        *row, remark = say.estimate_row(words.nuisance_in_words(key), estimate, units.get(key.partition("@")[0], ""))
         if not key.startswith(_UNLISTED):
             if estimate.get("kept") and "@" not in key:
                 remark = "; ".join(filter(None, (remark, "stated value kept")))
@@ -307,7 +288,7 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
             for run in campaign.runs
         )
         heads = ("run", "file", "crank speed [rpm]", "used", "samples", "whole revolutions")
-        measured = f" Measured on {day_in_words(campaign.date)}." if campaign.date else ""
+        measured = f" Measured on {words.day_in_words(campaign.date)}." if campaign.date else ""
         columns = (
             (in_words(name), f"`{one.column}`", unit_in_words(one.unit)) for name, one in campaign.channels.items()
         )
@@ -359,8 +340,8 @@ def show(state: CampaignState) -> None:
         remarks = (*folder.read("remarks")["remark"], *noise)
         summary = page(content, frames | {"look": folder.read("look")}, remarks, state.campaign)
     markdown, html = (folder.path / name for name in SUMMARIES)
-    write_text(markdown, to_markdown(summary))
-    write_text(html, to_html(summary, folder.path / "figures"))
+    write_text(markdown, blocks_of.to_markdown(summary))
+    write_text(html, blocks_of.to_html(summary, folder.path / "figures"))
     content["failed"] = failures(folder)
     write_text(folder.path / VERDICT, verdict_json.text(content))
 

@@ -7,18 +7,8 @@ from math import inf
 from typing import Any
 
 from jointgap.config.campaign import CHANNELS, NUISANCES
-from jointgap.core.words import (
-    in_words,
-    joined,
-    nuisance_in_words,
-    number,
-    percent,
-    reading_unit,
-    rounded_gap,
-    unit_in_words,
-    with_error,
-    with_unit,
-)
+from jointgap.core import words
+from jointgap.core.words import in_words, joined, number, percent, reading_unit, rounded_gap
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import parameters_of
 from jointgap.identification.confirmation import RISES, STAYS, HeldOutTest, share_closed
@@ -156,9 +146,10 @@ def estimate_row(name: str, estimate: Mapping[str, Any], unit: str) -> tuple[str
     )
     if error is None and None not in (low, high):
         error = (high - low) / 4.0  # for the digits alone
-    shown = ["–" if end is None else with_error(end, error)[0] for end in (low, high)]
+    shown = ["–" if end is None else words.with_error(end, error)[0] for end in (low, high)]
     interval = "–" if shown == ["–", "–"] else " to ".join(shown)
-    return name, with_unit(with_error(value, error)[0], unit_in_words(unit)), interval, estimate.get("remark", "")
+    text = words.with_unit(words.with_error(value, error)[0], words.unit_in_words(unit))
+    return name, text, interval, estimate.get("remark", "")
 
 
 def shown_size(row: Any) -> str:
@@ -167,7 +158,7 @@ def shown_size(row: Any) -> str:
     effect = row.label.partition(":")[0]
     name = f"{parameter_in_words(effect, row.parameter)} " if len(_parameters(effect)) > 1 else ""
     unit, factor = reading_unit(row.unit, row.smallest_detectable)
-    size = with_unit(number(factor * row.smallest_detectable), unit_in_words(unit))
+    size = words.with_unit(number(factor * row.smallest_detectable), words.unit_in_words(unit))
     return f"{name}{'up to ' * row.falls}{size}"
 
 
@@ -181,7 +172,7 @@ def _in_words(found: re.Match) -> str:
     name, site = found["name"], found["site"]
     if name in EFFECTS or name in FAULTS:
         return label_in_words(f"{name}:{site}" if site else name)
-    return nuisance_in_words(name) if name in NUISANCES else in_words(name)
+    return words.nuisance_in_words(name) if name in NUISANCES else in_words(name)
 
 
 _CODE_NAME = re.compile(

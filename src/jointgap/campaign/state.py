@@ -8,16 +8,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from jointgap.campaign import campaign_files as files
 from jointgap.campaign import fits_on_disk as disk
-from jointgap.campaign.campaign_files import (
-    FIT_TABLES,
-    MECHANISM,
-    NOISE_TABLES,
-    SUMMARIES,
-    VERDICT,
-    check_unchanged,
-    plan,
-)
 from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Candidate, Model
 from jointgap.core.errors import InputError
@@ -57,15 +49,15 @@ class CampaignState:
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
         data = (self.campaign.folder / run.file for run in self.campaign.runs)
         results = [table.path for table in TABLES.values() if table.path and "{" not in table.path]
-        inputs = (*plan(campaign), *self.campaign.mechanism.files, *data)
-        self.folder.check_apart(inputs, (*results, MECHANISM, VERDICT, *SUMMARIES))
+        inputs = (*files.plan(campaign), *self.campaign.mechanism.files, *data)
+        self.folder.check_apart(inputs, (*results, files.MECHANISM, files.VERDICT, *files.SUMMARIES))
         self.clockwise = disk.clockwise(self.campaign)
 
     @cached_property
     def measurements(self) -> "Measurements":
         """What the stage measure read."""
         read = self.folder.read
-        check_unchanged(self.campaign, read("config_snapshot"))
+        files.check_unchanged(self.campaign, read("config_snapshot"))
         found = tuple(Contradiction(**row) for row in read("contradictions").to_dict("records"))
         return from_frame(read("measured"), self.campaign, tuple(read("remarks")["remark"]), found)
 
@@ -115,14 +107,13 @@ class CampaignState:
         return self._noise("recalibrate")
 
     def _noise(self, stage: str) -> Noise:
-        noise = disk.noise_from_frames(self.folder.read_all(NOISE_TABLES, stage))
+        noise = disk.noise_from_frames(self.folder.read_all(files.NOISE_TABLES, stage))
         for series in self.model.series:
             if series.key not in noise or noise[series.key].sd.shape != series.value.shape:
                 run, channel = series.key
                 raise InputError(
-                    f"campaign {self.campaign.name}: {self.folder.place(NOISE_TABLES[0], stage)} is of other data than "
-                    f"channel {channel} of run '{run}' now holds; run `jointgap {stage}` on it again, and the "
-                    "stages after it"
+                    f"campaign {self.campaign.name}: {self.folder.place('noise', stage)} is of other data than channel "
+                    f"{channel} of run '{run}' now holds; run `jointgap {stage}` on it again, and the stages after it"
                 )
         return noise
 
@@ -155,7 +146,7 @@ class CampaignState:
         return fits, seconds
 
     def _read_fits(self, stage: str, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
-        return disk.fits_from_frames(self.folder.read_all(FIT_TABLES, stage), problem, more)
+        return disk.fits_from_frames(self.folder.read_all(files.FIT_TABLES, stage), problem, more)
 
     def write_fits(self, fits: Sequence[Fit], stage: str, seconds: Sequence[float] | None = None) -> None:
         """Write `fits` in full as those of `stage`, with the `seconds` that each took."""
