@@ -670,44 +670,29 @@ class Optimum(Result):
     def _rows(self) -> list[Row]:
         found, gain = self._outcome, self._outcome.gain
         (old_crank, old_rod), (crank, rod) = found.original, found.lengths
-<<<<<<< HEAD
         before, after = (row for _, row in found.pair("optimise_worth", "simulated").iterrows())
-        old_force, force = found.peak_force
-        over = f"over {found.words_of(found.stretch)}"
-=======
-        before, after = found.cycle("simulated")
-        error, force = f"RMS error of the transmission angle over {found.stretch_in_words}", "largest force in a pin"
-        shares = {"": gain.reduction, ", 5 % of pairs of runs": gain.low, ", 95 % of pairs of runs": gain.high}
->>>>>>> bf0743e (Campaign and app: one page of sections, plain sentences, one figure a function, modules by use)
+        error = f"RMS error of the transmission angle over {found.words_of(found.stretch)}"
+        shares = {
+            "": "reduction",
+            ", 5 % of pairs of runs": "reduction_low",
+            ", 95 % of pairs of runs": "reduction_high",
+        }
         return [
             ("crank length", 1e3 * crank, "mm"),
             ("changes by", 1e3 * (crank - old_crank), "mm"),
             ("rod length", 1e3 * rod, "mm"),
             ("changes by", 1e3 * (rod - old_rod), "mm"),
             ("lies at a bound", joined(found.bounds) or "no", ""),
-<<<<<<< HEAD
-            (f"RMS error of the transmission angle {over}, before", float(np.degrees(gain["original_error"])), "deg"),
-            (f"RMS error of the transmission angle {over}, after", float(np.degrees(gain["error"])), "deg"),
-            ("falls by", 100.0 * float(gain["reduction"]), "%"),
-            ("falls by, 5 % of pairs of runs", 100.0 * float(gain["reduction_low"]), "%"),
-            ("falls by, 95 % of pairs of runs", 100.0 * float(gain["reduction_high"]), "%"),
-=======
-            (f"{error}, before", float(np.degrees(gain.before)), "deg"),
-            (f"{error}, after", float(np.degrees(gain.after)), "deg"),
-            *((f"falls by{which}", 100.0 * share, "%") for which, share in shares.items()),
->>>>>>> bf0743e (Campaign and app: one page of sections, plain sentences, one figure a function, modules by use)
+            (f"{error}, before", float(np.degrees(gain["original_error"])), "deg"),
+            (f"{error}, after", float(np.degrees(gain["error"])), "deg"),
+            *((f"falls by{which}", 100.0 * float(gain[share]), "%") for which, share in shares.items()),
             *(
                 (f"{in_words(name)} changes by", 1e3 * float(after[name] - before[name]), "mm")
                 for name in ("stroke", "outer_dead_centre", "inner_dead_centre")
             ),
-            *zip(
-                (f"{force}, before", f"{force}, after"), map(_largest, found.peak_pin_forces), ("N", "N"), strict=True
-            ),
+            ("largest force in a pin, before", float(found.peak_force[0]), "N"),
+            ("largest force in a pin, after", float(found.peak_force[1]), "N"),
         ]
-
-
-def _largest(forces: Mapping[str, float]) -> float:
-    return max(forces.values())
 
 
 def optimise(

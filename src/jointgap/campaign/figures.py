@@ -63,15 +63,15 @@ def _band(panel: Panel, x: np.ndarray, half: np.ndarray, label: str) -> None:
     "Measured against the model",
     _FIRST,
     ("residuals", "channel_errors"),
-    "One revolution of each channel in the unit of its column: measured, and predicted before and after effects were "
-    "added. Below each: the residual, with the root mean square of the whole run in the title; grey band: two "
-    "standard deviations of the noise. Held-out runs come first, three runs at most, then the channel with the "
-    "largest residual; numbers of all: table channel_errors. A crank angle is shown as its deviation from steady "
-    'rotation. If nothing was identified, "after" shows the best candidate, if any.',
     nothing="no sample could be compared with the model",
 )
 def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
-    """One revolution of every channel, measured and predicted, above the residual: a row a channel, a column a run."""
+    """One revolution of each channel in the unit of its column: measured, and predicted before and after effects were
+    added. Below each: the residual, with the root mean square of the whole run in the title; grey band: two
+    standard deviations of the noise. Held-out runs come first, three runs at most, then the channel with the
+    largest residual; numbers of all: table channel_errors. A crank angle is shown as its deviation from steady
+    rotation. If nothing was identified, "after" shows the best candidate, if any.
+    """
     samples, errors = tables["residuals"], tables["channel_errors"]
     moments = _moments(samples["base"], samples["augmented"])
     runs = errors.sort_values("held_out", ascending=False, kind="stable").drop_duplicates("run").head(MOST_RUNS)
@@ -137,14 +137,13 @@ def _one_revolution(samples: pd.DataFrame) -> pd.DataFrame:
     "Map of disagreement",
     _WHERE,
     ("map_bins", "map_windows"),
-    "Mean residual of the current model with re-fitted parameters, by channel, run and crank angle, in standard "
-    "deviations of the noise; red: the measurement is above. Outlined: windows with a significant residual "
-    "(false-discovery rate 1 %). The colour scale is linear up to 1 and logarithmic beyond.",
     nothing="no sample could be compared with the model",
 )
 def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
-    """Mean whitened residual of the recalibrated model by crank angle, a panel for each channel; flagged windows
-    outlined."""
+    """Mean residual of the current model with re-fitted parameters, by channel, run and crank angle, in standard
+    deviations of the noise; red: the measurement is above. Outlined: windows with a significant residual (false-
+    discovery rate 1 %). The colour scale is linear up to 1 and logarithmic beyond.
+    """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import SymLogNorm
 
@@ -201,14 +200,14 @@ def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
     "Residuals before and after",
     _WHERE,
     ("residuals",),
-    "Residual over the standard deviation of noise and numerics, by crank angle: dots are samples, lines their means "
-    "over 5 deg. Before: no effect added, parameters re-fitted unless nominal ones suffice; after: with the effects "
-    "of the verdict. A true model keeps 95 % of its samples in the grey band. Large residuals: linear scale inside "
-    "the band, logarithmic outside.",
     nothing="no sample could be compared with the model",
 )
 def residuals(tables: Tables, verdict: Verdict) -> Drawing:
-    """Whitened residual by crank angle: a row for each channel, a column for each run."""
+    """Residual over the standard deviation of noise and numerics, by crank angle: dots are samples, lines their means
+    over 5 deg. Before: no effect added, parameters re-fitted unless nominal ones suffice; after: with the effects
+    of the verdict. A true model keeps 95 % of its samples in the grey band. Large residuals: linear scale inside
+    the band, logarithmic outside.
+    """
     samples = tables["residuals"]
     whitened = {moment: (samples["measured"] - samples[model]) / samples["spread"] for moment, model in MODELS.items()}
     moments, samples = _moments(*whitened.values()), samples.assign(**whitened)
@@ -268,16 +267,15 @@ _APART = DEFAULT_SETTINGS.decision.min_delta_bic
     "Candidates ranked",
     _WHAT,
     ("ranking",),
-    "Each candidate was added to the model and fitted together with all uncertain parameters. Left: its Bayesian "
-    "information criterion above that of the best (linear up to 10, logarithmic beyond); a difference beyond 10 is "
-    "very strong evidence. Right: share of the misfit beyond noise that it explains. Diamonds: named, or equivalent. "
-    "A list always has a best member, even if the true effect is missing: check that only noise is left. All fits, "
-    "with reasons of failures: table ranking.",
     nothing="no candidate was fitted: nothing is there to be explained",
 )
 def ranking(tables: Tables, verdict: Verdict) -> Drawing:
-    """The best explanations by how far they are behind the best one in BIC, and by the share of the misfit they
-    explain."""
+    """Each candidate was added to the model and fitted together with all uncertain parameters. Left: its Bayesian
+    information criterion above that of the best (linear up to 10, logarithmic beyond); a difference beyond 10 is
+    very strong evidence. Right: share of the misfit beyond noise that it explains. Diamonds: named, or equivalent.
+    A list always has a best member, even if the true effect is missing: check that only noise is left. All fits,
+    with reasons of failures: table ranking.
+    """
     from matplotlib.ticker import FixedLocator
 
     base = {"explanation": BASE, "kind": "base", "delta_bic": 0.0, "explained_share": 0.0, "place": ""}
@@ -327,13 +325,13 @@ _COLOURS = ("paper", "after", "network", "second surrogate", "spline", "other", 
     "The missing force",
     _WHAT,
     ("missing_force",),
-    "Force on the slider, or torque on the crank, of the named effects along one settled revolution of each fitted "
-    "run: over velocity, over position (crank angle for a torque), and as colour over both. Effects that are no "
-    "force (a mass, a length, a clearance, a sensor fault) have none.",
     nothing="no force or torque was named, so none is shown",
 )
 def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
-    """What the named effects push the slider with (or turn the crank) along each run: over x, over v, and over both."""
+    """Force on the slider, or torque on the crank, of the named effects along one settled revolution of each fitted
+    run: over velocity, over position (crank angle for a torque), and as colour over both. Effects that are no force
+    (a mass, a length, a clearance, a sensor fault) have none.
+    """
     samples = tables["missing_force"]
     shown = {name: force for name, force in FORCES.items() if samples[name].abs().max() > 0.0}
     if not shown:
@@ -366,18 +364,12 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
 ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify": "used for fitting"}
 
 
-@figure(
-    "gaps",
-    "Gap before and after",
-    _BETTER,
-    ("gaps",),
-    "Root mean square residual over the standard deviation of the noise, by run and channel, with 90 % bootstrap "
-    "intervals; 1 is noise. Held-out runs took no part in fitting or choosing; run-specific values (speed, start "
-    "angle) were fitted for each run, before and after.",
-    nothing="no gap was taken",
-)
+@figure("gaps", "Gap before and after", _BETTER, ("gaps",), nothing="no gap was taken")
 def gaps(tables: Tables, verdict: Verdict) -> Drawing:
-    """Root mean squared whitened residual by run and channel, with 90 % intervals; 1 is the noise."""
+    """Root mean square residual over the standard deviation of the noise, by run and channel, with 90 % bootstrap
+    intervals; 1 is noise. Held-out runs took no part in fitting or choosing; run-specific values (speed, start
+    angle) were fitted for each run, before and after.
+    """
     from matplotlib.ticker import LogLocator
 
     table = tables["gaps"]
@@ -417,15 +409,14 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     "Optimum before and after",
     _BETTER,
     ("campaign_optimum",),
-    "Link lengths with the smallest error of the transmission angle, on the current model (before) and on the model "
-    "with the effects of the verdict (after). Right: RMS error at the original and at the optimal lengths with "
-    "frozen joint motion, its reduction there, and the reduction when simulated again. A model without a loose joint "
-    "has no optimum.",
     nothing="nothing to optimise: no effect was added to the mechanism, or no joint of it is loose",
 )
 def optimum(tables: Tables, verdict: Verdict) -> Drawing:
-    """Optimal link lengths, and the error of the transmission angle that they leave, of the model as it stood and with
-    the effect added."""
+    """Link lengths with the smallest error of the transmission angle, on the current model (before) and on the model
+    with the effects of the verdict (after). Right: RMS error at the original and at the optimal lengths with frozen
+    joint motion, its reduction there, and the reduction when simulated again. A model without a loose joint has no
+    optimum.
+    """
     optima = tables["campaign_optimum"].dropna(subset=["crank_length"])
     if optima.empty:
         return plot.message_sheet("Optimum before and after", "the model could not be optimised again: see the summary")
@@ -471,18 +462,13 @@ def _beside(panel: Panel, x: float, place: float, text: str) -> None:
 
 
 @figure(
-    "confusability",
-    "Effects that look alike",
-    _PLAN,
-    ("confusability",),
-    "Cosine between the changes that two effects make in the measured channels, whitened and after re-fitting "
-    "uncertain parameters; 1: these runs cannot tell them apart at any size. Outlined: effects that count as one. "
-    "Known before measuring.",
-    nothing="there are no candidates to compare",
+    "confusability", "Effects that look alike", _PLAN, ("confusability",), nothing="there are no candidates to compare"
 )
 def confusability(tables: Tables, verdict: Verdict) -> Drawing:
-    """Cosines between what any two effects do to the measurement once the nuisances are re-fitted; merged classes
-    outlined."""
+    """Cosine between the changes that two effects make in the measured channels, whitened and after re-fitting
+    uncertain parameters; 1: these runs cannot tell them apart at any size. Outlined: effects that count as one.
+    Known before measuring.
+    """
     from matplotlib.patches import Rectangle
 
     pairs = tables["confusability"].assign(cosine=lambda table: table["cosine"].abs())
@@ -539,19 +525,11 @@ def _order_by_likeness(matrix: pd.DataFrame, groups: list[list[str]]) -> list[st
     return list(matrix.index[leaves_list(tree)])
 
 
-@figure(
-    "detectable",
-    "Smallest detectable sizes",
-    _PLAN,
-    ("detectable",),
-    "Size from which an effect is found in nine of ten such campaigns, over the size at which simulation and "
-    "measurement differ by 1.5 standard deviations of the noise after re-fitting uncertain parameters; inverted "
-    'where an effect shrinks as its value grows ("up to"). Its value is at the right. Known before measuring.',
-    nothing="there are no candidates to detect",
-)
+@figure("detectable", "Smallest detectable sizes", _PLAN, ("detectable",), nothing="there are no candidates to detect")
 def detectable(tables: Tables, verdict: Verdict) -> Drawing:
-    """The smallest size of each effect that this experiment shows, over the one that makes a gap of 1.5, with its
-    value. To the left of the line is always what is easily seen.
+    """Size from which an effect is found in nine of ten such campaigns, over the size at which simulation and
+    measurement differ by 1.5 standard deviations of the noise after re-fitting uncertain parameters; inverted where
+    an effect shrinks as its value grows ("up to"). Its value is at the right. Known before measuring.
     """
     effects = tables["detectable"]
     ratio = (effects["smallest_detectable"] / effects["typical"]).abs()
