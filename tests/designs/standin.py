@@ -5,7 +5,8 @@ from scipy import stats
 from scipy.stats import qmc
 
 from jointgap.config import Box, Constraints
-from jointgap.designs.robust import Responses, RobustMeasure, RobustProblem
+from jointgap.config.designs import OptimiseRobust
+from jointgap.designs.optimise_robust import Responses, RobustProblem
 from jointgap.lengths.region import Region
 
 BOX = Box(crank_length=(0.14, 0.16), rod_length=(0.54, 0.59))
@@ -13,10 +14,16 @@ NOMINAL, STEADY, ROD = 0.147, 0.155, 0.57
 """Crank lengths at which the mean and the deviation of the error are smallest, and the best rod length [m]."""
 
 
-def asked(measure: RobustMeasure, **more) -> RobustProblem:
-    """Lengths in the box, the original ones in its middle."""
-    given = {"constraints": Constraints(), "probability": 0.95, "region": Region.of(BOX, None)} | more
-    return RobustProblem(original=(0.15, 0.564), stroke=lambda lengths: 2.0 * lengths[..., 0], measure=measure, **given)
+def asked(constraints: Constraints | None = None, region: Region | None = None, **options) -> RobustProblem:
+    """Lengths in the box, the original ones in its middle; the rest are keys of the section `optimise_robust`."""
+    given = {"generations": 16, "population": 12, "resamples": 100} | options
+    return RobustProblem(
+        region=region or Region.of(BOX, None),
+        original=(0.15, 0.564),
+        offset=0.0,
+        options=OptimiseRobust(**given),
+        constraints=constraints or Constraints(),
+    )
 
 
 def standard_draws(count: int = 64, seed: int = 0) -> np.ndarray:
@@ -38,4 +45,4 @@ class Formula:
         error = 1.0 + (crank - 100.0 * NOMINAL) ** 2 + beside + self.z * (0.3 + (crank - 100.0 * STEADY) ** 2)
         actual = np.repeat(lengths[:, None, :], len(self.z), axis=1)
         force = self.force(lengths, self.z) * np.ones_like(error)
-        return Responses(lengths, actual, error, force, 2.0 * actual[..., 0], ((None,) * len(self.z),) * len(lengths))
+        return Responses(lengths, actual, error, force, 2.0 * actual[..., 0], np.full(error.shape, None))

@@ -7,10 +7,10 @@ import pytest
 
 from jointgap.config import Scenario
 from jointgap.core.schema import BEST_LENGTHS, PRINTED_OPTIMA
-from jointgap.designs.page import measure_in_words
 from jointgap.designs.run import best_crank_length, simulate_designs, table_of
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.sensitivity import decided
+from jointgap.designs.sweep import measure_in_words
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import frozen_objective, objective_of_motion

@@ -74,9 +74,8 @@ def test_a_run_that_fails_says_why_and_the_others_go_on(tmp_path):
     stalling = options(drive=MOTOR, samples_per_revolution=90, tolerance=1e-9)
     runs = [Run(made, COARSE), Run(made, COARSE, [0.1, 0, 0, 0]), Run(braked, stalling), Run(made, COARSE)]
     written = write_ensemble(runs, tmp_path)
-    assert (written.runs, written.failed) == (4, 2)
-    assert "not within its clearance" in written.reasons[1]
-    assert "stalls" in written.reasons[2]
+    assert "not within its clearance" in written["reason"][1]
+    assert "stalls" in written["reason"][2]
     told = pd.read_parquet(tmp_path / "runs.parquet")
     assert list(told["samples"]) == [91, 0, 0, 91]
     assert list(told["reason"].isna()) == [True, False, False, True]

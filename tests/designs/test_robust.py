@@ -10,17 +10,16 @@ from scipy import stats
 from jointgap.config import Constraints, Scenario
 from jointgap.core.errors import InputError
 from jointgap.core.page import to_markdown
-from jointgap.designs.robust import (
-    Responses,
-    RobustMeasure,
+from jointgap.designs.optimise_robust import (
     SimulatedDraws,
-    _frozen,
-    check_robust,
+    check,
     compare,
-    draw_robust,
+    draw,
+    fresh_draws,
     headline,
     optimise_robust,
     page,
+    scenario_of,
     uncertain_of,
     verdict,
 )
@@ -68,20 +67,22 @@ def scenario(uncertain: dict, constraints: dict | None = None, **more) -> Scenar
     ],
 )
 def test_what_cannot_be_done_is_one_clear_error_before_anything_is_simulated(uncertain, more, words, monkeypatch):
-    monkeypatch.setattr("jointgap.designs.robust.simulate_runs", None)
+    monkeypatch.setattr("jointgap.designs.optimise_robust.simulate_runs", None)
     with pytest.raises(InputError) as error:
-        check_robust(scenario(uncertain, **more))
+        check(scenario(uncertain, **more))
     assert words in str(error.value)
     assert "optimise_robust" in str(error.value) or "OptimiseRobust" in str(error.value)
 
 
 def test_the_error_is_the_designed_angle_of_the_original_lengths_less_the_simulated_one():
     made = scenario({"friction": FRICTION, "crank_length": TOLERANCE, "rod_length": TOLERANCE})
-    draws = uncertain_of(made).for_search(2)
-    answer = SimulatedDraws(draws, MADE, made.optimise, "settled")(np.array([[0.151, 0.566]]))
-    (crank, rod), draw = answer.actual[0, 1], draws[1]
-    assert (crank - 0.151, rod - 0.566) == (pytest.approx(draw.tolerance[0]), pytest.approx(draw.tolerance[1]))
-    alone = simulate(draw.mechanism.with_lengths(crank, rod), draw.simulate).samples.iloc[-361:]
+    uncertain = uncertain_of(made)
+    draws = uncertain.values(0, 2)
+    answer = SimulatedDraws(made, uncertain, draws)(np.array([[0.151, 0.566]]))
+    (crank, rod), drawn = answer.actual[0, 1], scenario_of(uncertain, draws[1])
+    assert crank - 0.151 == pytest.approx(draws[1]["crank_length"])
+    assert rod - 0.566 == pytest.approx(draws[1]["rod_length"])
+    alone = simulate(drawn.mechanism.with_lengths(crank, rod), drawn.simulate).samples.iloc[-361:]
     designed = math.pi / 2 + np.arcsin(-MADE.crank.length * np.sin(alone["crank_angle"]) / MADE.rod.length)
     error = (designed - alone["transmission_angle"]).to_numpy()[:-1]
     assert answer.error[0, 1] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
@@ -93,26 +94,27 @@ def test_the_error_is_the_designed_angle_of_the_original_lengths_less_the_simula
 def test_an_uncertain_offset_is_refused_beside_a_constraint_that_is_worked_out_with_the_nominal_one():
     offset = {"mechanism.slider.offset": {"from": "0 mm", "to": "60 mm"}}
     with pytest.raises(InputError, match=r"offset: optimise\.constraints\.stroke"):
-        check_robust(scenario(offset, {"stroke": ["299 mm", "301 mm"]}))
+        check(scenario(offset, {"stroke": ["299 mm", "301 mm"]}))
 
 
 @pytest.mark.parametrize("revolution", ["settled", "first"])
 def test_the_frozen_motion_at_the_original_lengths_has_the_error_that_is_simulated(revolution):
     made = scenario({"friction": FRICTION}, revolution=revolution)
-    nominal = SimulatedDraws((uncertain_of(made).nominal,), MADE, made.optimise, revolution)
+    nominal = SimulatedDraws(made, uncertain_of(made), [{}])
     answer = nominal(np.array([[MADE.crank.length, MADE.rod.length]]))
-    frozen = _frozen(nominal, COARSE).measures((MADE.crank.length, MADE.rod.length)).rms
+    frozen = nominal.frozen().measures((MADE.crank.length, MADE.rod.length)).rms
     assert frozen == pytest.approx(answer.error[0, 0], rel=1e-6)
 
 
 def test_draws_follow_their_distributions_and_fresh_ones_are_others():
     uncertain = uncertain_of(scenario({"friction": FRICTION, "rod_length": TOLERANCE}))
-    search, fresh = uncertain.for_search(64), uncertain.fresh(64)
-    frictions = np.sort([draw.mechanism.joint("crank_pin").contact.friction for draw in search])
+    search, fresh = uncertain.values(0, 64), fresh_draws(uncertain, 64)
+    made = [scenario_of(uncertain, values).mechanism for values in search]
+    frictions = np.sort([each.joint("crank_pin").contact.friction for each in made])
     np.testing.assert_allclose(frictions, np.linspace(0.05, 0.2, 64), atol=0.01)
-    assert np.std([draw.tolerance[1] for draw in search]) == pytest.approx(5e-5, rel=0.1)
-    assert not {draw.values["friction"] for draw in search} & {draw.values["friction"] for draw in fresh}
-    assert uncertain.fresh(8) == uncertain.fresh(64)[:8]
+    assert np.std([values["rod_length"] for values in search]) == pytest.approx(5e-5, rel=0.1)
+    assert not {values["friction"] for values in search} & {values["friction"] for values in fresh}
+    assert fresh_draws(uncertain, 8) == fresh[:8]
 
 
 @pytest.fixture(scope="module")
@@ -124,22 +126,22 @@ def test_any_number_of_workers_finds_the_same(once):
     again = optimise_robust(scenario({"friction": FRICTION, "crank_length": TOLERANCE}), 3)
     assert once.candidates.equals(again.candidates)
     assert once.fresh.equals(again.fresh)
-    assert once.comparison.lengths.equals(again.comparison.lengths)
-    assert once.comparison.gains.equals(again.comparison.gains)
+    assert once.lengths.equals(again.lengths)
+    assert once.gains.equals(again.gains)
 
 
 def test_a_gain_that_is_the_same_in_every_draw_has_no_spread_however_much_the_draws_scatter():
     z = standard_draws(200)
     error = 10.0 + z + np.array([[0.0], [-1.0]])
     answer = Formula(z)(np.array([[0.15, 0.564], [0.151, 0.564]]))
-    answer = Responses(answer.lengths, answer.actual, error, answer.force, answer.stroke, answer.reasons)
-    found = compare(asked(RobustMeasure(deviations=2.0)), ("original", "robust"), answer, 200, 0)
-    gain = found.gains.iloc[0]
+    answer = replace(answer, error=error)
+    found = compare(asked(deviations=2.0, resamples=200), ("original", "robust"), answer)
+    gain = found["gains"].iloc[0]
     assert gain["mean_fall"] == pytest.approx(0.1)
     assert gain["mean_fall_high"] - gain["mean_fall_low"] < 0.01  # unpaired it would be 0.04
     assert (gain["probability"], gain["probability_high"]) == (1.0, 1.0)
     assert gain["probability_low"] == pytest.approx(0.025 ** (1 / 200))
-    row = found.lengths.iloc[0]
+    row = found["lengths"].iloc[0]
     assert row["error_measure"] == pytest.approx(12.0)
     half = (row["error_mean_high"] - row["error_mean_low"]) / 2.0
     assert half == pytest.approx(stats.norm.ppf(0.975) / math.sqrt(200), rel=0.25)
@@ -149,11 +151,11 @@ def test_a_draw_that_failed_keeps_no_constraint():
     answer = Formula(standard_draws(100), lambda lengths, z: 1.0 + 0.0 * z)(np.array([[0.15, 0.564], [0.151, 0.564]]))
     error, force = answer.error.copy(), answer.force.copy()
     error[1, :40] = force[1, :40] = np.nan
-    made = asked(RobustMeasure(), constraints=Constraints(largest_pin_force=2.0))
-    found = compare(made, ("original", "robust"), replace(answer, error=error, force=force), 50, 0)
-    assert found.constraints.set_index("lengths")["probability"].to_dict() == {"original": 1.0, "robust": 0.6}
-    assert found.constraints["probability_low"][0] == pytest.approx(0.025 ** (1 / 100))  # exact
-    assert found.lengths["draws"].eq(60).all()
+    made = asked(Constraints(largest_pin_force=2.0))
+    found = compare(made, ("original", "robust"), replace(answer, error=error, force=force))
+    assert found["constraints"].set_index("lengths")["probability"].to_dict() == {"original": 1.0, "robust": 0.6}
+    assert found["constraints"]["probability_low"][0] == pytest.approx(0.025 ** (1 / 100))  # exact
+    assert found["lengths"]["draws"].eq(60).all()
 
 
 @pytest.mark.parametrize(
@@ -161,8 +163,8 @@ def test_a_draw_that_failed_keeps_no_constraint():
     [(-0.01, 0.02, "not significant"), (-0.02, -0.01, "are worse than the original ones")],
 )
 def test_where_the_gain_may_be_nothing_the_page_says_that_no_change_is_worth_it(once, low, high, said):
-    gains = once.comparison.gains.assign(measure_fall=(low + high) / 2, measure_fall_low=low, measure_fall_high=high)
-    found = replace(once, comparison=replace(once.comparison, gains=gains))
+    gains = once.gains.assign(measure_fall=(low + high) / 2, measure_fall_low=low, measure_fall_high=high)
+    found = replace(once, gains=gains)
     assert headline(found) == "No change of the lengths is worth it"
     assert any(said in sentence for sentence in verdict(found))
 
@@ -171,12 +173,12 @@ def test_a_page_shows_every_pair_of_lengths_with_its_numbers(once):
     text = to_markdown(page(once, scenario({"friction": FRICTION, "crank_length": TOLERANCE}), "mine"))
     for words in ("original lengths", "frozen motion", "best at nominal values", "robust optimum", "16 fresh draws"):
         assert words in text
-    assert {"robust_front", "robust_errors", "robust_map"} == set(draw_robust(once))
+    assert {"robust_front", "robust_errors", "robust_map"} == set(dict(draw(once)))
 
 
 def test_lengths_with_a_fixed_stroke_lie_on_a_line_and_have_no_map():
     made = scenario({"friction": FRICTION}, {"stroke": "300 mm"})
     found = optimise_robust(made, 1)
-    drawn = draw_robust(found)
+    drawn = dict(draw(found))
     assert "robust_errors" in drawn and "robust_map" not in drawn
     assert "over both lengths" not in to_markdown(page(found, made, "mine"))

@@ -13,7 +13,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.schema import MEASURES
 from jointgap.designs.run import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
-from jointgap.designs.sensitivity import TABLES_OF_SENSITIVITY, SensitivityResult, decided, what_decides
+from jointgap.designs.sensitivity import SensitivityResult, decided, what_decides
 from jointgap.designs.stages import sensitivity
 from tests.dynamics.cases import mechanism, options
 
@@ -219,7 +219,7 @@ def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_pa
     assert "Clearance decides 1 of 1 measures most; in 1 of them that is sure." in text
     assert "noise" not in text  # no design has it
     again = what_decides(drawn, tmp_path / "designs", made.sensitivity)
-    for table, frame in zip(TABLES_OF_SENSITIVITY, (again.surrogates, again.indices, again.effects), strict=True):
+    for table, frame in again.tables.items():
         parquet.write(table, frame, written := tmp_path / Path(table.path).name)
         assert written.read_bytes() == (folder / written.name).read_bytes()
     assert (folder / "summary.html").exists()

@@ -11,16 +11,16 @@ from jointgap.config import Scenario
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.designs.infer_settings import NUMBERS
-from jointgap.designs.mlflow_run import DESIGNS, sweep_record
 from jointgap.designs.run import write_dataset
 from jointgap.designs.sampling import designs_of
-from jointgap.designs.sensitivity import TABLES_OF_SENSITIVITY
-from jointgap.designs.stages import track_sweep
+from jointgap.designs.sensitivity import TABLES
+from jointgap.designs.stages import sweep_record, track_sweep
 from jointgap.scenario.results import ScenarioResults
 from tests.dynamics.cases import mechanism, options
 from tests.track.synthetic import numbers
 
 SWEPT = {"clearance": {"from": "0.2 mm", "to": "0.4 mm"}, "mechanism.joints.crank_pin.journal": ["crank", "rod"]}
+DESIGNS = Path("sweep/designs")
 UNCERTAIN = {"friction": {"from": 0, "to": 0.2}}
 
 
@@ -176,7 +176,7 @@ def test_what_decides_belongs_to_the_run_where_the_scenario_asks_for_it(folder, 
     assert run.data.metrics["total/stroke by clearance"] == 0.7 and run.data.metrics["q2/noise_share"] == 0.1
     assert not [name for name in run.data.metrics if name.startswith(("total/noise_share", "first_order/noise_share"))]
     names = {one.dataset.name for one in run.inputs.dataset_inputs}
-    assert names == {"sweep_designs", *(table.name for table in TABLES_OF_SENSITIVITY)}
+    assert names == {"sweep_designs", *(table.name for table in TABLES)}
     figures = client.list_artifacts(run.info.run_id, "sensitivity/figures")
     assert [file.path for file in figures] == ["sensitivity/figures/indices.png"]
 

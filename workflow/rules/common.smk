@@ -45,7 +45,6 @@ CAMPAIGNS_SHOWN = [text for name in CAMPAIGNS for text in ("--campaign", name)]
 # Names of the figures that a job draws, each as a picture, a drawing and a table; where there are networks it draws theirs too.
 FIGURES = {"figures": drawn(False), "conclude": CAMPAIGN_FIGURES}
 
-OF_SWEEP = ("sweep", "sensitivity", "infer-settings")  # their commands write to a folder of their own
 
 # Names of logs and measured costs of jobs of which there are several, or that would be mixed up.
 PLACES = {
@@ -117,7 +116,7 @@ def of_campaign(name, patterns):
 def read_by_scenario(stage):
     """For input: what a stage of a scenario reads, of the stages that the scenario goes through."""
     if stage.name in DESIGN_STAGES:
-        read = {"optimise-robust": lambda name: [], "track-sweep": made_of_designs}.get(stage.name, datasets)
+        read = made_of_designs if stage.publishes else datasets if "sweep" in stage.sections else lambda name: []
         return lambda wildcards: read(wildcards.scenario)
 
     def files(wildcards):
@@ -159,13 +158,10 @@ def command_of_scenario(stage):
     def command(wildcards):
         scenario = wildcards.scenario
         options = published_options(scenario) if name == "track-sweep" else options_file(scenario, name)
-        folder = "--folder" if name in OF_SWEEP else "--results"
-        more = [
-            folder,
-            f"results/{scenario}/{name.replace('-', '_')}" if name in OF_SWEEP else f"results/{scenario}",
-        ]
-        if name in ("sensitivity", "infer-settings"):
-            more += ["--designs", f"results/{scenario}/sweep/designs"]
+        more = ["--results", f"results/{scenario}"]
+        if "folder" in stage.command_options:
+            more = ["--folder", f"results/{scenario}/{name.replace('-', '_')}"]
+        more += ["--designs", f"results/{scenario}/sweep/designs"] if "designs" in stage.command_options else []
         more += ["--output-name", wildcards.output] if name == "surrogate" else []
         more += ["--workers", stage.threads] if stage.threads > 1 else []
         more += named_options("--beside", siblings(scenario), name) if name == "compare" else []

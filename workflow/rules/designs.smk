@@ -4,9 +4,8 @@
 import json
 from functools import cache
 
-from jointgap.config import Scenario
-from jointgap.config.load import validate
 from jointgap.core.progress import parts
+from jointgap.designs.stages import studies_of
 
 
 @cache
@@ -29,35 +28,17 @@ def datasets(name):
 @cache
 def asked(name):
     """The stages on many designs that a scenario asks for; what is asked has to be possible, before anything runs."""
-    scenario = SCENARIOS[name]
     try:
-        stages = ["sweep"] if designs_of_sweep(name) else []
-        if stages and scenario.sensitivity is not None:
-            stages.append("sensitivity")
-        if scenario.infer_settings is not None:
-            from jointgap.designs.infer_settings import check_infer_settings
-
-            check_infer_settings(scenario)
-            stages.append("infer-settings")
-        if scenario.optimise_robust.uncertain:
-            from jointgap.designs.robust import check_robust
-
-            # of what its job reads: sections that are left to their defaults have to go with the others too
-            read = json.loads(DESIGN_STAGES["optimise-robust"].options(scenario))
-            check_robust(validate(Scenario, read, "its configuration"))
-            stages.append("optimise-robust")
+        designs_of_sweep(name)
+        return studies_of(SCENARIOS[name], checked=True)
     except InputError as error:
         refuse(f"scenario {name}: {error}")
-    return stages
 
 
 def made_of_designs(name):
     """Every file that a scenario asks of many designs."""
     stages = [DESIGN_STAGES[stage] for stage in asked(name)]
-    return [
-        *(datasets(name) if "sweep" in asked(name) else []),
-        *of_scenario(name, made_by(stages, SCENARIO)),
-    ]
+    return [*datasets(name), *of_scenario(name, made_by(stages, SCENARIO))]
 
 
 def part_options(wildcards):

@@ -492,7 +492,7 @@ class SweptDesigns(Result):
         return {name: float(frame[name].median()) for name in names if frame[name].notna().any()}
 
     def _draw(self, name: str):
-        from jointgap.designs.page import measure_over_parameters
+        from jointgap.designs.sweep import measure_over_parameters
 
         axes = self._drawn.axes
         return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, _MEASURES[name])

@@ -325,12 +325,12 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
     scenario = parse_options(options)
     varied = scenario.ensemble
     total = math.prod(map(len, varied.vary.values())) * varied.members
-    written = write_ensemble(ensemble_runs(scenario.mechanism, scenario.simulate, varied), folder, workers, total)
-    for run, reason in written.reasons.items():
+    runs = write_ensemble(ensemble_runs(scenario.mechanism, scenario.simulate, varied), folder, workers, total)
+    failed = runs.dropna(subset="reason")
+    for run, reason in zip(failed["run"], failed["reason"], strict=True):
         click.echo(f"jointgap: run {run} failed: {reason}", err=True)
-    click.echo(
-        f"{folder}: {written.runs} runs, {written.failed} failed; {written.events} events, {written.steps} steps"
-    )
+    events, steps = runs["events"].sum(), runs["steps"].sum()
+    click.echo(f"{folder}: {len(runs)} runs, {len(failed)} failed; {events} events, {steps} steps")
 
 
 @cli.command()

@@ -4,9 +4,11 @@ The departure of a number is its error as a share of what is printed. The ratio 
 the original one whatever the settings, so its departure is a share of its printed change.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,12 +19,11 @@ from jointgap.config import Scenario
 from jointgap.config.designs import InferSettings
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
-from jointgap.core.page import Heading, Page, Paragraph, TableBlock, to_html, to_markdown
-from jointgap.core.schema import INFER_SETTINGS_DESIGNS, INFER_SETTINGS_SETTINGS
-from jointgap.core.words import joined
+from jointgap.core.page import Heading, Page, Paragraph, TableBlock
+from jointgap.core.schema import INFER_SETTINGS_DESIGNS, INFER_SETTINGS_SETTINGS, Table
 from jointgap.core.words import number as in_digits
-from jointgap.designs.page import parameter_in_words, value_in_words
 from jointgap.designs.sampling import Axis, Designs, designs_of
+from jointgap.designs.sweep import parameter_in_words, value_in_words
 from jointgap.paper.printed import CRANK_M, OPTIMA, ROD_M
 
 NEAREST_FILE, NEAREST_NAME = "nearest_scenario.yaml", "nearest_settings"
@@ -32,31 +33,45 @@ _LEVEL = 0.01  # of the tests for whether a setting matters
 _FEW = 30  # accepted designs below which nothing is said of a setting
 _SHOWN = 8  # nearest designs on the page
 _SAMPLING = ("revolutions", "samples_per_revolution", "tolerance")  # that a sweep may have coarser than a scenario
-_RATIO = OPTIMA[0].crank_length / OPTIMA[0].rod_length
+_NONE = "No design counts the RMS over the first revolution, as the optimum of a scenario does."
 
 
-@dataclass(frozen=True)
-class PrintedNumber:
+class PrintedNumber(NamedTuple):
     """A number that the paper prints and that is measured of each design."""
 
     column: str  # Of the sweep's designs
     words: str
     printed: float  # [1]
     scale: float  # What a departure is a share of [1]
+    text: str = "{:.2%}"  # How it is shown
 
     def shown(self, value: float) -> str:
         """A reduction in percent, a ratio as it is."""
-        return f"{value:.5f}" if self.printed == _RATIO else f"{100.0 * value:.2f} %"
+        return self.text.format(value).replace("%", " %")
 
 
+_RATIO = OPTIMA[0].crank_length / OPTIMA[0].rod_length
 NUMBERS = (
     *(
         PrintedNumber(f"reduction_at_{one.key}", f"reduction, {one.name}", one.reduction, one.reduction)
         for one in OPTIMA
     ),
-    PrintedNumber("best_ratio_in_window", "L2/L3 of the best lengths", _RATIO, abs(CRANK_M / ROD_M - _RATIO)),
+    PrintedNumber("best_ratio_in_window", "L2/L3 of the best lengths", _RATIO, abs(CRANK_M / ROD_M - _RATIO), "{:.5f}"),
 )
 """The printed numbers, the reductions first."""
+
+
+def check(scenario: Scenario) -> None:
+    """InputError where the section `infer_settings` of a `scenario` cannot be done."""
+    if not scenario.sweep.parameters:
+        raise InputError(
+            "infer_settings: nothing is swept; give sweep.parameters the settings that are sought, as in "
+            "config/paper_unknowns.yaml"
+        )
+    if not scenario.sweep.printed_numbers:
+        raise InputError("infer_settings: no printed numbers are measured; set sweep.printed_numbers to true")
+    if not any(axis.varies for axis in designs_of(scenario).axes):
+        raise InputError("infer_settings: no setting varies, each has one value; give a range or a list of several")
 
 
 @dataclass(frozen=True)
@@ -68,32 +83,35 @@ class InferredSettings:
     frame: pd.DataFrame  # Table `inferred_designs`: designs that did not fail, the nearest first
     failed: int
 
-    @cached_property
+    @property
     def varied(self) -> tuple[Axis, ...]:
         """Settings that have more than one value."""
-        return tuple(axis for axis in self.designs.axes if axis.values is None or len(axis.values) > 1)
+        return tuple(axis for axis in self.designs.axes if axis.varies)
 
     @cached_property
     def settings(self) -> pd.DataFrame:
         """Of each setting where the accepted designs lie: the table `INFERRED_SETTINGS`."""
-        rows = [row for axis in self.varied for row in self._rows(axis)]
+        rows, accepted = [], self.frame["together"]
+        for axis in self.varied:
+            own, common = self.frame[axis.key], {"setting": axis.key, "unit": axis.unit}
+            kept = own[accepted]
+            if axis.values is None:
+                chance = stats.ks_2samp(kept, own[~accepted]).pvalue if 0 < len(kept) < len(own) else np.nan
+                ends = dict(zip(("low", "median", "high"), kept.quantile((0.05, 0.5, 0.95)), strict=True))
+                rows.append(common | ends | {"drawn": 1.0, "accepted": 1.0, "p_value": chance})
+                continue
+            counts = pd.crosstab(own, accepted)
+            chance = stats.chi2_contingency(counts).pvalue if min(counts.shape) > 1 else np.nan
+            for value in axis.values:
+                shares = {"drawn": (own == value).mean(), "accepted": (kept == value).mean()}
+                rows.append(common | shares | {"value": str(value), "p_value": chance})
         return pd.DataFrame(rows, columns=INFER_SETTINGS_SETTINGS.names)
 
-    def _rows(self, axis: Axis) -> list[dict]:
-        own, accepted = self.frame[axis.key], self.frame["together"]
-        kept, common = own[accepted], {"setting": axis.key, "unit": axis.unit}
-        if axis.values is None:
-            chance = stats.ks_2samp(kept, own[~accepted]).pvalue if 0 < len(kept) < len(own) else np.nan
-            names, shares = ("low", "median", "high"), (0.05, 0.5, 0.95)
-            ranged = dict(zip(names, kept.quantile(shares), strict=True))
-            return [common | ranged | {"drawn": 1.0, "accepted": 1.0, "p_value": chance}]
-        counts = pd.crosstab(own, accepted)
-        chance = stats.chi2_contingency(counts).pvalue if min(counts.shape) > 1 else np.nan
-        shares = ({"drawn": (own == value).mean(), "accepted": (kept == value).mean()} for value in axis.values)
-        return [
-            common | share | {"value": str(value), "p_value": chance}
-            for value, share in zip(axis.values, shares, strict=True)
-        ]
+    @property
+    def tables(self) -> dict[Table, pd.DataFrame]:
+        """The tables that the stage writes."""
+        designs = INFER_SETTINGS_DESIGNS.filled(swept=[axis.column for axis in self.designs.axes])
+        return {INFER_SETTINGS_SETTINGS: self.settings, designs: self.frame[designs.names]}
 
     @property
     def nearest_scenario(self) -> pd.Series | None:
@@ -105,24 +123,10 @@ class InferredSettings:
         return nearest.iloc[0] if len(nearest) else None
 
 
-def check_infer_settings(scenario: Scenario) -> None:
-    """InputError where the section `infer_settings` of a `scenario` cannot be done."""
-    if not scenario.sweep.parameters:
-        raise InputError(
-            "infer_settings: nothing is swept; give sweep.parameters the settings that are sought, as in "
-            "config/paper_unknowns.yaml"
-        )
-    if not scenario.sweep.printed_numbers:
-        raise InputError("infer_settings: no printed numbers are measured; set sweep.printed_numbers to true")
-    if all(axis.values is not None and len(axis.values) == 1 for axis in designs_of(scenario).axes):
-        raise InputError("infer_settings: no setting varies, each has one value; give a range or a list of several")
-
-
-def infer(scenario: Scenario, dataset: Path) -> InferredSettings:
+def infer(designs: Designs, options: InferSettings | None, dataset: Path) -> InferredSettings:
     """The settings that reproduce the printed numbers, from the designs of a sweep."""
-    designs, options = designs_of(scenario), scenario.infer_settings or InferSettings()
     columns = ["design", *(axis.key for axis in designs.axes), *(one.column for one in NUMBERS), "reason"]
-    return accept(designs, parquet.read_columns(dataset, columns).to_pandas(), options.within)
+    return accept(designs, parquet.read_columns(dataset, columns).to_pandas(), (options or InferSettings()).within)
 
 
 def accept(designs: Designs, frame: pd.DataFrame, within: float) -> InferredSettings:
@@ -133,9 +137,8 @@ def accept(designs: Designs, frame: pd.DataFrame, within: float) -> InferredSett
     kept = frame[fine].drop(columns="reason").sort_values("design")
     farthest = departures(kept).max(axis=1)
     kept = kept.assign(farthest=farthest, together=farthest <= within)
-    return InferredSettings(
-        designs, within, kept.sort_values("farthest", kind="stable", ignore_index=True), int((~fine).sum())
-    )
+    kept = kept.sort_values("farthest", kind="stable", ignore_index=True)
+    return InferredSettings(designs, within, kept, int((~fine).sum()))
 
 
 def departures(frame: pd.DataFrame) -> np.ndarray:
@@ -143,25 +146,11 @@ def departures(frame: pd.DataFrame) -> np.ndarray:
     return np.abs(np.column_stack([(frame[one.column] - one.printed) / one.scale for one in NUMBERS]))
 
 
-def write_results(found: InferredSettings, folder: Path) -> str:
-    """Write tables, the nearest scenario and the page into a `folder`; gives the page as Markdown."""
-    designs = INFER_SETTINGS_DESIGNS.filled(swept=[axis.column for axis in found.designs.axes])
-    shown = page(found)
-    text = to_markdown(shown, ".")
-    parquet.check_writable(folder / NEAREST_FILE, folder / "summary.html")
-    parquet.write(INFER_SETTINGS_SETTINGS, found.settings, folder / Path(INFER_SETTINGS_SETTINGS.path).name)
-    parquet.write(designs, found.frame[list(designs.names)], folder / Path(designs.path).name)
-    parquet.write_text(folder / NEAREST_FILE, nearest_configuration(found))
-    parquet.write_text(folder / "summary.html", to_html(shown))
-    parquet.write_text(folder / "summary.md", text)
-    return text
-
-
 def nearest_configuration(found: InferredSettings) -> str:
     """A configuration, YAML, of the nearest settings that a scenario can hold; a comment alone where there are none."""
     chosen = found.nearest_scenario
     if chosen is None:
-        return "# No design counts the RMS over the first revolution, as the optimum of a scenario does.\n"
+        return f"# {_NONE}\n"
     made = found.designs.scenario({axis.key: chosen[axis.key] for axis in found.designs.axes})
     content = made.model_dump(mode="json", include={"mechanism", "simulate"}, exclude_none=True, by_alias=True)
     content["simulate"] = {key: value for key, value in content["simulate"].items() if key not in _SAMPLING}
@@ -177,86 +166,76 @@ def nearest_configuration(found: InferredSettings) -> str:
 
 def page(found: InferredSettings) -> Page:
     """The page of the settings that reproduce the printed numbers."""
-    number, accepted = len(found.frame), int(found.frame["together"].sum())
+    frame, chosen, accepted = found.frame, found.nearest_scenario, int(found.frame["together"].sum())
     headline = (
-        f"{accepted or 'None'} of {number} parameter sets ({_percent(accepted / number)}) reproduce "
-        f"all printed numbers within {_percent(found.within)}; in the nearest one the largest error "
-        f" is {_percent(found.frame['farthest'].iloc[0])}."
+        f"{accepted or 'None'} of {len(frame)} parameter sets ({_percent(accepted / len(frame))}) reproduce "
+        f"all printed numbers within {_percent(found.within)}; in the nearest one the largest error is "
+        f"{_percent(frame['farthest'].iloc[0])}."
     )
-    heads = (
-        "",
-        *(parameter_in_words(axis.key) for axis in found.varied),
-        *(one.words for one in NUMBERS),
-        "largest error",
-    )
-    nearest = [(str(rank), row) for rank, (_, row) in enumerate(found.frame[:_SHOWN].iterrows(), 1)]
-    chosen = found.nearest_scenario
-    if chosen is not None:
-        nearest.append(("scenario", chosen))
-    rows = tuple(
+    numbers = []
+    for one, off in zip(NUMBERS, departures(frame).T, strict=True):
+        low, middle, high = map(one.shown, frame[one.column].quantile((0.05, 0.5, 0.95)))
+        nearest = one.shown(frame[one.column].iloc[0])
+        share = _percent((off <= found.within).mean())
+        numbers.append((one.words, one.shown(one.printed), share, middle, f"{low} to {high}", nearest))
+    ranked = [(str(rank), row) for rank, (_, row) in enumerate(frame[:_SHOWN].iterrows(), 1)]
+    designs = [
         (
             rank,
             *(value_in_words(axis, row[axis.key]) for axis in found.varied),
             *(one.shown(row[one.column]) for one in NUMBERS),
             _percent(row["farthest"]),
         )
-        for rank, row in nearest
-    )
+        for rank, row in (ranked if chosen is None else [*ranked, ("scenario", chosen)])
+    ]
+    words = (*(parameter_in_words(axis.key) for axis in found.varied), *(one.words for one in NUMBERS))
     blocks = (
         Paragraph(headline, strong=True),
         Heading("Printed numbers"),
-        TableBlock(
-            ("number", "printed", "reproduced in", "median", "5 to 95 %", "nearest"), tuple(_numbers(found)), "lrrrrr"
-        ),
+        TableBlock(("number", "printed", "reproduced in", "median", "5 to 95 %", "nearest"), tuple(numbers), "lrrrrr"),
         Heading("Settings of the accepted designs"),
         TableBlock(
-            ("setting", "unit or value", "drawn", "accepted", "p-value", "verdict"),
-            tuple(_settings(found)),
+            ("setting", "5 to 95 %, or value", "drawn", "accepted", "p-value", "verdict"),
+            tuple(_settings(found, accepted)),
             "llrrrl",
             "p-value of a test that accepted and rejected designs have the same distribution (Kolmogorov-Smirnov for "
             "ranges, chi-square for lists).",
         ),
         Heading("Nearest designs"),
-        TableBlock(heads, rows, "l" * (1 + len(found.varied)) + "r" * 5),
+        TableBlock(("", *words, "largest error"), tuple(designs), "l" * (1 + len(found.varied)) + "r" * 5),
         Paragraph(
             f"The row *scenario* is the nearest design that counts the RMS over the first revolution: `{NEAREST_FILE}`."
             if chosen is not None
-            else "No design counts the RMS over the first revolution, as the optimum of a scenario does."
+            else _NONE
         ),
         Paragraph(f"Designs that failed: {found.failed}. All numbers: `designs.parquet` and `settings.parquet`."),
     )
     return Page("Unreported settings of the paper", blocks)
 
 
-def _numbers(found: InferredSettings):
-    off = departures(found.frame) <= found.within
-    for one, fits in zip(NUMBERS, off.T, strict=True):
-        low, middle, high = (one.shown(value) for value in found.frame[one.column].quantile((0.05, 0.5, 0.95)))
-        nearest = one.shown(found.frame[one.column].iloc[0])
-        yield one.words, one.shown(one.printed), _percent(fits.mean()), middle, f"{low} to {high}", nearest
-
-
-def _settings(found: InferredSettings):
-    accepted = int(found.frame["together"].sum())
-    for axis in found.varied:
-        own = found.settings[found.settings["setting"] == axis.key]
-        chance, words = own["p_value"].iloc[0], parameter_in_words(axis.key)
-        verdict = "too few accepted" if accepted < _FEW else "informative" if chance < _LEVEL else "not informative"
+def _settings(found: InferredSettings, accepted: int) -> Iterator[tuple[str, ...]]:
+    axes = {axis.key: axis for axis in found.varied}
+    for row in found.settings.to_dict("records"):
+        axis, chance = axes[row["setting"]], row["p_value"]
+        where = {str(value): value_in_words(axis, value) for value in axis.values or ()}.get(row["value"])
         if axis.values is None:
-            drawn, kept = (
-                " to ".join(value_in_words(axis, value) for value in ends)
-                for ends in (axis.law.ppf([0.0, 1.0]), own[["low", "high"]].iloc[0])
-            )
-        else:
-            drawn, kept = (
-                joined(
-                    f"{value_in_words(axis, value)} {100 * share:.0f} %"
-                    for value, share in zip(axis.values, own[name], strict=True)
-                )
-                for name in ("drawn", "accepted")
-            )
-        yield words, axis.unit, drawn, kept if accepted else "", in_digits(chance), verdict
+            where = " to ".join(value_in_words(axis, row[end]) for end in ("low", "high")) if accepted else ""
+        verdict = "too few accepted" if accepted < _FEW else "informative" if chance < _LEVEL else "not informative"
+        shares = (_percent(row["drawn"]), _percent(row["accepted"]) if accepted else "")
+        yield parameter_in_words(axis.key), where, *shares, in_digits(chance), verdict
 
 
 def _percent(share: float) -> str:
     return f"{100 * share:.2g} %"
+
+
+def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
+    """In which share of the designs the paper's printed numbers come out, alone and together, for MLflow."""
+    names = ["together", "farthest", *(one.column for one in NUMBERS)]
+    designs = parquet.read_columns(folder / "infer_settings/designs.parquet", names).to_pandas()
+    shares = (departures(designs) <= scenario.infer_settings.within).mean(axis=0)
+    return {
+        "printed/together_percent": 100 * designs["together"].mean(),
+        "printed/farthest_off_in_nearest_percent": 100 * designs["farthest"].min(),
+        **{f"printed/{one.column}_percent": 100 * share for one, share in zip(NUMBERS, shares, strict=True)},
+    }

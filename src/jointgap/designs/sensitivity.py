@@ -7,27 +7,36 @@ interval of bootstrap replicates (Wu, Ann. Stat. 14 (1986) 1261) of surrogate an
 """
 
 import math
-import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from jointgap.config import Scenario
 from jointgap.config.designs import ALL_MEASURES, Sensitivity
 from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError, needs
-from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, to_html, to_markdown
-from jointgap.core.plot import COLOURS, Drawing, Panel, Quantity, Sheet, tick_label
+from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock
+from jointgap.core.plot import COLOURS, Drawing, Quantity, Sheet
 from jointgap.core.progress import followed
 from jointgap.core.words import joined
-from jointgap.designs.page import measure_in_words, measure_quantity, parameter_in_words, parameter_quantity
 from jointgap.designs.sampling import Axis, Designs
+from jointgap.designs.sweep import (
+    cells,
+    measure_in_words,
+    measure_quantity,
+    parameter_in_words,
+    parameter_panels,
+    parameter_quantity,
+    places,
+    scale,
+    value_in_words,
+)
 
 with needs("what decides a sweep", "learn"):
     import openturns as ot
@@ -47,40 +56,31 @@ ENDS = 0.05, 0.95  # Quantiles at the ends of an interval
 ROUNDING = 1e-9  # [1] A measure whose standard deviation is a smaller share of its mean does not vary
 CURVE_POINTS = 41  # Of a main effect, and of a map along each axis
 SHOWN_SHARE = 0.01  # [1] Total index from which on a parameter's main effect is drawn
-
-_FAR = 8.0
-"""Standard deviations beyond which no design of a normal tolerance lies (1e-15 of them would), though it has no end."""
-
-_LEAST_LEFT = 0.1
-"""A residual is made at most ten times as large where its design decides the surrogate there by itself."""
-
-
-def _levels(axis: Axis) -> np.ndarray:
-    """Numbers that stand for the values of a list."""
-    return np.linspace(-1.0, 1.0, len(axis.values))
+_FAR = 8.0  # Standard deviations beyond which no design of a normal tolerance lies (1e-15 of them would)
+_LEAST_LEFT = 0.1  # A residual is made at most ten times as large where its design decides the surrogate by itself
 
 
 def _distribution(axis: Axis) -> Any:
     """Distribution of a parameter, of OpenTURNS; of the logarithm where that is drawn evenly."""
     if axis.values is not None:
-        return ot.FiniteDiscreteDistribution([[level] for level in _levels(axis)])
-    name, given = axis.law.dist.name, axis.law.kwds
+        return ot.FiniteDiscreteDistribution(np.linspace(-1.0, 1.0, len(axis.values))[:, None].tolist())
+    name, given, (low, high) = axis.law.dist.name, axis.law.kwds, axis.law.support()
     if name == "loguniform":
-        return ot.Uniform(math.log(given["a"]), math.log(given["b"]))
-    low, size = given["loc"], given["scale"]
+        return ot.Uniform(math.log(low), math.log(high))
     if name == "uniform":
-        return ot.Uniform(low, low + size)
+        return ot.Uniform(low, high)
     if name == "triang":
-        return ot.Triangular(low, low + given["c"] * size, low + size)
-    if np.isinf([given["a"], given["b"]]).all():
-        return ot.Normal(low, size)
-    return ot.TruncatedNormal(low, size, low + max(given["a"], -_FAR) * size, low + min(given["b"], _FAR) * size)
+        return ot.Triangular(low, low + given["c"] * given["scale"], high)
+    mean, size = given["loc"], given["scale"]
+    if np.isinf([low, high]).all():
+        return ot.Normal(mean, size)
+    return ot.TruncatedNormal(mean, size, max(low, mean - _FAR * size), min(high, mean + _FAR * size))
 
 
 def _numbers(axis: Axis, values: np.ndarray) -> np.ndarray:
     """`values` (n,) of a parameter, in the variable of its `_distribution`."""
     if axis.values is not None:
-        level = dict(zip(axis.values, _levels(axis), strict=True))
+        level = dict(zip(axis.values, np.linspace(-1.0, 1.0, len(axis.values)), strict=True))
         return np.array([level[value] for value in values.tolist()])
     values = np.asarray(values, dtype=float)
     return np.log(values) if axis.law.dist.name == "loguniform" else values
@@ -112,16 +112,13 @@ class Basis:
         number = min(MOST_TERMS, math.prod(degree + 1 for degree in highest))
         # Degree in each parameter of each term, (terms, axes); the first term is the constant
         self.terms = np.array([list(order(place)) for place in range(number)], dtype=int)
+        self._all = ot.AggregatedFunction([self.functions.build(place) for place in range(number)])
         self._median = [marginal.computeQuantile(0.5)[0] for marginal in marginals]
         self._transformation = ot.DistributionTransformation(self.distribution, self.functions.getMeasure())
 
     def numbers(self, columns: pd.DataFrame) -> np.ndarray:
         """Variables (n, axes) of designs."""
         return np.column_stack([_numbers(axis, columns[axis.key].to_numpy()) for axis in self.axes])
-
-    @cached_property
-    def _all(self) -> Any:
-        return ot.AggregatedFunction([self.functions.build(place) for place in range(len(self.terms))])
 
     def at(self, numbers: np.ndarray) -> np.ndarray:
         """Values (n, terms) of all terms at variables (n, axes)."""
@@ -152,26 +149,25 @@ class Basis:
 
 @dataclass(frozen=True)
 class Surrogate:
-    """A trained surrogate; values [SI of the measure]."""
+    """A trained surrogate, and in the columns after the first its bootstrap replicates; values [SI of the measure]."""
 
     places: np.ndarray  # Of its terms in the basis; the first term is the constant
-    coefficients: np.ndarray  # Of the terms, (terms,)
-    replicates: np.ndarray  # The same of bootstrap replicates, (terms, replicates)
-    q2: float  # Share of the variance of held-out designs that it explains
-    q2_replicates: np.ndarray  # The same of the replicates, each on designs drawn anew of those held out, (replicates,)
+    coefficients: np.ndarray  # Of the terms, (terms, 1 + replicates)
+    q2: np.ndarray  # Share of the variance of held-out designs that each explains, (1 + replicates,)
     ends: tuple[float, float]  # Smallest and largest value of the designs, between which every mean lies
     trained: int  # Number of designs
     held_out: int  # Number of designs
 
     def mean(self, at: np.ndarray) -> np.ndarray:
-        """Mean (n,) of the measure where all terms of the basis have the means `at` (n, terms)."""
-        return np.clip(at[:, self.places] @ self.coefficients, *self.ends)
+        """Mean (3, n) of the measure where the terms of the basis have the means `at` (n, terms), with its interval."""
+        means = at[:, self.places] @ self.coefficients
+        return np.clip(_with_ends(means[:, 0], means[:, 1:], means[:, 1:]), *self.ends)
 
-    def mean_interval(self, at: np.ndarray) -> np.ndarray:
-        """Ends (2, n) of the interval of that mean."""
-        low, high = np.clip(np.quantile(at[:, self.places] @ self.replicates, ENDS, axis=1), *self.ends)
-        mean = self.mean(at)
-        return np.array([np.minimum(low, mean), np.maximum(high, mean)])
+
+def _with_ends(value: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """A value and the ends of its interval, from replicates of each end along the last axis."""
+    low, high = (np.quantile(own, end, axis=-1) for own, end in zip((low, high), ENDS, strict=True))
+    return np.array([value, np.minimum(low, value), np.maximum(high, value)])
 
 
 def surrogate(basis: Basis, numbers: np.ndarray, at: np.ndarray, values: np.ndarray, seed: int) -> Surrogate:
@@ -192,28 +188,24 @@ def surrogate(basis: Basis, numbers: np.ndarray, at: np.ndarray, values: np.ndar
     chance = np.random.default_rng([seed, 1])
     signs = chance.choice([-1.0, 1.0], size=(len(residuals), REPLICATES))
     replicates = coefficients[:, None] + smoother @ (residuals[:, None] * signs)
-    drawn = chance.integers(held, size=(REPLICATES, held))
-    errors = judged[:, None] - at_held @ replicates
-    constant = middle * (places == 0)
+    both = np.column_stack([coefficients, replicates])
+    # The replicates are judged on designs drawn anew of those held out.
+    rows = np.vstack([np.arange(held), chance.integers(held, size=(REPLICATES, held))]).T
+    errors = np.take_along_axis(judged[:, None] - at_held @ both, rows, axis=0)
+    variance = np.var(judged[rows], axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        q2 = np.where(variance > 0.0, 1.0 - np.mean(errors**2, axis=0) / variance, 0.0)
     return Surrogate(
         places=places,
-        coefficients=constant + spread * coefficients,
-        replicates=constant[:, None] + spread * replicates,
-        q2=_explained(judged - at_held @ coefficients, judged),
-        q2_replicates=np.array([_explained(errors[rows, n], judged[rows]) for n, rows in enumerate(drawn)]),
+        coefficients=middle * (places == 0)[:, None] + spread * both,
+        q2=q2,
         ends=(float(np.min(values)), float(np.max(values))),
         trained=len(trained),
         held_out=held,
     )
 
 
-def _explained(errors: np.ndarray, values: np.ndarray) -> float:
-    """1 less the mean squared error over the variance; 0 where nothing varies."""
-    variance = np.var(values)
-    return float(1.0 - np.mean(errors**2) / variance) if variance > 0.0 else 0.0
-
-
-TABLES_OF_SENSITIVITY = (schema.SENSITIVITY_SURROGATES, schema.SENSITIVITY_INDICES, schema.SENSITIVITY_EFFECTS)
+TABLES = (schema.SENSITIVITY_SURROGATES, schema.SENSITIVITY_INDICES, schema.SENSITIVITY_EFFECTS)
 
 UNITS = {column.name: column.unit for column in ALL_MEASURES}
 """SI unit of each measure."""
@@ -231,6 +223,16 @@ class SensitivityResult:
     effects: pd.DataFrame
     good: dict[str, Surrogate]  # Of the measures that have indices
 
+    @property
+    def tables(self) -> dict[schema.Table, pd.DataFrame]:
+        """The tables that the stage writes."""
+        return dict(zip(TABLES, (self.surrogates, self.indices, self.effects), strict=True))
+
+    def ranked(self, measure: str) -> pd.DataFrame:
+        """Rows of `measure` in the table of indices, those of the largest total index first."""
+        own = self.indices[self.indices["measure"] == measure]
+        return own.sort_values("total", ascending=False, kind="stable")
+
 
 def what_decides(designs: Designs, dataset: Path, options: Sensitivity) -> SensitivityResult:
     """Indices of the measures of a sweep."""
@@ -241,37 +243,39 @@ def what_decides(designs: Designs, dataset: Path, options: Sensitivity) -> Sensi
 
 def decided(designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int) -> SensitivityResult:
     """The same of a `frame` with the parameters, `reason` and `measures` of the designs as columns."""
-    axes = tuple(axis for axis in designs.axes if axis.values is None or len(axis.values) > 1)
+    axes = tuple(axis for axis in designs.axes if axis.varies)
     if not axes:
         raise InputError("sweep.parameters: none varies, each has one value; give a range or a list of several values")
     basis = Basis(axes)
     order = np.random.default_rng(seed).permutation(len(frame))[:MOST_DESIGNS]
     numbers = basis.numbers(frame.iloc[order])
-    at = basis.at(numbers)
-    fine = frame["reason"].isna().to_numpy()
+    at, fine = basis.at(numbers), frame["reason"].isna().to_numpy()
     surrogates, indices, effects, good = [], [], [], {}
     for name in followed(iter(measures), "measures", len(measures)):
         values = frame[name].to_numpy(dtype=float)
         there = fine & np.isfinite(values)
+        row = {"measure": name, "unit": UNITS[name], "terms": 0, "trained": 0, "held_out": 0}
         counts = {"failed": int((~fine).sum()), "undefined": int((fine & ~there).sum())}
-        reason, found = _unfit(values[there], len(values), counts), None
+        if there.any():
+            row |= {"mean": np.mean(values[there]), "deviation": np.std(values[there])}
+        reason = _unfit(values[there], len(values), counts)
         if not reason:
             own = there[order]
             found = surrogate(basis, numbers[own], at[own], values[order][own], seed)
-            if found.q2 < LEAST_Q2:
+            row |= {"terms": len(found.places), "trained": found.trained, "held_out": found.held_out}
+            row |= _interval("q2", found.q2[0], found.q2[1:], found.q2[1:])
+            if found.q2[0] < LEAST_Q2:
                 reason = (
-                    f"the surrogate explains {100 * max(found.q2, 0.0):.0f} % of the variance of held-out designs, "
+                    f"the surrogate explains {100 * max(found.q2[0], 0.0):.0f} % of the variance of held-out designs, "
                     f"less than {100 * LEAST_Q2:.0f} %"
                 )
             else:
                 good[name] = found
                 indices += _index_rows(name, basis, found)
                 effects += _effect_rows(name, basis, found)
-        surrogates.append(_surrogate_row(name, values[there], found) | counts | {"reason": reason})
-    made = (
-        pd.DataFrame(rows, columns=table.names)
-        for table, rows in zip(TABLES_OF_SENSITIVITY, (surrogates, indices, effects), strict=True)
-    )
+        surrogates.append(row | counts | {"reason": reason})
+    found = (surrogates, indices, effects)
+    made = (pd.DataFrame(rows, columns=table.names) for table, rows in zip(TABLES, found, strict=True))
     return SensitivityResult(basis, len(frame), int((~fine).sum()), *made, good)
 
 
@@ -286,54 +290,34 @@ def _unfit(values: np.ndarray, number: int, counts: dict[str, int]) -> str | Non
         whose = " and ".join(f"{count} {what}" for what, count in counts.items() if count)
         most = f"more than {100 * MOST_MISSING:.0f} %"
         return f"{100 * missing / number:.0f} % of the designs lack it ({whose}), {most}"
-    if len(values) < LEAST_DESIGNS:
-        return f"{len(values)} designs have it, fewer than {LEAST_DESIGNS}"
-    return None
+    return f"{len(values)} designs have it, fewer than {LEAST_DESIGNS}" if len(values) < LEAST_DESIGNS else None
 
 
-def _surrogate_row(name: str, values: np.ndarray, found: Surrogate | None) -> dict:
-    row = {"measure": name, "unit": UNITS[name], "terms": 0, "trained": 0, "held_out": 0}
-    if len(values):
-        row |= {"mean": np.mean(values), "deviation": np.std(values)}
-    if found is not None:
-        low, high = np.quantile(found.q2_replicates, ENDS)
-        row |= {"terms": len(found.places), "trained": found.trained, "held_out": found.held_out}
-        row |= {"q2": found.q2, "q2_low": min(low, found.q2), "q2_high": max(high, found.q2)}
-    return row
+def _interval(name: str, value: Any, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
+    return dict(zip((name, f"{name}_low", f"{name}_high"), _with_ends(value, low, high), strict=True))
 
 
 def _index_rows(name: str, basis: Basis, found: Surrogate) -> Iterator[dict]:
-    active = basis.terms[found.places] > 0
+    active, variances = basis.terms[found.places[1:]] > 0, found.coefficients[1:] ** 2
     for place, axis in enumerate(basis.axes):
         row = {"measure": name, "parameter": axis.key}
         alone = active[:, place] & (active.sum(axis=1) == 1)
         for index, whose in (("first_order", alone), ("total", active[:, place])):
-            replicate = _share(found.replicates, whose) * found.q2_replicates
-            open_end = replicate + 1.0 - found.q2_replicates
-            value = float(_share(found.coefficients, whose))
-            row |= {
-                index: value,
-                f"{index}_low": max(0.0, min(value, np.quantile(replicate, ENDS[0]))),
-                f"{index}_high": min(1.0, max(value, np.quantile(open_end, ENDS[1]))),
-            }
+            shares = variances[whose].sum(axis=0) / variances.sum(axis=0)
+            known, missed = (shares * found.q2)[1:], 1.0 - found.q2[1:]
+            row |= _interval(index, shares[0], known, known + missed)
+            row |= {f"{index}_low": max(0.0, row[f"{index}_low"]), f"{index}_high": min(1.0, row[f"{index}_high"])}
         yield row
-
-
-def _share(coefficients: np.ndarray, whose: np.ndarray) -> np.ndarray:
-    """Share of the variance of terms (terms, ...) that those of `whose` (terms,) have."""
-    variances = coefficients[1:] ** 2
-    return variances[whose[1:]].sum(axis=0) / variances.sum(axis=0)
 
 
 def _effect_rows(name: str, basis: Basis, found: Surrogate) -> Iterator[dict]:
     for place, axis in enumerate(basis.axes):
-        values = _curve(axis)
-        at = basis.means_where({place: _numbers(axis, values)})
-        words = axis.column.kind != "float"
-        for value, *curve in zip(values, found.mean(at), *found.mean_interval(at), strict=True):
+        values, is_word = _curve(axis), axis.column.kind != "float"
+        curves = found.mean(basis.means_where({place: _numbers(axis, values)}))
+        for value, *effects in zip(values, *curves, strict=True):
             row = {"measure": name, "parameter": axis.key, "unit": UNITS[name], "value_unit": axis.unit}
-            row |= {"value": np.nan if words else float(value), "word": str(value) if words else None}
-            yield row | dict(zip(("effect", "effect_low", "effect_high"), curve, strict=True))
+            row |= {"value": np.nan if is_word else float(value), "word": str(value) if is_word else None}
+            yield row | dict(zip(("effect", "effect_low", "effect_high"), effects, strict=True))
 
 
 INDICES, EFFECTS, MAP = "indices", "main_effects", "map"
@@ -342,8 +326,6 @@ INDICES, EFFECTS, MAP = "indices", "main_effects", "map"
 _IN_A_ROW = 3
 _BARS = {"first_order": ("alone (first order)", "simulation", 0.2), "total": ("with others (total)", "sky", -0.2)}
 """By index: its words, colour and place beside the parameter's name."""
-
-_STEPS = (1, 2, 5, 10)
 
 
 def draw(found: SensitivityResult) -> Iterator[tuple[str, Drawing]]:
@@ -358,38 +340,27 @@ def draw(found: SensitivityResult) -> Iterator[tuple[str, Drawing]]:
                 yield f"{MAP}_{measure}", _map(found, measure)
 
 
-def of_measure(found: SensitivityResult, measure: str) -> pd.DataFrame:
-    """Rows of `measure` in the table of indices, those of the largest total index first."""
-    own = found.indices[found.indices["measure"] == measure]
-    return own.sort_values("total", ascending=False, kind="stable")
-
-
 def _indices(found: SensitivityResult) -> Drawing:
     """Bars of both indices with their intervals, a panel a measure, a row a parameter."""
-    measures = list(found.good)
+    titles = {measure: fill(measure_in_words(measure), 31) for measure in found.good}
     keys = [axis.key for axis in found.basis.axes]
-    columns = min(_IN_A_ROW, len(measures))
-    rows = -(-len(measures) // columns)
-    titles = [textwrap.fill(measure_in_words(measure), 31) for measure in measures]
-    lines = max(title.count("\n") + 1 for title in titles)
+    columns = min(_IN_A_ROW, len(titles))
+    rows, lines = -(-len(titles) // columns), max(title.count("\n") + 1 for title in titles.values())
     sheet = Sheet(0.8 + rows * (0.25 + 0.15 * lines + 0.24 * len(keys)), rows, columns)
-    places = np.arange(len(keys))[::-1]
-    share = Quantity("share of the variance", "1")
-    for number, (measure, title) in enumerate(zip(measures, titles, strict=True)):
+    places, share = np.arange(len(keys))[::-1], Quantity("share of the variance", "1")
+    for number, (measure, title) in enumerate(titles.items()):
         panel = sheet.panel(divmod(number, columns), title, share, Quantity("", ""))
         panel.axes.set_title(title, fontsize=8.0)
-        own = found.indices[found.indices["measure"] == measure].set_index("parameter").loc[keys]
+        own = found.indices[found.indices["measure"] == measure]
         for index, (words, colour, beside) in _BARS.items():
             values, low, high = (own[index + end].to_numpy() for end in ("", "_low", "_high"))
-            at = places + beside
-            panel.axes.barh(at, values, 0.38, color=COLOURS[colour], label=words)
-            panel.axes.hlines(at, low, high, color=plot.INK, linewidth=0.9)
-            panel.record(words, values, at, low=low, high=high, label=keys)
-        shown = number % columns == 0
-        panel.rows([parameter_in_words(key) if shown else "" for key in keys], places)
+            panel.axes.barh(places + beside, values, 0.38, color=COLOURS[colour], label=words)
+            panel.axes.hlines(places + beside, low, high, color=plot.INK, linewidth=0.9)
+            panel.record(words, values, places + beside, low=low, high=high, label=keys)
+        panel.rows([parameter_in_words(key) if number % columns == 0 else "" for key in keys], places)
         panel.axes.set_xlim(0.0, 1.0)
         panel.axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-        if number + columns < len(measures):
+        if number + columns < len(titles):
             panel.axes.set_xlabel("")
     sheet.legend()
     return sheet.drawing()
@@ -397,94 +368,63 @@ def _indices(found: SensitivityResult) -> Drawing:
 
 def _main_effects(found: SensitivityResult, measure: str) -> Drawing:
     """Mean of a measure over each parameter that takes part, on one scale."""
-    ranked = of_measure(found, measure)
-    keys = list(ranked["parameter"][ranked["total"] >= SHOWN_SHARE])
-    axes = {axis.key: axis for axis in found.basis.axes}
-    columns = min(_IN_A_ROW, len(keys))
-    rows = -(-len(keys) // columns)
-    quantity, factor = measure_quantity(measure)
-    sheet = Sheet(0.5 + 2.1 * rows, rows, columns)
-    label = textwrap.fill(quantity.label, 30)
+    ranked, (quantity, factor) = found.ranked(measure), measure_quantity(measure)
+    by_key = {axis.key: axis for axis in found.basis.axes}
+    axes = [by_key[key] for key in ranked["parameter"][ranked["total"] >= SHOWN_SHARE]]
     curves = found.effects[found.effects["measure"] == measure]
-    shown = curves[curves["parameter"].isin(keys)]
-    low, high = factor * shown["effect_low"].min(), factor * shown["effect_high"].max()
-    for number, key in enumerate(keys):
-        axis, own = axes[key], curves[curves["parameter"] == key]
-        panel = sheet.panel(divmod(number, columns), parameter_in_words(key), parameter_quantity(axis)[0], quantity)
-        effect, lower, upper = (factor * own[f"effect{end}"].to_numpy() for end in ("", "_low", "_high"))
-        places = _places(axis, own["value"].to_numpy())
+    sheet = parameter_panels(axes, quantity)
+    for panel, axis in zip(sheet.panels, axes, strict=True):
+        own, x = curves[curves["parameter"] == axis.key], places(axis, _curve(axis))
+        effect, low, high = (factor * own[f"effect{end}"].to_numpy() for end in ("", "_low", "_high"))
         if axis.values is not None:
-            panel.marks("mean", places, effect, "simulation", low=lower, high=upper, labels=_texts(axis))
+            texts = [value_in_words(axis, value, with_unit=False) for value in axis.values]
+            panel.marks("mean", x, effect, "simulation", low=low, high=high, labels=texts)
         else:
-            panel.line("mean", places, effect, "simulation")
-            panel.axes.fill_between(places, lower, upper, color=COLOURS["simulation"], alpha=0.2, linewidth=0.0)
-            panel.record("interval", places, effect, low=lower, high=upper)
-        _scale(panel, "x", axis, places)
-        panel.axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-        panel.axes.yaxis.set_major_locator(MaxNLocator(5, steps=_STEPS))
-        panel.axes.set_ylabel(label if number % columns == 0 else "")
+            panel.line("mean", x, effect, "simulation")
+            panel.axes.fill_between(x, low, high, color=COLOURS["simulation"], alpha=0.2, linewidth=0.0)
+            panel.record("interval", x, effect, low=low, high=high)
+    ends = [panel.axes.get_ylim() for panel in sheet.panels]
+    for panel in sheet.panels:
+        panel.axes.set_ylim(np.min(ends), np.max(ends))
     return sheet.drawing()
 
 
 def _map(found: SensitivityResult, measure: str) -> Drawing:
     """Mean of a measure over the two parameters of the largest total indices."""
     keys = [axis.key for axis in found.basis.axes]
-    places = [keys.index(key) for key in of_measure(found, measure)["parameter"][:2]]
-    across, up = (found.basis.axes[place] for place in places)
-    quantity, factor = measure_quantity(measure)
-    curves = [_curve(axis) for axis in (across, up)]
-    grid = np.meshgrid(*(_numbers(axis, curve) for axis, curve in zip((across, up), curves, strict=True)))
-    means = found.basis.means_where(dict(zip(places, map(np.ravel, grid), strict=True)))
-    value = factor * found.good[measure].mean(means).reshape(grid[0].shape)
-    x, y = (_places(axis, curve) for axis, curve in zip((across, up), curves, strict=True))
+    chosen = [keys.index(key) for key in found.ranked(measure)["parameter"][:2]]
+    axes, (quantity, factor) = [found.basis.axes[place] for place in chosen], measure_quantity(measure)
+    curves = [_curve(axis) for axis in axes]
+    grid = np.meshgrid(*map(_numbers, axes, curves))
+    means = found.basis.means_where(dict(zip(chosen, map(np.ravel, grid), strict=True)))
+    value = factor * found.good[measure].mean(means)[0].reshape(grid[0].shape)
     sheet = Sheet(3.6, 1, 1, width=4.6)
-    panel = sheet.panel((0, 0), "", *(parameter_quantity(axis)[0] for axis in (across, up)))
-    if across.values is None and up.values is None:
-        levels = MaxNLocator(12, steps=_STEPS).tick_values(value.min(), value.max())
-        drawn = panel.contours("mean", x, y, value, quantity, levels=levels, cmap="viridis")
-    else:
-        drawn = panel.axes.pcolormesh(x, y, value, cmap="viridis", shading="nearest")
-        told = {"value": value.ravel(), "value_quantity": quantity.name, "value_unit": quantity.unit}
-        panel.record("mean", *map(np.ravel, np.meshgrid(x, y)), **told)
-    panel.axes.grid(False)
-    _scale(panel, "x", across, x)
-    _scale(panel, "y", up, y)
-    label = textwrap.fill(quantity.label, 40)
-    sheet.figure.colorbar(drawn, ax=panel.axes, label=label, ticks=MaxNLocator(6, steps=_STEPS))
+    panel = sheet.panel((0, 0), "", *(parameter_quantity(axis)[0] for axis in axes))
+    drawn = cells(panel, "mean", *map(places, axes, curves), value, quantity)
+    for side, axis in zip("xy", axes, strict=True):
+        scale(panel, side, axis)
+    sheet.figure.colorbar(drawn, ax=panel.axes, label=fill(quantity.label, 40))
     return sheet.drawing()
 
 
-def _places(axis: Axis, curve: np.ndarray) -> np.ndarray:
-    """Where the values of a `curve` stand in a figure: 0, 1, 2, ... for a list, a range in its unit."""
-    return np.arange(len(curve)) if axis.values is not None else parameter_quantity(axis)[1] * curve
-
-
-def _texts(axis: Axis) -> list[str]:
-    factor = parameter_quantity(axis)[1]
-    return [f"{factor * v:.4g}" if axis.column.kind == "float" else str(v) for v in axis.values]
-
-
-def _scale(panel: Panel, side: str, axis: Axis, places: np.ndarray) -> None:
-    """Ends and ticks of one side: the values of a list, or some of them; logarithmic where a range is drawn so."""
-    drawn, set_limits = getattr(panel.axes, f"{side}axis"), getattr(panel.axes, f"set_{side}lim")
-    if axis.values is not None:
-        step = -(-len(places) // 8)
-        drawn.set_ticks(range(0, len(places), step), _texts(axis)[::step])
-        set_limits(-0.5, len(places) - 0.5)
-        return
-    set_limits(places[0], places[-1])
-    if axis.law.dist.name == "loguniform":
-        getattr(panel.axes, f"set_{side}scale")("log")
-        drawn.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if places[-1] < 100 * places[0] else (1.0,)))
-        drawn.set_major_formatter(FuncFormatter(tick_label))
-        drawn.set_minor_locator(NullLocator())
-    else:
-        drawn.set_major_locator(MaxNLocator(4, steps=_STEPS))
+_METHOD = (
+    "A surrogate of each measure (polynomial chaos expansion, OpenTURNS), judged by designs held out by "
+    f"chance. Q2 is 1 less the mean squared error on these over the variance; below {LEAST_Q2:g} there are no "
+    "indices. First order: share of the variance that a parameter decides alone; total: alone and with others. "
+    "Intervals hold 90 % and include what the surrogate misses. Main effects: mean where one parameter is given, of "
+    f"parameters with a total index of {SHOWN_SHARE:g} or more. All numbers: `indices.parquet`, "
+    "`surrogates.parquet` and `main_effects.parquet`; `jointgap describe` explains their columns."
+)
+_MORE = (
+    "Simulate more designs (a larger `sweep.number` keeps those that are there) or narrow the ranges. Where that does "
+    "not help the motion is not reproducible, and only means over revolutions or starts (`jointgap ensemble`) can be "
+    "compared."
+)
 
 
 def page(found: SensitivityResult) -> Page:
     """The page of a sweep's sensitivities."""
-    ranked = {measure: of_measure(found, measure) for measure in found.good}
+    ranked = {measure: found.ranked(measure) for measure in found.good}
     failed = f"{found.failed} of them failed" if found.failed else "none failed"
     blocks = [
         Paragraph(_headline(found, ranked), strong=True),
@@ -500,28 +440,11 @@ def page(found: SensitivityResult) -> Page:
             two = joined(parameter_in_words(key) for key in rows["parameter"][:2])
             blocks.append(FigureBlock(f"{MAP}_{measure}", f"Map: {words} over {two}", small=True))
     # What no design has, such as the impacts of an ideal joint, nobody asks for.
-    poor = found.surrogates[found.surrogates["reason"].notna() & found.surrogates["mean"].notna()]
+    poor = found.surrogates.dropna(subset=["reason", "mean"])
     if len(poor):
-        rows = tuple((measure_in_words(row["measure"]), row["reason"]) for row in poor.to_dict("records"))
-        blocks += [Heading("Measures without indices"), TableBlock(("measure", "why"), rows)]
-        blocks.append(
-            Paragraph(
-                "Simulate more designs (a larger `sweep.number` keeps those that are there) or narrow the ranges. "
-                "Where that does not help the motion is not reproducible, and only means over revolutions or starts "
-                "(`jointgap ensemble`) can be compared."
-            )
-        )
+        rows = tuple(zip(map(measure_in_words, poor["measure"]), poor["reason"], strict=True))
+        blocks += [Heading("Measures without indices"), TableBlock(("measure", "why"), rows), Paragraph(_MORE)]
     return Page("Sensitivity", (*blocks, Heading("Method"), Paragraph(_METHOD)))
-
-
-_METHOD = (
-    "A surrogate of each measure (polynomial chaos expansion, OpenTURNS), judged by designs held out by "
-    f"chance. Q2 is 1 less the mean squared error on these over the variance; below {LEAST_Q2:g} there are no "
-    "indices. First order: share of the variance that a parameter decides alone; total: alone and with others. "
-    "Intervals hold 90 % and include what the surrogate misses. Main effects: mean where one parameter is given, of "
-    f"parameters with a total index of {SHOWN_SHARE:g} or more. All numbers: `indices.parquet`, "
-    "`surrogates.parquet` and `main_effects.parquet`; `jointgap describe` explains their columns."
-)
 
 
 def _is_sure(ranked: pd.DataFrame) -> bool:
@@ -542,7 +465,7 @@ def _headline(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> str:
 
 
 def _decisions(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> TableBlock:
-    q2, table = found.surrogates.set_index("measure")["q2"], []
+    table = []
     for measure, rows in ranked.items():
         parts = [
             (parameter_in_words(row["parameter"]), "{total:.2f} ({total_low:.2f} to {total_high:.2f})".format(**row))
@@ -550,30 +473,17 @@ def _decisions(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> Tab
         ]
         first, second = (*parts, ("–", ""))[:2]
         sure = "sure" if _is_sure(rows) else "open which of the two"
-        table.append((measure_in_words(measure), *first, *second, sure, f"{q2[measure]:.3f}"))
+        table.append((measure_in_words(measure), *first, *second, sure, f"{found.good[measure].q2[0]:.3f}"))
     heads = ("measure", "decided most by", "total index", "then by", "total index", "order", "Q2")
     return TableBlock(heads, tuple(table), "lllllll", "Total index with its 90 % interval; Q2 of held-out designs")
 
 
-def write_results(found: SensitivityResult, folder: Path) -> str:
-    """Write tables, figures and page into a `folder`; gives the page as Markdown.
-
-    Figures of an earlier run that are not drawn again, of measures that have no indices any more, are removed.
-    """
-    places = {
-        folder / Path(table.path).name: (table, frame)
-        for table, frame in zip(TABLES_OF_SENSITIVITY, (found.surrogates, found.indices, found.effects), strict=True)
-    }
-    pages, figures = (folder / "summary.html", folder / "summary.md"), folder / "figures"
-    parquet.check_writable(*places, *pages)
-    figures.mkdir(exist_ok=True)
-    drawn = {path for name, drawing in draw(found) for path in plot.save(drawing, figures / name)}
-    for path in set(figures.iterdir()) - drawn:
-        path.unlink()
-    for path, (table, frame) in places.items():
-        parquet.write(table, frame, path)
-    shown = page(found)
-    text = to_markdown(shown)
-    parquet.write_text(pages[0], to_html(shown, figures))
-    parquet.write_text(pages[1], text)
-    return text
+def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
+    """Held-out quality of each measure's surrogate, and its indices where it has some, for MLflow."""
+    surrogates, indices = (parquet.read(table, folder / table.path).to_dict("records") for table in TABLES[:2])
+    found = {f"q2/{row['measure']}{end}": row[f"q2{end}"] for row in surrogates for end in ("", "_low", "_high")}
+    for row in indices:
+        of = f"{row['measure']} by {row['parameter']}"
+        for index in _BARS:
+            found |= {f"{index}/{of}{end}": row[f"{index}{end}"] for end in ("", "_low", "_high")}
+    return {name: value for name, value in found.items() if pd.notna(value)}

@@ -1,37 +1,96 @@
-"""The stages that work on many designs of a scenario: sweeps, and what is asked of them."""
+"""The stages that work on many designs of a scenario: sweeps, and what is asked of them.
+
+A study is a section of a scenario, its tables, a stage here and a module of its name beside this one, which has
+`metrics(scenario, folder)` for MLflow and, where the section can ask for what cannot be, `check(scenario)`.
+"""
 
 import json
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.core.files import check_writable, write_text
-from jointgap.core.schema import (
-    INFER_SETTINGS_SETTINGS,
-    OPTIMISE_ROBUST_CANDIDATES,
-    OPTIMISE_ROBUST_CONSTRAINTS,
-    OPTIMISE_ROBUST_FRESH,
-    OPTIMISE_ROBUST_GAINS,
-    OPTIMISE_ROBUST_LENGTHS,
-    SENSITIVITY_EFFECTS,
-    SENSITIVITY_INDICES,
-    SENSITIVITY_SURROGATES,
-)
+from jointgap.core.schema import TABLES, Table
 from jointgap.core.stage import Option, Stages, Workers
 
 if TYPE_CHECKING:  # slow to load
+    import pandas as pd
+
     from jointgap.config import Scenario
+    from jointgap.core.page import Page
+    from jointgap.core.plot import Drawing
+    from jointgap.core.publish import Record
     from jointgap.scenario.results import ScenarioResults
 
 DESIGN_STAGES = Stages()
 
-_MOTION = ("mechanism", "simulate")
-
+_SWEPT = ("mechanism", "simulate", "sweep")
 _Designs = Annotated[
     Path, Option("--designs", type="folder", required=True, help="Folder of the designs that `jointgap sweep` wrote.")
 ]
+_Folder = Annotated[
+    Path, Option("--folder", type="folder", required=True, help="Folder to write summary.html and all else to.")
+]
 
 
-@DESIGN_STAGES.stage(sections=(*_MOTION, "sweep"))
+def _study(sections: tuple[str, ...], files: tuple[str, ...] = (), **record: Any) -> Callable[[Callable], Callable]:
+    """A decorator for the stage of a study: it writes the tables of its folder, a page and further `files`."""
+
+    def keep(function: Callable) -> Callable:
+        name = function.__name__
+        tables = tuple(table for table in TABLES.values() if table.path.startswith(f"{name}/"))
+        written = tuple(f"{name}/{file}" for file in ("summary.md", "summary.html", *files))
+        told = {"does": name.replace("_", " "), "memory": 2500} | record
+        return DESIGN_STAGES.stage(writes=tables, files=written, sections=sections, **told)(function)
+
+    return keep
+
+
+def studies_of(scenario: "Scenario", checked: bool = False) -> list[str]:
+    """Names of the stages that a scenario asks for by its sections; InputError where one `checked` cannot be done."""
+    from jointgap.config.load import validate
+
+    asked = []
+    for name, (stage,) in DESIGN_STAGES.jobs().items():
+        section = getattr(scenario, name.replace("-", "_"), None)
+        if section is None or not all(getattr(section, key, True) for key in ("parameters", "uncertain")):
+            continue
+        if checked and (check := getattr(_module(name), "check", None)):
+            # of what its job reads: sections that are left to their defaults have to go with the others too
+            check(validate(type(scenario), json.loads(stage.options(scenario)), "its configuration"))
+        if scenario.sweep.parameters or "sweep" not in stage.sections:
+            asked.append(name)
+    return asked
+
+
+def _module(name: str) -> ModuleType:
+    return import_module(f"jointgap.designs.{name.replace('-', '_')}")
+
+
+def _write(
+    folder: Path,
+    page: "Page",
+    tables: "Mapping[Table, pd.DataFrame]",
+    figures: "Iterable[tuple[str, Drawing]]",
+    beside: str = ".",
+    place: Callable[[Table], Path] | None = None,
+) -> str:
+    """Write tables, figures (into the folder `beside` the page) and page of a study; gives the page as Markdown."""
+    from jointgap.core import plot
+    from jointgap.core.page import write_page
+    from jointgap.core.parquet import write
+
+    for name, drawing in figures:
+        plot.save(drawing, folder / beside / name)
+    for table, frame in tables.items():
+        write(table, frame, place(table) if place else folder / Path(table.path).name)
+    return write_page(folder / "summary", page, beside)
+
+
+@DESIGN_STAGES.stage(sections=_SWEPT)
 def sweep_designs(
     scenario: "Scenario",
     first: Annotated[int, Option("--first", type=0, required=True, help="First design, from 0 on.")],
@@ -54,23 +113,8 @@ def sweep_designs(
     write_designs(designs_of(scenario), first, number, designs, DESIGN_STAGES["sweep-designs"].digest, workers)
 
 
-@DESIGN_STAGES.stage(
-    files=("sweep/summary.md", "sweep/summary.html"),
-    sections=(*_MOTION, "sweep"),
-    does="sweep",
-    memory=2500,
-    minutes=60,
-)
-def sweep(
-    scenario: "Scenario",
-    folder: Annotated[
-        Path,
-        Option(
-            "--folder", type="folder", required=True, help="Folder to write designs/, summary.md and summary.html to."
-        ),
-    ],
-    workers: Workers,
-) -> str:
+@_study(_SWEPT, minutes=60)
+def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
     """Simulate and measure many designs: parameters with ranges, distributions or lists, drawn or on a grid.
 
     The scenario's section `sweep` says which. The folder's `designs` is a dataset of Parquet files that pandas, polars
@@ -92,48 +136,19 @@ def sweep(
       END
       jointgap sweep --options mine.yaml --folder results/mine
     """
-    from jointgap.core import plot
-    from jointgap.core.page import to_html, to_markdown
-    from jointgap.core.parquet import read_columns
-    from jointgap.designs.page import MAP, grid_map, has_map, page
     from jointgap.designs.run import write_dataset
     from jointgap.designs.sampling import designs_of
+    from jointgap.designs.sweep import draw, page
 
     designs, dataset = designs_of(scenario), folder / "designs"
     check_writable(folder / "summary.html", folder / "summary.md")
     code = DESIGN_STAGES["sweep-designs"].digest
     write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
-    if has_map(designs.kind, designs.axes):
-        names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
-        plot.save(grid_map(read_columns(dataset, names).to_pandas(), designs.axes), folder / MAP)
-    summary = page(designs, dataset)
-    write_text(folder / "summary.html", to_html(summary, folder))
-    text = to_markdown(summary, ".")
-    write_text(folder / "summary.md", text)
-    return text
+    return _write(folder, page(designs, dataset), {}, draw(designs, dataset))
 
 
-@DESIGN_STAGES.stage(
-    writes=(SENSITIVITY_SURROGATES, SENSITIVITY_INDICES, SENSITIVITY_EFFECTS),
-    files=("sensitivity/summary.md", "sensitivity/summary.html"),
-    sections=(*_MOTION, "sweep", "sensitivity"),
-    does="sensitivity",
-    memory=2500,
-    minutes=60,
-)
-def sensitivity(
-    scenario: "Scenario",
-    designs: _Designs,
-    folder: Annotated[
-        Path,
-        Option(
-            "--folder",
-            type="folder",
-            required=True,
-            help="Folder to write summary.md, summary.html, tables and figures/ to.",
-        ),
-    ],
-) -> str:
+@_study((*_SWEPT, "sensitivity"), minutes=60)
+def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str:
     """Tell which parameter of a sweep decides which measure: Sobol indices from a surrogate of each.
 
     Reads the designs that `jointgap sweep` simulated. Each measure gets a surrogate, which is judged by designs that it
@@ -148,40 +163,16 @@ def sensitivity(
       jointgap sensitivity --options mine.yaml --designs results/mine/sweep/designs --folder results/mine/sensitivity
     """
     from jointgap.config.designs import Sensitivity
-    from jointgap.designs.run import check_dataset
-    from jointgap.designs.sampling import designs_of
-    from jointgap.designs.sensitivity import what_decides, write_results
+    from jointgap.designs.run import checked_dataset
+    from jointgap.designs.sensitivity import draw, page, what_decides
 
-    drawn = designs_of(scenario)
-    check_dataset(drawn, designs)
-    return write_results(what_decides(drawn, designs, scenario.sensitivity or Sensitivity()), folder)
+    found = what_decides(checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity())
+    shutil.rmtree(folder / "figures", ignore_errors=True)  # those of measures that have no indices any more
+    return _write(folder, page(found), found.tables, draw(found), "figures")
 
 
-@DESIGN_STAGES.stage(
-    writes=(INFER_SETTINGS_SETTINGS,),
-    files=(
-        "infer_settings/summary.md",
-        "infer_settings/summary.html",
-        "infer_settings/nearest_scenario.yaml",
-    ),
-    sections=(*_MOTION, "sweep", "infer_settings"),
-    does="infer settings",
-    memory=2500,
-    minutes=60,
-)
-def infer_settings(
-    scenario: "Scenario",
-    designs: _Designs,
-    folder: Annotated[
-        Path,
-        Option(
-            "--folder",
-            type="folder",
-            required=True,
-            help="Folder to write summary.md, summary.html, tables and a scenario to.",
-        ),
-    ],
-) -> str:
+@_study((*_SWEPT, "infer_settings"), files=("nearest_scenario.yaml",), minutes=60)
+def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str:
     """Infer the paper's unreported settings from its printed numbers (rejection sampling).
 
     Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and accepts those that reproduce all
@@ -203,24 +194,16 @@ def infer_settings(
       jointgap infer-settings --options mine.yaml --designs results/mine/sweep/designs \
         --folder results/mine/infer_settings
     """
-    from jointgap.designs.infer_settings import check_infer_settings, infer, write_results
-    from jointgap.designs.run import check_dataset
-    from jointgap.designs.sampling import designs_of
+    from jointgap.designs.infer_settings import NEAREST_FILE, check, infer, nearest_configuration, page
+    from jointgap.designs.run import checked_dataset
 
-    check_infer_settings(scenario)
-    check_dataset(designs_of(scenario), designs)
-    return write_results(infer(scenario, designs), folder)
+    check(scenario)
+    found = infer(checked_dataset(scenario, designs), scenario.infer_settings, designs)
+    write_text(folder / NEAREST_FILE, nearest_configuration(found))
+    return _write(folder, page(found), found.tables, ())
 
 
-@DESIGN_STAGES.stage(
-    writes=(OPTIMISE_ROBUST_LENGTHS, OPTIMISE_ROBUST_GAINS, OPTIMISE_ROBUST_CONSTRAINTS, OPTIMISE_ROBUST_CANDIDATES),
-    files=(OPTIMISE_ROBUST_FRESH.path, "optimise_robust/summary.md", "optimise_robust/summary.html"),
-    sections=(*_MOTION, "optimise", "optimise_robust"),
-    does="optimise robustly",
-    memory=2500,
-    minutes=120,
-    threads=8,
-)
+@_study(("mechanism", "simulate", "optimise", "optimise_robust"), minutes=120, threads=8)
 def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     """Search link lengths that hold whatever is uncertain, and judge them on fresh draws.
 
@@ -242,41 +225,19 @@ def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
       END
       jointgap optimise-robust --options mine.yaml --results results/mine
     """
-    from jointgap.core import plot
-    from jointgap.core.page import to_html, to_markdown
-    from jointgap.core.parquet import write
-    from jointgap.designs.robust import draw_robust, headline, page, verdict
-    from jointgap.designs.robust import optimise_robust as optimised
+    from jointgap.designs.optimise_robust import draw, headline, page, verdict
+    from jointgap.designs.optimise_robust import optimise_robust as optimised
 
     found = optimised(results.scenario, workers)
-    folder = results.path / "optimise_robust"
-    write(found.fresh_table, found.fresh, results.path / OPTIMISE_ROBUST_FRESH.path)
-    results.write(OPTIMISE_ROBUST_CANDIDATES, found.candidates)
-    results.write(OPTIMISE_ROBUST_CONSTRAINTS, found.comparison.constraints)
-    results.write(OPTIMISE_ROBUST_GAINS, found.comparison.gains)
-    results.write(OPTIMISE_ROBUST_LENGTHS, found.comparison.lengths)
-    for name, drawing in draw_robust(found).items():
-        plot.save(drawing, folder / name)
     shown = page(found, results.scenario, results.path.resolve().name)
-    write_text(folder / "summary.html", to_html(shown, folder))
-    write_text(folder / "summary.md", to_markdown(shown, "."))
+    _write(results.path / "optimise_robust", shown, found.tables, draw(found), place=results.place)
     return "\n".join([headline(found), *verdict(found)])
 
 
-_MANY_DESIGNS = (
-    "sweep",
-    "sensitivity",
-    "infer-settings",
-    "optimise-robust",
-)
-
-
 @DESIGN_STAGES.stage(
-    reads=DESIGN_STAGES.written_by(*_MANY_DESIGNS),
+    reads=tuple(table for stage in DESIGN_STAGES.values() for table in stage.writes),
     files=("track_sweep/published.json",),
-    sections=tuple(
-        dict.fromkeys(["description", *(one for name in _MANY_DESIGNS for one in DESIGN_STAGES[name].sections)])
-    ),
+    sections=("description", *dict.fromkeys(one for stage in DESIGN_STAGES.values() for one in stage.sections)),
     does="publish the sweep to MLflow",
     minutes=20,
     publishes=True,
@@ -284,9 +245,38 @@ _MANY_DESIGNS = (
 def track_sweep(results: "ScenarioResults") -> None:
     """Publish what a scenario asks of many designs to MLflow, all of them as one run; nothing twice."""
     from jointgap.core.publish import publish_records
-    from jointgap.designs.mlflow_run import sweep_record
 
     scenario, folder = results.scenario, results.path.resolve()
     content = [sweep_record(scenario, results.path)]
     summary = publish_records(folder.name, scenario.description, content, None, folder.parent)
     write_text(results.path / "track_sweep/published.json", json.dumps(summary, indent=2) + "\n")
+
+
+_SHOWN = (".md", ".html", ".svg", ".png", ".yaml")
+
+
+def sweep_record(scenario: "Scenario", folder: Path) -> "Record":
+    """The run of a scenario's many designs, from what its stages wrote into `folder`."""
+    from jointgap.core.errors import InputError
+    from jointgap.core.publish import Dataset, Record, configuration, costs
+
+    names = {folder / table.path: name for name, table in TABLES.items()}
+    metrics, datasets, files, spent = {}, [], {}, {}
+    for name in studies_of(scenario):
+        study = name.replace("-", "_")
+        metrics |= _module(name).metrics(scenario, folder)
+        datasets += [folder / "sweep/designs"] if study == "sweep" else sorted((folder / study).glob("[!.]*.parquet"))
+        shown = (path for path in sorted((folder / study).rglob("*")) if path.suffix in _SHOWN)
+        files |= {str(path.relative_to(folder)): path for path in shown}
+        benchmark = folder / f"benchmarks/{study}.tsv"
+        spent |= {f"{study}_{name}": cost for name, cost in costs([benchmark] if benchmark.is_file() else []).items()}
+    if not metrics:
+        raise InputError(
+            "sweep.parameters, optimise_robust.uncertain: name nothing, so there is nothing to publish; give the "
+            "options that the designs were made with"
+        )
+    given = configuration(scenario, scenario.model_fields_set - {"description"})
+    held = (Dataset(names.get(path, f"{path.parent.name}_{path.stem}"), path, "result") for path in datasets)
+    return Record(
+        "sweep", "", given["params"], metrics, datasets=tuple(held), files=given["files"] | files, costs=spent
+    )

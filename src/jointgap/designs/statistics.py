@@ -15,36 +15,21 @@ from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.parallel import Run, simulate_runs
 from jointgap.dynamics.simulation import perturbed_start
 
-CHANGE = 1e-11
-"""Size of the change of the start [m]: what two good codes differ by."""
-
-DIRECTIONS = 5
-"""Random directions of the change: enough for a median, and for the fastest to be among them."""
-
-USEFUL = 1e-3
-"""Share of the smallest clearance up to which two motions count as the same."""
-
+CHANGE = 1e-11  # Size of the change of the start [m]: what two good codes differ by
+DIRECTIONS = 5  # Random directions of the change: enough for a median, and for the fastest to be among them
+USEFUL = 1e-3  # Share of the smallest clearance up to which two motions count as the same
+REPEATS = 1e-3  # Share of it within which a motion is said to repeat: the depth of a contact, and no more
 _TOLERANCE_RATIO = 1000.0  # of the change to the local error of a step, so that the change alone is seen to grow
-_ERROR_FLOOR = 50.0  # local errors of a step that the error of a position sums up to, before chaos
-_SHORTEST_FIT = 0.1  # revolutions that an exponent needs at least
-_SATURATED = 0.01  # share of the smallest clearance from which on growth ends because motions cannot differ by more
 
 
 @dataclass(frozen=True)
 class Growth:
     """Growth of a small change over the crank angle."""
 
-    crank_angle: np.ndarray  # [rad]
-    factors: np.ndarray
+    crank_angle: np.ndarray  # (n,) [rad]
+    factors: np.ndarray  # (directions, n)
     change: float  # Size of the change at the start [m]
     useful: float  # Distance [m] up to which motions count as the same
-    saturated: float  # Distance [m] from which on a fit of the exponent leaves samples out
-    tolerance: float  # Local error of a step [m] that the runs were made with
-
-    @property
-    def median(self) -> np.ndarray:
-        """Median over the changes, (n,)."""
-        return np.median(self.factors, axis=0)
 
     @property
     def comparable_until(self) -> float:
@@ -53,30 +38,15 @@ class Growth:
         return float(self.crank_angle[beyond[0]] - self.crank_angle[0]) if len(beyond) else math.inf
 
     @property
-    def exponent(self) -> float:
-        """Natural logarithm of the median growth per revolution; NaN where it cannot be fitted.
-
-        Slope of the line fitted to all samples at which the distance is above the error of the integration and
-        has not yet grown so large that it can grow no more; NaN where these span less than a tenth of a revolution.
-        """
-        distance, turned = self.median * self.change, (self.crank_angle - self.crank_angle[0]) / (2 * math.pi)
-        beyond = np.flatnonzero(distance > self.saturated)
-        chosen = (distance > _ERROR_FLOOR * self.tolerance) & (
-            np.arange(turned.size) < (beyond[0] if len(beyond) else turned.size)
-        )
-        if not chosen.any() or np.ptp(turned[chosen]) < _SHORTEST_FIT:
-            return math.nan
-        return float(np.polyfit(turned[chosen], np.log(self.median[chosen]), 1)[0])
-
-    @property
     def verdict(self) -> str:
         """One sentence for the user."""
-        largest = self.factors.max()
-        turned = math.degrees(self.crank_angle[-1] - self.crank_angle[0])
-        growth = f"a change of {self.change:g} m at the start grows up to {largest:.2g} times within {turned:.0f} deg"
-        if math.isinf(self.comparable_until):
+        turned, until = np.degrees([self.crank_angle[-1] - self.crank_angle[0], self.comparable_until])
+        growth = (
+            f"a change of {self.change:g} m at the start grows up to {self.factors.max():.2g} times within "
+            f"{turned:.0f} deg"
+        )
+        if math.isinf(until):
             return f"{growth}: samples can be compared throughout"
-        until = math.degrees(self.comparable_until)
         return (
             f"{growth}: samples can be compared up to {until:.0f} deg, where it passes {self.useful:.2g} m; "
             "beyond, only statistics can be compared"
@@ -84,9 +54,8 @@ class Growth:
 
     def frame(self) -> pd.DataFrame:
         """The growth as the table `GROWTH`."""
-        low, high = self.factors.min(axis=0), self.factors.max(axis=0)
-        columns = (self.crank_angle, self.median, low, high)
-        return pd.DataFrame(dict(zip(schema.GROWTH.names, columns, strict=True)))
+        median, low, high = np.quantile(self.factors, (0.5, 0.0, 1.0), axis=0)
+        return pd.DataFrame({"crank_angle": self.crank_angle, "median": median, "low": low, "high": high})
 
 
 def measure_growth(
@@ -94,7 +63,6 @@ def measure_growth(
     options: Simulate,
     change: float = CHANGE,
     directions: int = DIRECTIONS,
-    seed: int = 0,
     workers: int | None = None,
 ) -> Growth:
     """Simulate a motion again from starts that differ by `change` in random directions.
@@ -106,42 +74,24 @@ def measure_growth(
         raise InputError(
             "growth of a small change: all joints are ideal, so the start cannot be changed; make one loose"
         )
-    random_directions = perturbed_start(np.random.default_rng(seed).normal(size=(directions, 6)), applied.loose)
-    random_directions /= np.linalg.norm(random_directions, axis=1, keepdims=True)
+    ways = perturbed_start(np.random.default_rng(0).normal(size=(directions, 6)), applied.loose)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     finer = options.model_copy(update={"tolerance": min(options.tolerance, change / _TOLERANCE_RATIO)})
-    starts = np.vstack([np.zeros(6), change * random_directions])
-    outcomes = list(simulate_runs((Run(applied, finer, start) for start in starts), workers))
-    for outcome in outcomes:
+    starts, vectors = np.vstack([np.zeros(6), change * ways]), []
+    for outcome in simulate_runs((Run(applied, finer, start) for start in starts), workers):
         if outcome.error is not None:
             raise outcome.error
-    clearance = min(applied.clearance(joint) for joint in applied.loose)
-    results = [outcome.result for outcome in outcomes]
-    vectors = np.array([np.hstack([result.states[:, :4], result.auxiliary_states[:, :2]]) for result in results])
-    distance = np.linalg.norm(vectors[1:] - vectors[0], axis=2)
-    return Growth(
-        outcomes[0].crank_angle,
-        distance / change,
-        change,
-        USEFUL * clearance,
-        _SATURATED * clearance,
-        finer.tolerance,
-    )
-
-
-QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
-"""Columns of a distribution beside its mean and its largest value."""
-
-REPEATS = 1e-3
-"""Share of the smallest clearance within which a motion is said to repeat: the depth of a contact, and no more."""
-
-_AT_SEPARATION = ("impulse", "peak_force", "maxima")
+        vectors.append(np.hstack([outcome.result.states[:, :4], outcome.result.auxiliary_states[:, :2]]))
+    distance = np.linalg.norm(np.array(vectors[1:]) - vectors[0], axis=2)
+    useful = USEFUL * min(applied.clearance(joint) for joint in applied.loose)
+    return Growth(outcome.crank_angle, distance / change, change, useful)
 
 
 @dataclass(frozen=True)
 class Periodicity:
     """Whether a motion repeats after a number of revolutions."""
 
-    distances: np.ndarray  # By number n of revolutions, from 1
+    distances: np.ndarray  # By number n of revolutions, from 1 [m]
     clearance: float  # Smallest clearance [m]
 
     @property
@@ -154,16 +104,12 @@ class Periodicity:
     def verdict(self) -> str:
         """One sentence for the user."""
         nearest = self.period or int(np.argmin(self.distances)) + 1
-        distance = self.distances[nearest - 1]
-        words = f"{distance:.2g} m, {distance / self.clearance:.2g} of the clearance"
+        distance, turns = self.distances[nearest - 1], self.period or len(self.distances)
+        revolutions = f"{turns} revolution{'s' * (turns > 1)}"
+        words = f"to {distance:.2g} m, {distance / self.clearance:.2g} of the clearance"
         if self.period is None:
-            most = _revolutions(len(self.distances))
-            return f"no period within {most}: after {nearest} it comes back nearest, to {words}"
-        return f"period {self.period}: it repeats after {_revolutions(self.period)} to {words}"
-
-
-def _revolutions(number: int) -> str:
-    return f"{number} revolution{'s' * (number > 1)}"
+            return f"no period within {revolutions}: after {nearest} it comes back nearest, {words}"
+        return f"period {self.period}: it repeats after {revolutions} {words}"
 
 
 @dataclass(frozen=True)
@@ -201,19 +147,18 @@ def cycles(
     angle: float = 0.0,
 ) -> Cycles:
     """All statistics of one motion."""
-    applied, per_revolution = mechanism.applied(), options.samples_per_revolution
+    applied, per_turn = mechanism.applied(), options.samples_per_revolution
     if not applied.loose:
         raise InputError("statistics of clearances: all joints are ideal; make one loose")
-    begin = (first - 1) * per_revolution
-    settled = samples.iloc[begin:]
-    vectors = np.hstack([clearance_vectors(settled, joint) for joint in applied.loose])
+    begin = (first - 1) * per_turn
+    vectors = np.hstack([clearance_vectors(samples.iloc[begin:], joint) for joint in applied.loose])
     begin_time = samples["time"].iloc[min(begin, len(samples) - 1)]
     return Cycles(
-        section=poincare_section(samples, applied.loose, per_revolution, angle, first),
-        revolutions=_joint_revolutions(samples, events, applied.loose, per_revolution),
+        section=poincare_section(samples, applied.loose, per_turn, angle, first),
+        revolutions=_joint_revolutions(samples, events, applied.loose, per_turn),
         impacts=_impact_distribution(events, applied.loose, begin_time, max(options.revolutions - first + 1, 1)),
-        eccentricity=eccentricity_band(samples, applied.loose, per_revolution, first),
-        periodicity=periodicity(vectors, per_revolution, min(applied.clearance(joint) for joint in applied.loose)),
+        eccentricity=eccentricity_band(samples, applied.loose, per_turn, first),
+        periodicity=periodicity(vectors, per_turn, min(applied.clearance(joint) for joint in applied.loose)),
         first=first,
     )
 
@@ -222,9 +167,9 @@ def contacts(events: pd.DataFrame, joint: str) -> pd.DataFrame:
     """The contacts of one joint, in order."""
     own = events[events["joint"] == joint]
     begins, ends = (own[own["event"] == kind].reset_index(drop=True) for kind in ("impact", "separation"))
-    frame = begins[["time", "crank_angle", "approach_speed"]].rename(columns={"time": "begin"})
-    frame.insert(1, "end", ends["time"].reindex(frame.index))
-    return frame.assign(**{name: ends[name].reindex(frame.index) for name in _AT_SEPARATION})
+    begins = begins[["time", "crank_angle", "approach_speed"]].rename(columns={"time": "begin"})
+    ends = ends[["time", "impulse", "peak_force", "maxima"]].rename(columns={"time": "end"})
+    return begins.join(ends)
 
 
 def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[str, float]:
@@ -240,28 +185,20 @@ def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[s
 
 
 def _joint_revolutions(
-    samples: pd.DataFrame, events: pd.DataFrame, joints: Iterable[str], per_revolution: int
+    samples: pd.DataFrame, events: pd.DataFrame, joints: Iterable[str], per_turn: int
 ) -> pd.DataFrame:
     """What each joint does in each revolution: the table `JOINT_REVOLUTIONS`."""
     rows, times = [], samples["time"].to_numpy()
     for joint in joints:
         frame, force = contacts(events, joint), samples[f"{joint}_normal_force"].to_numpy()
-        for number, first in enumerate(range(0, len(samples) - 1, per_revolution), 1):
-            begin, end = times[first], times[first + per_revolution]
+        for number, first in enumerate(range(0, len(samples) - 1, per_turn), 1):
+            begin, end = times[first], times[first + per_turn]
             began = frame[(frame["begin"] >= begin) & (frame["begin"] < end)]
             ended = began[began["end"] <= end]
-            sampled_peak = force[first : first + per_revolution + 1].max()
-            rows.append(
-                {
-                    "revolution": number,
-                    "joint": joint,
-                    **{f"share_{mode}": share for mode, share in time_shares(frame, begin, end).items()},
-                    "contacts": len(began),
-                    "largest_approach_speed": began["approach_speed"].max(),
-                    "largest_impulse": ended["impulse"].max(),
-                    "peak_force": np.nanmax([sampled_peak, ended["peak_force"].max()]),
-                }
-            )
+            peaks = force[first : first + per_turn + 1].max(), ended["peak_force"].max()
+            shares = time_shares(frame, begin, end).values()
+            most = began["approach_speed"].max(), ended["impulse"].max(), np.nanmax(peaks)
+            rows.append((number, joint, *shares, len(began), *most))
     return pd.DataFrame(rows, columns=schema.JOINT_REVOLUTIONS.names)
 
 
@@ -270,14 +207,10 @@ def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: flo
     rows = []
     for joint in joints:
         frame = contacts(events, joint)
-        frame = frame[frame["begin"] >= begin]
         for name in ("approach_speed", "impulse", "peak_force"):
-            values = frame[name].dropna().to_numpy()
-            row = {"joint": joint, "quantity": name, "per_revolution": len(values) / revolutions}
-            if len(values):
-                row |= {"mean": values.mean(), "largest": values.max()}
-                row |= {key: np.quantile(values, share) for key, share in QUANTILES.items()}
-            rows.append(row)
+            own = frame.loc[frame["begin"] >= begin, name].dropna()
+            quantiles = own.quantile([0.05, 0.5, 0.95])
+            rows.append((joint, name, len(own) / revolutions, own.mean(), *quantiles, own.max()))
     return pd.DataFrame(rows, columns=schema.IMPACT_DISTRIBUTION.names)
 
 
@@ -297,49 +230,46 @@ def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) ->
     return np.where(at_rest[:, None], 0.0, speed[:, None] * along + (r * turning)[:, None] * across)
 
 
-def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, first: int) -> pd.DataFrame:
+def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_turn: int, first: int) -> pd.DataFrame:
     """Distance of the centres over revolutions, by crank angle: the table `ECCENTRICITY`."""
-    frames = []
-    angle = samples["crank_angle"].to_numpy()[:per_revolution]
+    frames, angle = [], samples["crank_angle"].to_numpy()[:per_turn]
     for joint in joints:
-        r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()[:-1].reshape(-1, per_revolution)[first - 1 :]
-        low, high = np.quantile(r, [QUANTILES["low"], QUANTILES["high"]], axis=0)
+        r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()[:-1].reshape(-1, per_turn)[first - 1 :]
+        low, high = np.quantile(r, [0.05, 0.95], axis=0)
         columns = {"crank_angle": angle, "mean": r.mean(axis=0), "low": low, "high": high}
         frames.append(pd.DataFrame({"joint": joint} | columns))
     return pd.concat(frames, ignore_index=True)
 
 
 def poincare_section(
-    samples: pd.DataFrame, joints: Iterable[str], per_revolution: int, angle: float = 0.0, first: int = 1
+    samples: pd.DataFrame, joints: Iterable[str], per_turn: int, angle: float = 0.0, first: int = 1
 ) -> pd.DataFrame:
     """Clearance vectors and their rates at one crank angle of every revolution: `POINCARE_SECTION`."""
     offset = (angle - samples["crank_angle"].iloc[0]) % (2.0 * np.pi)
-    row = round(offset / (2.0 * np.pi) * per_revolution) % per_revolution
-    chosen = samples.iloc[row + (first - 1) * per_revolution : -1 : per_revolution]
+    row = round(offset / (2.0 * np.pi) * per_turn) % per_turn
+    chosen = samples.iloc[row + (first - 1) * per_turn : -1 : per_turn]
     if chosen.empty:
-        revolutions = (len(samples) - 1) // per_revolution
         raise InputError(
-            f"the section from revolution {first} on is empty, for there are {revolutions} revolutions; "
-            "simulate more, or begin earlier"
+            f"the section from revolution {first} on is empty, for there are {(len(samples) - 1) // per_turn} "
+            "revolutions; simulate more, or begin earlier"
         )
     frames = []
     for joint in joints:
-        place, rate = (clearance_vectors(chosen, joint, rates) for rates in (False, True))
-        columns = dict(zip(("x", "y", "x_dot", "y_dot"), np.hstack([place, rate]).T, strict=True))
-        numbers = {"revolution": first + np.arange(len(chosen)), "crank_angle": chosen["crank_angle"].to_numpy()}
-        frames.append(pd.DataFrame({"joint": joint} | numbers | columns))
-    return pd.concat(frames, ignore_index=True)[list(schema.POINCARE_SECTION.names)]
+        vectors = np.hstack([clearance_vectors(chosen, joint, rates) for rates in (False, True)])
+        columns = {"joint": joint, "revolution": first + np.arange(len(chosen))}
+        columns |= {"crank_angle": chosen["crank_angle"].to_numpy()}
+        columns |= dict(zip(("x", "y", "x_dot", "y_dot"), vectors.T, strict=True))
+        frames.append(pd.DataFrame(columns))
+    return pd.concat(frames, ignore_index=True)
 
 
-def periodicity(vectors: ArrayLike, per_revolution: int, clearance: float) -> Periodicity:
+def periodicity(vectors: ArrayLike, per_turn: int, clearance: float) -> Periodicity:
     """Compare the last n revolutions with the n before, for every n that there is room for."""
-    vectors = np.asarray(vectors)
-    revolutions = (len(vectors) - 1) // per_revolution
+    vectors, distances = np.asarray(vectors), []
+    revolutions = (len(vectors) - 1) // per_turn
     if revolutions < 2:
         raise InputError(f"a period cannot be told from {revolutions} revolution; simulate two or more that count")
-    distances = []
-    for n in range(1, revolutions // 2 + 1):
-        length = n * per_revolution
+    for length in range(per_turn, revolutions // 2 * per_turn + 1, per_turn):
         difference = vectors[-length - 1 :] - vectors[-2 * length - 1 : -length]
         distances.append(np.linalg.norm(difference, axis=1).max())
     return Periodicity(np.array(distances), clearance)

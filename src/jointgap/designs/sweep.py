@@ -1,0 +1,293 @@
+"""Page, figures, words and published numbers of a sweep."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.ticker import LogLocator
+
+from jointgap.config import Scenario
+from jointgap.config.designs import ALL_MEASURES
+from jointgap.core import parquet, plot
+from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
+from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
+from jointgap.core.publish import name_and_factor
+from jointgap.core.schema import Column
+from jointgap.core.words import in_words, joined, reading_unit, unit_in_words
+from jointgap.designs.run import checked_dataset, failures
+from jointgap.designs.sampling import Axis, Designs
+
+_COLUMNS = {column.name: column for column in ALL_MEASURES}
+_WORDS = {
+    "speed": "crank speed",
+    "window_start": "start of the window",
+    "window_end": "end of the window",
+    "error_measure": "measure of the error",
+    "revolution": "revolution counted",
+    "stiffness": "stiffness of the contacts",
+    "rms": "RMS",
+}
+_UNITS = {"stiffness": "N/mⁿ"}  # it has no SI unit of its own: that depends on the exponent
+_LEFT_OUT = ("mechanism", "simulate", "joints", "contact")
+"""Parts of a path that say nothing that its other parts do not."""
+
+
+def measure_in_words(name: str) -> str:
+    """``RMS of the normal force in the crank pin``."""
+    return _COLUMNS[name].description.partition(";")[0]
+
+
+def measure_quantity(name: str) -> tuple[Quantity, float]:
+    """What an axis of a measure shows, and how many of its units one SI unit is."""
+    return _quantity(measure_in_words(name), _COLUMNS[name].unit)
+
+
+def parameter_in_words(key: str) -> str:
+    """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``."""
+    return _WORDS.get(key) or in_words(" ".join(part for part in key.split(".") if part not in _LEFT_OUT))
+
+
+def parameter_quantity(axis: Axis) -> tuple[Quantity, float]:
+    """What an axis of a parameter shows, and how many of its units one SI unit is."""
+    unit = _UNITS.get(axis.key, axis.unit)
+    return _quantity(parameter_in_words(axis.key), unit if axis.column.kind == "float" else "")
+
+
+def _quantity(words: str, unit: str) -> tuple[Quantity, float]:
+    shown, factor = reading_unit(unit)
+    return Quantity(words, unit_in_words(shown)), factor
+
+
+def value_in_words(axis: Axis, value: Any, with_unit: bool = True) -> str:
+    """A `value` of a parameter of `axis` as people read it: ``70.1 deg``, ``rod``."""
+    if isinstance(value, str | bool):
+        return _WORDS.get(str(value)) or in_words(str(value))
+    unit, factor = reading_unit(axis.unit)
+    if not with_unit:
+        return f"{factor * value:.4g}"
+    number = f"{factor * value:.3g}".replace("e+0", "e").replace("e+", "e")
+    return f"{number} {unit_in_words(unit)}".strip()
+
+
+_MOST_TICKS = 8  # labels of a list
+_MOST_DOTS = 4000  # in a panel: more are a blot
+_GROUP, _MOST_GROUPS = 25, 20  # designs of a median, and medians of a parameter
+_JITTER = 0.3  # of the distance between values of a list, to both sides
+
+
+def places(axis: Axis, values: Any) -> np.ndarray:
+    """Where `values` of a parameter stand in a figure: 0, 1, 2, ... for a list, a range in its unit."""
+    if axis.values is not None:
+        return pd.Index(axis.values).get_indexer(values).astype(float)
+    return parameter_quantity(axis)[1] * np.asarray(values, dtype=float)
+
+
+def scale(panel: Panel, side: str, axis: Axis) -> None:
+    """Scale and ticks of one side: the values of a list, or some of them; logarithmic where a range is drawn so."""
+    drawn = getattr(panel.axes, f"{side}axis")
+    if axis.values is not None:
+        some = slice(None, None, -(-len(axis.values) // _MOST_TICKS))
+        texts = [value_in_words(axis, value, False) for value in axis.values[some]]
+        drawn.set_ticks(range(len(axis.values))[some], texts)
+    elif axis.law.dist.name == "loguniform":
+        low, high = axis.law.support()
+        getattr(panel.axes, f"set_{side}scale")("log")
+        plot.label_ticks(drawn, LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+    else:
+        panel.axes.locator_params(side, nbins=4)
+
+
+def parameter_panels(axes: Sequence[Axis], quantity: Quantity) -> Sheet:
+    """A sheet with a panel for each parameter, for a `quantity` over it."""
+    columns = min(3, len(axes))
+    rows = -(-len(axes) // columns)
+    sheet = Sheet(0.8 + 2.1 * rows, rows, columns)
+    for number, axis in enumerate(axes):
+        panel = sheet.panel(divmod(number, columns), "", parameter_quantity(axis)[0], quantity)
+        panel.axes.set_ylabel("" if number % columns else fill(quantity.label, 30))
+        scale(panel, "x", axis)
+    return sheet
+
+
+def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measure: Column) -> Drawing:
+    """A panel for each parameter: a `measure` of the designs over it."""
+    shown = designs[np.isfinite(designs[measure.name].to_numpy(dtype=float))]
+    quantity, factor = measure_quantity(measure.name)
+    values = factor * shown[measure.name].to_numpy(dtype=float)
+    with plot.matplotlib_style():
+        sheet = parameter_panels(axes, quantity)
+        for panel, axis in zip(sheet.panels, axes, strict=True):
+            x = places(axis, shown[axis.key])
+            if axis.values is None:
+                groups = np.array_split(np.argsort(x), max(1, min(_MOST_GROUPS, len(x) // _GROUP)))
+            else:
+                groups = [np.flatnonzero(x == number) for number in range(len(axis.values))]
+                # spread evenly in the order of the designs, the same each time
+                x = x + _JITTER * (2.0 * np.modf(np.arange(len(x)) * 0.6180339887)[0] - 1.0)
+            some = slice(None, None, max(1, -(-len(x) // _MOST_DOTS)))
+            panel.marks("design", x[some], values[some], "simulation", markersize=2.2, alpha=0.5, markeredgewidth=0.0)
+            middles = np.array([(np.median(x[group]), np.median(values[group])) for group in groups if len(group)])
+            panel.marks("median", *middles.reshape(-1, 2).T, "network", marker="_", markersize=12.0)
+        sheet.legend()
+    return sheet.drawing()
+
+
+MAP = "map"
+"""Name of the figure of a sweep whose design is a grid of two or three parameters."""
+
+_MAPPED = {
+    "angle_error_rms": Quantity("RMS error of the transmission angle", "deg"),
+    "peak_force": Quantity("largest force in the joints", "N"),
+    "noise_share": Quantity("share of the slider's acceleration above order 10", "1"),
+}
+_MOST_MAPS = 3  # values of the third parameter that are shown
+
+
+def has_map(designs: Designs) -> bool:
+    """Whether a sweep is drawn as a map."""
+    return designs.sweep.design == "grid" and len(designs.axes) in (2, 3)
+
+
+def draw(designs: Designs, dataset: Path) -> Iterator[tuple[str, Drawing]]:
+    """The figures of a sweep by name."""
+    if has_map(designs):
+        names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
+        yield MAP, grid_map(parquet.read_columns(dataset, names).to_pandas(), designs.axes)
+
+
+def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
+    """Measures of the designs of a grid over the first two parameters; a column for values of the third."""
+    across, up, *third = axes
+    forces = [name for name in designs if name.endswith("_peak_force")]
+    shown = designs.assign(
+        peak_force=designs[forces].max(axis=1), angle_error_rms=np.degrees(designs["angle_error_rms"])
+    )
+    columns = {"": shown}
+    if third:
+        (axis,) = third
+        chosen = np.unique(np.linspace(0, len(axis.values) - 1, _MOST_MAPS).round().astype(int))
+        columns = {
+            f"{parameter_in_words(axis.key)} {value_in_words(axis, value)}": shown[shown[axis.key] == value]
+            for value in (axis.values[number] for number in chosen)
+        }
+    with plot.matplotlib_style():
+        sheet = Sheet(0.6 + len(_MAPPED) * (1.3 + 0.13 * len(up.values)), len(_MAPPED), len(columns))
+        for row, (name, quantity) in enumerate(_MAPPED.items()):
+            low, high = shown[name].min(), shown[name].max()
+            norm = LogNorm(low, high) if 0.0 < 10.0 * low < high else Normalize(low, high)
+            panels = []
+            for column, (title, own) in enumerate(columns.items()):
+                labels = (parameter_quantity(axis)[0] for axis in (across, up))
+                panel = sheet.panel((row, column), "" if row else title, *labels)
+                grid = own.pivot(index=up.key, columns=across.key, values=name)
+                grid = grid.reindex(index=up.values, columns=across.values).to_numpy(dtype=float)
+                cells_of = range(len(across.values)), range(len(up.values))
+                drawn = cells(panel, quantity.name, *cells_of, grid, quantity, norm=norm)
+                scale(panel, "x", across)
+                scale(panel, "y", up)
+                panels.append(panel.axes)
+            sheet.figure.colorbar(drawn, ax=panels, label=fill(quantity.label, 28))
+    return sheet.drawing()
+
+
+def cells(panel: Panel, series: str, x: Any, y: Any, value: np.ndarray, quantity: Quantity, **style: Any) -> Any:
+    """Coloured cells of a `value` (len(y), len(x)) about the points `x` and `y`; gives what a colour bar needs."""
+    panel.axes.grid(False)
+    told = {"value": value.ravel(), "value_quantity": quantity.name, "value_unit": quantity.unit}
+    panel.record(series, *map(np.ravel, np.meshgrid(x, y)), **told)
+    return panel.axes.pcolormesh(x, y, value, cmap="viridis", shading="nearest", **style)
+
+
+_KINDS = {
+    "sobol": "drawn as a scrambled Sobol sequence",
+    "latin_hypercube": "drawn as a Latin hypercube",
+    "grid": "on a grid",
+}
+_MOST_DIGITS = 8
+
+
+def page(designs: Designs, dataset: Path) -> Page:
+    """The page of a sweep."""
+    failed, kind = failures(dataset), designs.sweep.design
+    introduction = (
+        f"{designs.number} designs {_KINDS[kind]}"
+        + ("" if kind == "grid" else f", seed {designs.sweep.seed}")
+        + f". Varied: {joined(parameter_in_words(axis.key) for axis in designs.axes)}; all else as in the mechanism. "
+        f"Designs that failed: {sum(failed.values()) or 'none'}"
+        + ("." if not failed else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + ".")
+    )
+    measured = (
+        "Over all designs that were simulated: smallest, 5 %, median, 95 % and largest value. Unless it says "
+        "otherwise, a measure is of the last revolution."
+    )
+    files = (
+        "All designs: the Parquet files in `designs`, one table for `pandas.read_parquet`, polars or duckdb; "
+        "`jointgap describe` explains the columns of any of them."
+    )
+    rows = (_row(measure_in_words(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured)
+    heads = ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest")
+    blocks = (
+        Paragraph(introduction),
+        parameter_table(designs.axes, lambda key: _column(dataset, key)),
+        *([FigureBlock(MAP, "Map of the grid")] if has_map(designs) else ()),
+        Paragraph(measured),
+        TableBlock(heads, tuple(filter(None, rows)), "llrrrrr"),
+        Paragraph(files),
+    )
+    return Page("Sweep", blocks)
+
+
+def parameter_table(axes: tuple[Axis, ...], values_of: Callable[[str], pd.Series]) -> TableBlock:
+    """Where the values of each parameter lie."""
+    rows = []
+    for axis in axes:
+        words, values = parameter_in_words(axis.key), values_of(axis.key)
+        if axis.column.kind == "float":
+            rows.append(_row(words, axis.unit, values, (0.0, 0.5, 1.0)))
+        else:
+            rows.append((words, "", ", ".join(sorted(map(str, values.unique()))), "", ""))
+    return TableBlock(("parameter", "unit", "smallest", "median", "largest"), tuple(rows), "llrrr")
+
+
+def _column(dataset: Path, name: str) -> pd.Series:
+    return parquet.read_columns(dataset, [name])[name].to_pandas()
+
+
+def _row(
+    words: str, unit: str, values: pd.Series, shares: tuple[float, ...] = (0.0, 0.05, 0.5, 0.95, 1.0)
+) -> tuple | None:
+    """Quantiles with four digits, or with more where they hardly differ: enough to tell them apart."""
+    numbers = values.to_numpy(dtype=float)
+    numbers = numbers[np.isfinite(numbers)]
+    if not len(numbers):
+        return None
+    unit, factor = reading_unit(unit or "1")
+    shown = np.quantile(factor * numbers, shares)
+    largest, spread = np.max(np.abs(shown)), np.ptp(shown)
+    digits = min(max(4, math.ceil(math.log10(largest / spread)) + 2), _MOST_DIGITS) if spread else 4
+    texts = (f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.{digits}g}" for value in shown)
+    return words, unit_in_words(unit), *texts
+
+
+_PUBLISHED = {"smallest": 0.0, "quantile_05": 0.05, "median": 0.5, "quantile_95": 0.95, "largest": 1.0}
+
+
+def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
+    """How many designs there are and failed; of each measure mean, deviation and quantiles."""
+    dataset = folder / "sweep/designs"
+    designs = checked_dataset(scenario, dataset)
+    reasons = _column(dataset, "reason")
+    found = {"designs": len(reasons), "failed": reasons.count(), "failed_percent": 100 * reasons.notna().mean()}
+    for column in designs.measured:
+        name, factor = name_and_factor(column)
+        values = factor * _column(dataset, column.name).dropna()
+        if len(values):
+            sizes = {"mean": values.mean(), "deviation": values.std(ddof=0), "counted": len(values)}
+            sizes |= dict(zip(_PUBLISHED, values.quantile(list(_PUBLISHED.values())), strict=True))
+            found |= {f"{name}/{size}": value for size, value in sizes.items()}
+    return found
