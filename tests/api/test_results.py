@@ -81,7 +81,7 @@ def test_a_motion_draws_itself_and_a_notebook_shows_it(run, tmp_path):
     assert next(iter(run.figures)) == "orbits"
     with pytest.raises(jg.InputError, match="plot: no figure 'orbit' of this Motion; did you mean"):
         run.plot("orbit")
-    with pytest.raises(jg.InputError, match=r"figures are not written as '\.doc'; end the name in \.svg or \.png"):
+    with pytest.raises(jg.InputError, match=r"figures are not written as '\.doc'; end the name in \.png or \.svg"):
         picture.save(tmp_path / "piston.doc")
 
 

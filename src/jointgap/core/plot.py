@@ -120,7 +120,7 @@ class Drawing:
         canvas = FigureCanvasAgg(self.figure)
         with matplotlib_style():
             canvas.draw()
-        self.figure.set_layout_engine("none")  # the panels are laid out, for SVG too
+        self.figure.set_layout_engine(None)  # the panels are laid out; with an engine SVG would draw twice
         # a palette of 256 colours is enough for curves and maps, and halves the size of pages and reports
         drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         reduced = drawn.quantize(256, dither=Image.Dither.NONE)
