@@ -18,12 +18,12 @@ def with_nuisances(nuisance: dict) -> Campaign:
 @pytest.mark.parametrize(
     ("key", "said", "words"),
     [
-        ("restitution", "20 %", "restitution = 20.0 % of 0.9 reaches from 0.72 to 1.08"),
-        ("joint_friction", "50 %", "joint_friction = 50.0 % of 0.5 reaches from 0.25 to 0.75"),
-        ("restitution_piston_pin", [0.3, 1.0], "leaves what is possible, 0.001 to below 1; narrow it"),
-        ("crank_pin_clearance", [0.0, "2 mm"], "leaves what is possible, 1e-09 m or more; narrow it"),
-        ("slider_mass", [0.0, 1.0], "leaves what is possible, more than 0 kg; narrow it"),
-        ("speed", [0.0, 40.0], "leaves what is possible, more than 0 rad/s; narrow it"),
+        ("restitution", "20 %", "restitution is 0.9, and 1.08 at 20.0 % must be less than 1"),
+        ("joint_friction", "50 %", "joint_friction is 0.5, and 0.75 at 50.0 % must be less than or equal to 0.6"),
+        ("restitution_piston_pin", [0.3, 1.0], "restitution_piston_pin = [0.3, 1.0]: must be less than 1"),
+        ("crank_pin_clearance", [0.0, "2 mm"], "must be greater than or equal to 0.000000001"),
+        ("slider_mass", [0.0, 1.0], "slider_mass = [0.0, 1.0]: must be greater than 0"),
+        ("speed", [0.0, 40.0], "speed = [0.0, 40.0]: must be greater than 0"),
     ],
 )
 def test_bounds_at_which_nothing_is_possible_are_refused_with_what_is(key, said, words):

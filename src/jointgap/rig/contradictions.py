@@ -375,19 +375,8 @@ def _of_channel(campaign: Campaign, channel: str, orders: Mapping[str, Orders]) 
             if not gains[0] < factor < gains[1]:
                 yield _off_by(factor, campaign, run, channel, _REFERENCE)
         elif not (correlation >= 0.5 and own.factor * correlation >= 0.4):
-            yield _unrelated(run, channel, own)
-
-
-def _unrelated(run: str, channel: str, own: Orders) -> Contradiction:
-    """A channel that is what is expected at another phase, or is not at any."""
-    agreement = [own.shifted(-phase).correlation for phase in _PHASES]
-    best = int(np.argmax(agreement))
-    if agreement[best] > 0.97 and GAINS[0] < own.factor < GAINS[1]:
-        phase = float(_PHASES[best])
-        sentence = f"{channel} is {degrees(phase):.0f} deg off {_REFERENCE}; check how it was synchronised"
-        return Contradiction(run, channel, "phase", sentence, factor=own.factor, phase=phase)
-    sentence = f"{channel} is not {_REFERENCE} (correlation {own.correlation:.2f}); check column, sensor and run"
-    return Contradiction(run, channel, "unrelated", sentence, factor=own.factor)
+            sentence = f"{channel} is not {_REFERENCE} (correlation {correlation:.2f}); check column, sensor and run"
+            yield Contradiction(run, channel, "unrelated", sentence, factor=own.factor)
 
 
 def _speeds_apart(factor: float) -> float:

@@ -34,25 +34,26 @@ class RunFile:
     run: CampaignRun
     remarks: list[str] = field(default_factory=list)
     found: list[Contradiction] = field(default_factory=list)
+    rows: np.ndarray | None = None  # Line of the file (from 1) of each sample
 
     @property
     def path(self) -> Path:
         return self.campaign.folder / self.run.file
 
-    def place(self, channel: str, row: int | None = None) -> str:
-        """The column of `channel`, and the line `row` of the file (from 1): ``run.csv, column t, row 3``."""
-        at = "" if row is None else f", row {row}"
+    def place(self, channel: str, sample: int | None = None) -> str:
+        """The column of `channel`, and the line of a `sample`: ``run.csv, column t, row 3``."""
+        at = "" if sample is None else f", row {self.rows[sample]}"
         return f"{self.path}, column {self.campaign.channels[channel].column}{at}"
 
-    def remark(self, channel: str, text: str, row: int | None = None) -> None:
-        self.remarks.append(f"{self.place(channel, row)}: {text}")
+    def remark(self, channel: str, text: str, sample: int | None = None) -> None:
+        self.remarks.append(f"{self.place(channel, sample)}: {text}")
 
-    def doubt(self, kind: str, channel: str, text: str, row: int | None = None) -> None:
-        self.remark(channel, f"{channel} {text}", row)
+    def doubt(self, kind: str, channel: str, text: str, sample: int | None = None) -> None:
+        self.remark(channel, f"{channel} {text}", sample)
         self.found.append(Contradiction(self.run.id, channel, kind, f"{channel} {text}"))
 
-    def error(self, channel: str, text: str, row: int | None = None) -> InputError:
-        return InputError(f"{self.place(channel, row)}: {text}")
+    def error(self, channel: str, text: str, sample: int | None = None) -> InputError:
+        return InputError(f"{self.place(channel, sample)}: {text}")
 
     def as_written(self, channel: str, value: float) -> str:
         """A `value` [SI] of `channel` as it stands in the file, with the stated unit."""
@@ -138,33 +139,33 @@ def _recording(file: RunFile, columns: Columns) -> Recording:
     campaign, run = file.campaign, file.run
     _check_units(file, columns)
     file.remarks += columns.remarks
-    values, rows = _without_repeated(file, *_in_si(file, columns))
-    if rows.size < MIN_SAMPLES:
-        raise InputError(f"{file.path}: {rows.size} samples are too few; give {MIN_SAMPLES} at least")
+    values = _without_repeated(file, _in_si(file, columns))
+    if (count := file.rows.size) < MIN_SAMPLES:
+        raise InputError(f"{file.path}: {count} samples are too few; give {MIN_SAMPLES} at least")
     absent = {name: checks.no_data(samples) for name, samples in values.items() if name != "time"}
     for name, places in absent.items():
         if places.size:
             value = file.as_written(name, values[name][places[0]])
-            text = f"is far from all else in {places.size} of {rows.size} samples, which are {value}"
-            file.doubt("no_data", name, f"{text}; leave the cells empty if that stands for 'no data'", rows[places[0]])
-    time, angle, turned = _rotation(file, values, rows, absent.get("crank_angle", np.empty(0, int)))
+            text = f"is far from all else in {places.size} of {count} samples, which are {value}"
+            file.doubt("no_data", name, f"{text}; leave the cells empty if that stands for 'no data'", places[0])
+    time, angle, turned = _rotation(file, values, absent.get("crank_angle", np.empty(0, int)))
     has_angle = "crank_angle" in values
     channels = {name: samples for name, samples in values.items() if name not in ("time", "crank_angle")}
     for name, samples in channels.items():
         _check_varies(file, name, samples)
         samples = samples.copy()
         samples[absent[name]] = np.nan
-        if not _is_stuck(file, name, samples, samples, angle if has_angle else turned, rows):
+        if not _is_stuck(file, name, samples, samples, angle if has_angle else turned):
             if (text := checks.clipped(samples)) is not None:
                 file.doubt("clipped", name, text)
         if (places := checks.outliers(samples)).size:
             text = f"{samples[places[0]]:g} {CHANNELS[name]} is far from all else (so {_are(places.size)})"
-            file.remark(name, f"{text}; leave the cell empty if it stands for 'no data'", rows[places[0]])
+            file.remark(name, f"{text}; leave the cell empty if it stands for 'no data'", places[0])
     if has_angle and run.start == "settled":  # a crank that begins at rest may stand still itself
-        _is_stuck(file, "crank_angle", values["crank_angle"], angle, turned, rows)
+        _is_stuck(file, "crank_angle", values["crank_angle"], angle, turned)
     if "time" in values and has_angle and (places := checks.angle_outliers(time, angle)).size:
         text = f"the angle is far off its neighbours' (so {_are(places.size)}); leave the cell empty if the encoder"
-        file.remark("crank_angle", f"{text} misread it", rows[places[0]])
+        file.remark("crank_angle", f"{text} misread it", places[0])
     listed = any(effect.name == "speed_fluctuation" for effect in campaign.mechanism.effects)
     if "time" in values and has_angle and campaign.drive == "constant_speed" and not listed:
         if varies := checks.unsteady(time, angle):
@@ -175,7 +176,7 @@ def _recording(file: RunFile, columns: Columns) -> Recording:
     return Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned))
 
 
-def _is_stuck(file: RunFile, name: str, written: np.ndarray, values: np.ndarray, turned: np.ndarray, rows) -> bool:
+def _is_stuck(file: RunFile, name: str, written: np.ndarray, values: np.ndarray, turned: np.ndarray) -> bool:
     """Whether a channel is stuck, which is added to what is found; its `values` are continuous, unlike as `written`."""
     still = checks.stuck(values, turned)
     if still is not None:
@@ -184,7 +185,7 @@ def _is_stuck(file: RunFile, name: str, written: np.ndarray, values: np.ndarray,
             f"{file.as_written(name, written[still.start])} while the crank turns; mend the sensor, or leave these "
             "cells empty"
         )
-        file.doubt("stuck", name, text, rows[still.start])
+        file.doubt("stuck", name, text, still.start)
     return still is not None
 
 
@@ -217,9 +218,9 @@ def _check_units(file: RunFile, columns: Columns) -> None:
         file.remarks.append(f"{file.path}: the row below the headings ({row}) is taken as units and skipped")
 
 
-def _in_si(file: RunFile, columns: Columns) -> tuple[Samples, np.ndarray]:
-    """Channels in SI without the samples that have no time (or angle), and the rows of the file that remain."""
-    values = {}
+def _in_si(file: RunFile, columns: Columns) -> Samples:
+    """Channels in SI without the samples that have no time (or angle)."""
+    values, file.rows = {}, columns.rows
     for name, channel in file.campaign.channels.items():
         written = columns.values[channel.column]
         if split_share(channel.unit)[1] > 1.0:
@@ -230,13 +231,14 @@ def _in_si(file: RunFile, columns: Columns) -> tuple[Samples, np.ndarray]:
         values[name][np.abs(values[name]) < 1e-150] = 0.0  # their squares underflow
         if (huge := np.flatnonzero(np.abs(values[name]) > 1e12)).size:
             text = f"{written[huge[0]]:g} {channel.unit} is more than any sensor reads; correct it, or leave the cell"
-            raise file.error(name, f"{text} empty where nothing was measured", columns.rows[huge[0]])
+            raise file.error(name, f"{text} empty where nothing was measured", huge[0])
     place = "time" if "time" in values else "crank_angle"
     kept = np.isfinite(values[place])
     if count := int(np.count_nonzero(~kept)):
         lack = "1 sample has" if count == 1 else f"{count} samples have"
         file.remark(place, f"{lack} no {place.replace('_', ' ')}, left out")
-    return {name: samples[kept] for name, samples in values.items()}, columns.rows[kept]
+    file.rows = file.rows[kept]
+    return {name: samples[kept] for name, samples in values.items()}
 
 
 def _without_overflow(file: RunFile, name: str, counts: np.ndarray) -> np.ndarray:
@@ -252,10 +254,10 @@ def _without_overflow(file: RunFile, name: str, counts: np.ndarray) -> np.ndarra
     return counts
 
 
-def _without_repeated(file: RunFile, values: Samples, rows: np.ndarray) -> tuple[Samples, np.ndarray]:
-    """Channels and rows without samples that repeat the one before, or of which the campaign keeps one a time."""
-    if "time" not in values or not rows.size:
-        return values, rows
+def _without_repeated(file: RunFile, values: Samples) -> Samples:
+    """Channels without samples that repeat the one before, or of which the campaign keeps one a time."""
+    if "time" not in values or not file.rows.size:
+        return values
     which = file.campaign.channels["time"].repeated
     samples = pd.DataFrame({"time": values["time"]} if which else values)
     same = ((samples == samples.shift()) | (samples.isna() & samples.shift().isna())).all(axis=1).to_numpy(copy=True)
@@ -263,8 +265,9 @@ def _without_repeated(file: RunFile, values: Samples, rows: np.ndarray) -> tuple
     kept = ~np.append(same[1:], False) if which == "last" else ~same
     if count := np.count_nonzero(~kept):
         rule = f"of rows of one time the {which} is kept" if which else "they repeat the row before them"
-        file.remark("time", f"{rule}; so {_are(count)}, left out", rows[np.argmin(kept)])
-    return {name: samples[kept] for name, samples in values.items()}, rows[kept]
+        file.remark("time", f"{rule}; so {_are(count)}, left out", np.argmin(kept))
+    file.rows = file.rows[kept]
+    return {name: samples[kept] for name, samples in values.items()}
 
 
 def _are(count: int) -> str:
@@ -308,28 +311,26 @@ def _nearest(steps: np.ndarray, expected: np.ndarray) -> np.ndarray:
     return steps + tau * np.round((expected - steps) / tau)
 
 
-def _rotation(
-    file: RunFile, values: Samples, rows: np.ndarray, no_data: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times and angles of a run, each all NaN where not measured, and how far the crank has turned."""
-    absent, speed = np.full(rows.size, np.nan), file.run.speed
+    absent, speed = np.full(file.rows.size, np.nan), file.run.speed
     time, angle = values.get("time", absent), values.get("crank_angle", absent)
     if file.run.direction == "clockwise":
         angle = -angle
     if "time" in values:
-        _check_times(file, time, rows)
+        _check_times(file, time)
     if "crank_angle" not in values:
         return time, absent, speed * (time - time[0])
     if np.count_nonzero(np.isfinite(angle)) < 2:
         raise file.error("crank_angle", "holds no angles; give the measurement")
     if "time" not in values:
         angle = continuous_angle(None, angle, speed)
-        _check_angle_alone(file, values["crank_angle"], angle, rows)
+        _check_angle_alone(file, values["crank_angle"], angle)
         return absent, angle, angle - angle[0]
     continuous = continuous_angle(time, angle, speed)
     told = continuous.copy()
     told[no_data] = np.nan
-    _check_turns_on(file, time, told, rows)
+    _check_turns_on(file, time, told)
     mean_speed = _mean_speed(time, continuous)
     _check_speed(file, time, angle, mean_speed)
     _check_enough(file, "crank_angle", (time[-1] - time[0]) * mean_speed, time.size)
@@ -341,7 +342,7 @@ def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
     return float(np.diff(angle[ends])[0] / np.diff(time[ends])[0])
 
 
-def _check_times(file: RunFile, time: np.ndarray, rows: np.ndarray) -> None:
+def _check_times(file: RunFile, time: np.ndarray) -> None:
     """Whether times rise, and make a revolution, and enough samples in each, at the nominal speed."""
     steps = np.diff(time)
     if (late := np.flatnonzero(steps <= 0.0)).size:
@@ -352,7 +353,7 @@ def _check_times(file: RunFile, time: np.ndarray, rows: np.ndarray) -> None:
                 f"repeats {after:.10g} s with other values ({np.count_nonzero(steps == 0.0)} rows do); write times "
                 "with more digits, or give channels.time 'repeated: last' to keep the last row of each time, or 'first'"
             )
-        raise file.error("time", f"time {text}", rows[late[0] + 1])
+        raise file.error("time", f"time {text}", late[0] + 1)
     # with an angle the record may turn faster than nominal: `_check_speed` says more
     fastest = SPEED_RATIOS[file.campaign.drive][1] if "crank_angle" in file.campaign.channels else 1.0
     _check_enough(file, "time", file.run.speed * (time[-1] - time[0]), time.size, fastest)
@@ -373,7 +374,7 @@ def _check_enough(file: RunFile, channel: str, turned: float, samples: int, fast
         raise file.error(channel, f"{text}; {file.proposal(channel, fitting)}")
 
 
-def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray, rows: np.ndarray) -> None:
+def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray) -> None:
     """Whether angles without times make sense as they are: `read` from the file, `angle` continuous."""
     steps = np.diff(angle)
     jumps = np.abs(np.diff(read)) > tau / 2
@@ -381,14 +382,14 @@ def _check_angle_alone(file: RunFile, read: np.ndarray, angle: np.ndarray, rows:
     if jumps.mean() > 0.2 or odd.any():
         row = int(np.flatnonzero(jumps)[0]) + 1
         text = f"the angle steps by {degrees(read[row] - read[row - 1]):.4g} deg, neither less than half a turn nor a"
-        raise file.error("crank_angle", f"{text} fall by whole turns; {file.proposal('crank_angle', {})}", rows[row])
+        raise file.error("crank_angle", f"{text} fall by whole turns; {file.proposal('crank_angle', {})}", row)
     total = angle[-1] - angle[0]
     if total < -tau * MIN_REVOLUTIONS / 2:
         raise _falls(file, angle)
     _check_enough(file, "crank_angle", total, angle.size)
 
 
-def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray, rows: np.ndarray) -> None:
+def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray) -> None:
     """Whether the crank neither stands still nor turns back, and no step of its `angle` stays."""
     drive, speed = file.campaign.drive, file.run.speed
     if drive == "constant_speed" and checks.stuck(angle, speed * time) is not None:
@@ -399,7 +400,7 @@ def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray, rows: np
     if (still is None or turns_back) and (step := checks.lasting_step(time, angle, speed)) is not None:
         row, size = step
         sign = -1.0 if file.run.direction == "clockwise" else 1.0
-        place, size = file.place("crank_angle", rows[row]), sign * degrees(size)
+        place, size = file.place("crank_angle", row), sign * degrees(size)
         raise UnusableRun(
             "step",
             f"{place}: the angle steps by {size:.3g} deg at {time[row]:.6g} s and stays there: pulses that were lost "
@@ -415,7 +416,7 @@ def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray, rows: np
     elif end >= time[-1]:
         when, keep = f"from {begin:.6g} s on", "keep what comes before"
     what = "turns back" if turns_back else "stands still"
-    place = file.place("crank_angle", rows[int(np.searchsorted(time, begin))])
+    place = file.place("crank_angle", int(np.searchsorted(time, begin)))
     kind = "turns_back" if turns_back else "standstill"
     raise UnusableRun(kind, f"{place}: the crank {what} {when}; cut the record there ({keep})")
 
