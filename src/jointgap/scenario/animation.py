@@ -83,10 +83,10 @@ def _outward(name: str, scenario: Scenario) -> bool:
 
 def _arrow(samples: pd.DataFrame, name: str, outward: bool) -> np.ndarray:
     """What is drawn of the force on the journal, shape (frames, 2) [mm]."""
-    vector = (1.0 if outward else -1.0) * samples[[f"{name}_force_x", f"{name}_force_y"]].to_numpy()
-    size = np.linalg.norm(vector, axis=-1)
-    length = ARROW * np.log10(np.maximum(size / SMALLEST_FORCE, 1.0)) * (samples[f"{name}_normal_force"] > 0.0)
-    return length.to_numpy()[:, None] * vector / np.maximum(size, SMALLEST_FORCE)[:, None]
+    vector = samples[[f"{name}_force_x", f"{name}_force_y"]].to_numpy() * (1.0 if outward else -1.0)
+    size = np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), SMALLEST_FORCE)
+    is_pressed = samples[[f"{name}_normal_force"]].to_numpy() > 0.0
+    return is_pressed * ARROW * np.log10(size / SMALLEST_FORCE) * vector / size
 
 
 def _mechanism(sheet: Sheet, samples: pd.DataFrame, scenario: Scenario) -> Move:

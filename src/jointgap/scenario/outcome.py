@@ -19,8 +19,8 @@ from jointgap.lengths.region import MET, geometric
 from jointgap.paper.printed import departures
 from jointgap.scenario.figures import FIGURES
 
-NEEDED = ("fit_errors", "optimise_optima", "optimise_floor", "optimise_resimulated", "optimise_worth", "optimise_loads")
-"""Names of the tables that an outcome is made of."""
+NEEDED = tuple(f"optimise_{name}" for name in ("optima", "floor", "resimulated", "worth", "loads"))
+"""Names of the tables that an outcome is made of, besides `fit_errors` where networks were trained."""
 
 MOTIONS = {  # sources of the frozen motion in the joints; the nearest to the running machine first
     "simulation_settled": "simulation, a settled revolution",

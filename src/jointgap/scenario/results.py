@@ -11,7 +11,6 @@ from jointgap.core import joints, parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TRAJECTORY, Table
-from jointgap.networks import OF_NETWORKS
 
 
 class ScenarioResults(ResultsFolder):
@@ -40,11 +39,6 @@ class ScenarioResults(ResultsFolder):
             frame = super().read(table, output)
             frames.append(frame if "output" in frame else frame.assign(output=output))
         return pd.concat(frames, ignore_index=True)
-
-    def made(self, wanted: Iterable[str]) -> list[str]:
-        """Names of those tables among the `wanted` that the scenario has: none of networks where it trains none."""
-        learned = () if self.scenario.networks else {table.name for table in OF_NETWORKS}
-        return [name for name in wanted if name not in learned]
 
     def files(self, wanted: Iterable[Table]) -> dict[str, Path]:
         """Files of the tables `wanted` that exist, by table, or ``table/output`` where there is one per output."""

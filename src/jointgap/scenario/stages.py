@@ -275,7 +275,8 @@ def summarise(results: "ScenarioResults") -> str:
     from jointgap.core.page import write_page
     from jointgap.scenario.outcome import NEEDED, document, outcome, page, remarks
 
-    found = outcome(results.read_all(results.made(NEEDED)), results.scenario)
+    needed = [*NEEDED, "fit_errors"] if results.scenario.networks else NEEDED
+    found = outcome(results.read_all(needed), results.scenario)
     remarked, name = remarks(found), results.path.name
     known = document(found, name, remarked)
     write_page(results.path / "summary", page(found, name, remarked), "figures")
