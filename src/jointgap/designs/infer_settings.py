@@ -175,24 +175,19 @@ def page(found: InferredSettings) -> Page:
     numbers = []
     for one, off in zip(NUMBERS, departures(frame).T, strict=True):
         low, middle, high = map(one.shown, frame[one.column].quantile((0.05, 0.5, 0.95)))
-        nearest = one.shown(frame[one.column].iloc[0])
-        share = _percent((off <= found.within).mean())
-        numbers.append((one.words, one.shown(one.printed), share, middle, f"{low} to {high}", nearest))
-    ranked = [(str(rank), row) for rank, (_, row) in enumerate(frame[:_SHOWN].iterrows(), 1)]
-    designs = [
-        (
-            rank,
-            *(value_in_words(axis, row[axis.key]) for axis in found.varied),
-            *(one.shown(row[one.column]) for one in NUMBERS),
-            _percent(row["farthest"]),
-        )
-        for rank, row in (ranked if chosen is None else [*ranked, ("scenario", chosen)])
-    ]
-    words = (*(parameter_in_words(axis.key) for axis in found.varied), *(one.words for one in NUMBERS))
+        row = {"number": one.words, "printed": one.shown(one.printed)}
+        row |= {
+            "reproduced in": _percent((off <= found.within).mean()),
+            "median": middle,
+            "5 to 95 %": f"{low} to {high}",
+        }
+        numbers.append(row | {"nearest": one.shown(frame[one.column].iloc[0])})
+    nearest = [_design(found, str(rank), row) for rank, (_, row) in enumerate(frame[:_SHOWN].iterrows(), 1)]
+    nearest += [] if chosen is None else [_design(found, "scenario", chosen)]
     blocks = (
         Paragraph(headline, strong=True),
         Heading("Printed numbers"),
-        TableBlock(("number", "printed", "reproduced in", "median", "5 to 95 %", "nearest"), tuple(numbers), "lrrrrr"),
+        TableBlock.of(numbers, "lrrrrr"),
         Heading("Settings of the accepted designs"),
         TableBlock(
             ("setting", "5 to 95 %, or value", "drawn", "accepted", "p-value", "verdict"),
@@ -202,7 +197,7 @@ def page(found: InferredSettings) -> Page:
             "ranges, chi-square for lists).",
         ),
         Heading("Nearest designs"),
-        TableBlock(("", *words, "largest error"), tuple(designs), "l" * (1 + len(found.varied)) + "r" * 5),
+        TableBlock.of(nearest, "l" * (1 + len(found.varied)) + "r" * 5),
         Paragraph(
             f"The row *scenario* is the nearest design that counts the RMS over the first revolution: `{NEAREST_FILE}`."
             if chosen is not None
@@ -211,6 +206,12 @@ def page(found: InferredSettings) -> Page:
         Paragraph(f"Designs that failed: {found.failed}. All numbers: `designs.parquet` and `settings.parquet`."),
     )
     return Page("Unreported settings of the paper", blocks)
+
+
+def _design(found: InferredSettings, rank: str, row: pd.Series) -> dict[str, str]:
+    settings = {parameter_in_words(axis.key): value_in_words(axis, row[axis.key]) for axis in found.varied}
+    numbers = {one.words: one.shown(row[one.column]) for one in NUMBERS}
+    return {"": rank} | settings | numbers | {"largest error": _percent(row["farthest"])}
 
 
 def _settings(found: InferredSettings, accepted: int) -> Iterator[tuple[str, ...]]:
