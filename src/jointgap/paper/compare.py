@@ -1,6 +1,5 @@
 """The paper's numbers and claims compared with ours: table `comparison` and its page. The words are in printed.yaml."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -339,17 +338,14 @@ def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) ->
     point = f"simulation_{next(iter(scenario.optimise.boxes))}_genetic"
     rows = resimulated[(resimulated["point"] == point) & (resimulated["measure"] == "rms")].set_index("stretch")
     window, applied = rows.loc["window"], scenario.mechanism.applied()
+    columns = {"reduction": "reduction", "low": "reduction_low", "high": "reduction_high"}
+    columns |= {name: name for name in ("original_error", "error")}
     return {
         "scenario": name,
         "loose": ", ".join(f"{in_words(joint)} ({applied.joint(joint).journal})" for joint in applied.loose),
         "loose_joints": len(applied.loose),
-        "found_reduction": float(window["reduction"]),
-        "found_low": float(window["reduction_low"]),
-        "found_high": float(window["reduction_high"]),
         "found_settled": float(rows.loc["settled", "reduction"]),
-        "found_original_error": float(window["original_error"]),
-        "found_error": float(window["error"]),
-    }
+    } | {f"found_{name}": float(window[column]) for name, column in columns.items()}
 
 
 def more_is_better(variants: pd.DataFrame) -> bool | None:
@@ -418,11 +414,5 @@ def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
 
 
 def _cells(row) -> tuple[str | Cell, ...]:
-    numbers = map(_number, (row.paper, row.ours, row.ratio))
+    numbers = ("–" if pd.isna(value) else f"{value:.6g}" for value in (row.paper, row.ours, row.ratio))
     return (row.item, row.unit, *numbers, Cell(row.verdict, _TONES.get(row.verdict, "open")), row.sentence)
-
-
-def _number(value: float | None) -> str:
-    if value is None or math.isnan(value):
-        return "–"
-    return f"{value:.6g}" if 1e-3 <= abs(value) < 1e6 or value == 0 else f"{value:.4e}"

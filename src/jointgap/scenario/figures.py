@@ -335,10 +335,7 @@ ITERATION, ERROR = Quantity("iteration", "1"), Quantity("MSE over squared range"
 
 
 @figure(
-    "figure_08",
-    "Mean square error over the training (the paper's figure 8)",
-    "Networks",
-    ("fit_history", "fit_errors"),
+    "figure_08", "Mean square error over the training (the paper's figure 8)", "Networks", ("fit_history", "fit_errors")
 )
 def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
     """Mean square error at the training points over the squared range of the output, after each Levenberg-Marquardt
@@ -430,10 +427,7 @@ def _error_marks(panel: Panel, errors: pd.DataFrame, default: int, learned: list
 
 
 @figure(
-    "contradictions",
-    "Networks that contradict each other",
-    "Networks",
-    ("trajectory", "predictions", "kinematics"),
+    "contradictions", "Networks that contradict each other", "Networks", ("trajectory", "predictions", "kinematics")
 )
 def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
     """First revolution. Top: derivative of the network of the direction minus the network of its rate; zero if they

@@ -122,10 +122,7 @@ def _surrogate(finished: _Finished) -> list[Record]:
             if name.startswith("log10_"):
                 curves[f"log10_{f'{model}_' if model else ''}{name.removeprefix('log10_')}/{output}"] = curve
     written = finished.names("fit_errors")
-    return [
-        finished.record("surrogate", metrics=metrics, curves=curves, read=["trajectory"], written=written),
-        *nested,
-    ]
+    return [finished.record("surrogate", metrics=metrics, curves=curves, read=["trajectory"], written=written), *nested]
 
 
 def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -> Record:
