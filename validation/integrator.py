@@ -19,9 +19,8 @@ from jointgap.dynamics.integrate import least_approach, replaced
 from jointgap.dynamics.joints import FLIGHT, relative_motion
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import Parameters
-from jointgap.dynamics.runge_kutta import instant
-from jointgap.dynamics.sampling import SAMPLE, fill_samples
-from jointgap.dynamics.simulation import VELOCITY_TIME, start_state
+from jointgap.dynamics.runge_kutta import VELOCITY_TIME, instant
+from jointgap.dynamics.simulation import IntegrationResult, start_state
 
 _SIZE = STATES + AUXILIARY_STATES
 _NODES = np.append(RK45.C, 1.0)
@@ -161,6 +160,5 @@ def integrate(p: Parameters, times: np.ndarray, tolerance: float, perturbation=N
     )
     if status != DONE:
         raise SimulationError(f"the orders 5 and 4 cannot go on at time {time:.9g} s; give a larger tolerance")
-    samples = np.empty(n, SAMPLE)
-    fill_samples(p, times, states, auxiliary_states, modes, approaches, begins, np.zeros((n, 3)), samples)
-    return {name: samples[name] for name in SAMPLE.names}
+    sampled = (times, states, auxiliary_states, modes, approaches, begins, np.zeros((n, 3)))
+    return IntegrationResult(*sampled, events=np.empty((0, 0)), steps=0).observed(p)

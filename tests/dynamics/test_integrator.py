@@ -33,7 +33,7 @@ def order(p, here, time_map, begin, end, counts):
     def state(count):
         there, s = here, begin
         for s1 in np.linspace(begin, end, count + 1)[1:]:
-            y, x, _ = step(p, there, time_map, s, s1 - s, 1e-5, room_for_stages())
+            y, x, _ = step(p, there, time_map, s, s1 - s, room_for_stages())
             there = instant(
                 p, there.time + elapsed_time(time_map, s, s1 - s), y, x, here.modes, here.approaches, here.begins
             )

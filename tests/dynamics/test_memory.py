@@ -146,7 +146,7 @@ def order(p, here, length, counts):
     def velocities(count):
         there = here
         for _ in range(count):
-            y, x, _ = step(p, there, LINEAR, 0.0, length / count, 1e-5, room_for_stages())
+            y, x, _ = step(p, there, LINEAR, 0.0, length / count, room_for_stages())
             there = instant(p, there.time + length / count, y, x, here.modes, here.approaches, here.begins)
         return np.array(there.clearance_state)[4:]
 

@@ -5,8 +5,7 @@ import numpy as np
 from benchmarks.right_hand_side import right_hand_side
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.joints import CONTACT, FLIGHT
-from jointgap.dynamics.runge_kutta import instant
-from jointgap.dynamics.simulation import VELOCITY_TIME
+from jointgap.dynamics.runge_kutta import VELOCITY_TIME, instant
 from tests.dynamics.cases import mechanism, options
 
 SCALES = np.repeat([1.0, VELOCITY_TIME], 4)

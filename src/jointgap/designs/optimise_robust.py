@@ -130,8 +130,6 @@ class Responses:
 Responding = Callable[[np.ndarray], Responses]
 """What answers for lengths (m, 2) [m] in every draw: a simulation, or a formula that stands in for it."""
 
-_SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins", "directions")
-
 
 class SimulatedDraws:
     """The simulation at some `draws`, values by key, the same for all lengths; InputError where one is impossible."""
@@ -176,8 +174,7 @@ class SimulatedDraws:
         """Error [rad], force [N] and stroke [m] of one motion; why there are none."""
         if outcome.error is not None:
             return math.nan, math.nan, math.nan, str(outcome.error)
-        settled = {name: getattr(outcome.result, name)[self._settled(outcome)] for name in _SAMPLED}
-        seen = replace(outcome.result, **settled).observed(outcome.parameters)
+        seen = outcome.result.part(self._settled(outcome)).observed(outcome.parameters)
         force = max(np.hypot(seen[f"{pin}_force_x"], seen[f"{pin}_force_y"]).max() for pin in PINS)
         angle, rod = self.rod_angles(outcome)
         lengths = self.original.crank.length, self.original.rod.length

@@ -31,7 +31,6 @@ NOISE_ORDER = 10  # order of the crank above which acceleration counts as noise
 _NO_ERROR = 1e-12  # RMS [rad] below which an error is rounding, of which no share is told
 _NEAR = 1e-4  # Share of the crank's length between the first two that are tried: less than what clearances ask for
 _CLOSE = 1e-9  # Share of the crank's length to which the best one is found: a tenth of a nanometre
-_SAMPLED = ("times", "states", "auxiliary_states", "modes", "approaches", "begins")
 _ERRORS = tuple(f"angle_error_{size}{span}" for span in ("", "_in_window") for size in ("rms", "mean", "peak"))
 
 
@@ -46,7 +45,7 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     result, mechanism, p = outcome.result, outcome.run.mechanism, outcome.parameters
     per_turn = outcome.run.options.samples_per_revolution
     last = slice(-per_turn - 1, None)
-    position, acceleration, peaks, sizes = slider_and_forces(p, *(getattr(result, name)[last] for name in _SAMPLED))
+    position, acceleration, peaks, sizes = slider_and_forces(p, result.part(last))
 
     def errors_of(samples: slice, counted: tuple[float, float]) -> tuple[float, ...]:
         states = result.states[samples], result.auxiliary_states[samples]

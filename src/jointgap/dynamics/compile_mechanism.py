@@ -46,11 +46,9 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
     damping = 0.0 if penalty else LAWS[contact.law](contact.restitution)
     fading = {}
     if contact.reference_speed is not None:
-        moving = (mechanism.crank, mechanism.rod, mechanism.slider) if name == "crank_pivot" else (
-            mechanism.rod, mechanism.slider,
-        )  # fmt: skip
         # All that moves beyond the joint: the most that can rebound there.
-        mass = sum(body.mass for body in moving)
+        beyond = ("crank", "rod", "slider") if name == "crank_pivot" else ("rod", "slider")
+        mass = sum(getattr(mechanism, body).mass for body in beyond)
         duration = elastic_duration(stiffness, contact.exponent, mass, contact.least_approach_speed)
         fading = {
             "memory_time": MEMORY_DURATIONS * duration,
@@ -105,19 +103,14 @@ def _bodies(mechanism: Mechanism) -> BodyParameters:
 
 def _drive(options: Simulate, pieces: np.ndarray | None) -> DriveParameters:
     """The numbers of the drive but its kind; `pieces` are those of a measured angle."""
-    drive = options.drive
+    drive, speed, motor = options.drive, options.speed, {}
     if pieces is not None:
-        speed = (pieces[-1, 6] - pieces[0, 6]) / (pieces[-1, 0] - pieces[0, 0]) if len(pieces) > 1 else pieces[0, 5]
-        return DriveParameters(speed=float(speed), start_angle=options.start_angle)
-    if not isinstance(drive, MotorDrive):
-        return DriveParameters(speed=options.speed, start_angle=options.start_angle)
-    return DriveParameters(
-        speed=options.speed,
-        start_angle=options.start_angle,
-        stall_torque=drive.stall_torque,
-        no_load_speed=drive.no_load_speed,
-        rotor_inertia=drive.inertia,
-    )
+        steady = len(pieces) == 1
+        speed = pieces[0, 5] if steady else (pieces[-1, 6] - pieces[0, 6]) / (pieces[-1, 0] - pieces[0, 0])
+    elif isinstance(drive, MotorDrive):
+        motor = {"stall_torque": drive.stall_torque, "no_load_speed": drive.no_load_speed}
+        motor["rotor_inertia"] = drive.inertia
+    return DriveParameters(speed=float(speed), start_angle=options.start_angle, **motor)
 
 
 def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:

@@ -16,6 +16,7 @@ from jointgap.dynamics.runge_kutta import (
     KEPT,
     MORE_NODES,
     MORE_STAGES,
+    VELOCITY_TIME,
     auxiliary_after,
     auxiliary_rows,
     auxiliary_weight,
@@ -40,8 +41,9 @@ rough.
 
 
 @compiled
-def prepare_inside(p, here, there, time_map, s, ds, tolerance, velocity_time, k):
+def prepare_inside(p, here, there, taken, tolerance, k):
     """Make the further stages of a step and the coefficients of its interpolant."""
+    time_map, s, ds = taken
     y, x, auxiliary = here.clearance_state, here.auxiliary_state, p.switches.auxiliary
     rates_over_s(k, COUNT, there, dt_ds(time_map, s + ds), auxiliary)
     for i in range(_MORE):
@@ -81,19 +83,19 @@ def prepare_inside(p, here, there, time_map, s, ds, tolerance, velocity_time, k)
                 for j in range(_FIRST, KEPT):
                     total += INTERPOLANT[n - 4, j] * k.auxiliary_rates[j, i]
                 k.auxiliary_terms[n, i] = ds * total
-    return _highest_term(p, k, velocity_time) <= _ROUGHEST * tolerance
+    return _highest_term(p, k) <= _ROUGHEST * tolerance
 
 
 @inlined
-def _highest_term(p, k, velocity_time) -> float:
+def _highest_term(p, k) -> float:
     """Largest size [m] of the interpolant's term share^4 (1 - share)^3, the states weighted as in a step's error."""
     total = 0.0
     for i in range(STATES):
-        weight = velocity_time if i >= 4 else 1.0
+        weight = VELOCITY_TIME if i >= 4 else 1.0
         total += (weight * k.terms[_TERMS - 1, i]) ** 2
     if p.switches.auxiliary:
         for i in range(AUXILIARY_STATES):
-            total += (auxiliary_weight(p, i, velocity_time) * k.auxiliary_terms[_TERMS - 1, i]) ** 2
+            total += (auxiliary_weight(p, i) * k.auxiliary_terms[_TERMS - 1, i]) ** 2
     return (4.0 / 7.0) ** 4 * (3.0 / 7.0) ** 3 * math.sqrt(total)
 
 
@@ -109,11 +111,12 @@ def _interpolate(terms, share, found) -> None:
 
 
 @compiled
-def state_inside(p, here, time_map, s, ds, time, smooth, velocity_time, k):
+def state_inside(p, here, taken, time, smooth, k):
     """State and auxiliary states at the `time` [s] within a step, after `prepare_inside`."""
+    time_map, s, ds = taken
     part = ds_for(time_map, s, time - here.time)
     if not smooth:
-        y, x, _ = step(p, here, time_map, s, part, velocity_time, k)
+        y, x, _ = step(p, here, time_map, s, part, k)
         return y, x
     _interpolate(k.terms, part / ds, k.state)
     y = k.state

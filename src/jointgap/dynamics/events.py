@@ -135,6 +135,13 @@ def all_conditions(p, here, motion) -> tuple:
     )
 
 
+@inlined
+def with_conditions(p, here) -> tuple:
+    """An instant with the relative motion in its joints and their conditions."""
+    motion = relative_motion(here)
+    return here, motion, all_conditions(p, here, motion)
+
+
 @compiled
 def next_event(before, after, duration, margin):
     """Where in a step the first condition of any joint ends: fraction (or `NOWHERE`), joint, which of its
@@ -172,7 +179,7 @@ def switched(mode, approach, kind, speed, least):
 
 
 @compiled
-def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tolerance, velocity_time, k):
+def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tolerance, k):
     """Redo a step so that it ends where condition `kind` of `joint` falls through zero.
 
     Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
@@ -186,7 +193,7 @@ def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tole
             ds = -step_start
         else:
             step_map, step_start, ds = time_map, s, ds_for(time_map, s, guess)
-        y, x, error = step(p, here, step_map, step_start, ds, velocity_time, k)
+        y, x, error = step(p, here, step_map, step_start, ds, k)
         if not error <= tolerance:
             return False, here, step_map, step_start, ds, error, count
         there = instant(p, here.time + guess, y, x, here.modes, here.approaches, here.begins)
@@ -241,77 +248,55 @@ def _holds(conditions) -> bool:
 
 
 @compiled
-def advance(p, here, motion, holding, time_map, s, duration, tolerance, velocity_time, k):
-    """Take a step of `duration` [s], or a shorter one to the first event in it."""
-    steps = 0
+def advance(p, now, time_map, s, duration, tolerance, k):
+    """Take a step of `duration` [s], or a shorter one to the first event in it.
+
+    Returns whether an event ends it, its joint and condition, the instant at its end (as `now`, with its conditions),
+    how time runs in the step, where it begins and how long it is, its error, and how many steps were tried.
+    """
+    steps, (here, _, holding) = 0, now
     # A step across a separation is lost, for the force ends in a kink: where one is near, aim at it.
     ahead, joint = _separation_ahead(here, holding)
     if ahead < duration:
         close = max(_CLOSE * tolerance, 1e-18)
         found, there, step_map, step_start, ds, error, steps = locate(
-            p, here, time_map, s, 2.0 * ahead, _UNKNOWN, joint, DISTANCE, ahead, close, tolerance, velocity_time, k
+            p, here, time_map, s, 2.0 * ahead, _UNKNOWN, joint, DISTANCE, ahead, close, tolerance, k
         )
         if found:
-            there_motion = relative_motion(there)
-            there_holding = all_conditions(p, there, there_motion)
-            fraction, other, kind = next_event(holding, there_holding, there.time - here.time, _MARGIN * tolerance)
+            then = with_conditions(p, there)
+            fraction, other, kind = next_event(holding, then[2], there.time - here.time, _MARGIN * tolerance)
             if fraction == NOWHERE or (other == joint and kind == DISTANCE):
-                return True, joint, DISTANCE, there, there_motion, there_holding, step_map, step_start, ds, error, steps
+                return True, joint, DISTANCE, then, (step_map, step_start, ds), error, steps
         else:
             duration = 0.5 * ahead
 
     ds = ds_for(time_map, s, duration)
     duration = elapsed_time(time_map, s, ds)
-    y, x, error = step(p, here, time_map, s, ds, velocity_time, k)
+    y, x, error = step(p, here, time_map, s, ds, k)
     steps += 1
     if not error <= _HOPELESS * tolerance:
-        return False, 0, DISTANCE, here, motion, holding, time_map, s, ds, error, steps
+        return False, 0, DISTANCE, now, (time_map, s, ds), error, steps
     there = instant_in_place(p, here.time + duration, y, x, here.modes, here.approaches, here.begins)
-    there_motion = relative_motion(there)
-    there_holding = all_conditions(p, there, there_motion)
-    fraction, joint, kind = next_event(holding, there_holding, duration, _MARGIN * tolerance)
+    then = with_conditions(p, there)
+    fraction, joint, kind = next_event(holding, then[2], duration, _MARGIN * tolerance)
     if fraction == 0.0:
-        return True, joint, kind, here, motion, holding, time_map, s, 0.0, 0.0, steps
+        return True, joint, kind, now, (time_map, s, 0.0), 0.0, steps
     if fraction < NOWHERE:
         close = max(_CLOSE * tolerance, 1e-18) if kind == DISTANCE else 1e-9 * here.approaches[joint]
-        crossed = there_holding[joint][0 if kind == DISTANCE else 3] < 0.0
+        crossed = then[2][joint][0 if kind == DISTANCE else 3] < 0.0
+        guess = fraction * duration
         found, event, step_map, step_start, event_ds, event_error, made = locate(
-            p,
-            here,
-            time_map,
-            s,
-            duration,
-            crossed,
-            joint,
-            kind,
-            fraction * duration,
-            close,
-            tolerance,
-            velocity_time,
-            k,
+            p, here, time_map, s, duration, crossed, joint, kind, guess, close, tolerance, k
         )
         steps += made
         if found:
-            there_motion = relative_motion(event)
-            there_holding = all_conditions(p, event, there_motion)
-            return (
-                True,
-                joint,
-                kind,
-                event,
-                there_motion,
-                there_holding,
-                step_map,
-                step_start,
-                event_ds,
-                event_error,
-                steps,
-            )
+            then = with_conditions(p, event)
+            return True, joint, kind, then, (step_map, step_start, event_ds), event_error, steps
         if not event_error <= tolerance:
-            return False, 0, DISTANCE, here, motion, holding, step_map, step_start, event_ds, event_error, steps
-        if not _holds(there_holding):  # a near miss, and an event behind it: go to the near miss first
+            return False, 0, DISTANCE, now, (step_map, step_start, event_ds), event_error, steps
+        if not _holds(then[2]):  # a near miss, and an event behind it: go to the near miss first
             error = _HOPELESS * tolerance
         else:  # for `k` to hold the stages of the step that is kept
-            step(p, here, time_map, s, ds, velocity_time, k)
+            step(p, here, time_map, s, ds, k)
             steps += 1
-    return False, 0, DISTANCE, there, there_motion, there_holding, time_map, s, ds, error, steps
+    return False, 0, DISTANCE, then, (time_map, s, ds), error, steps

@@ -8,8 +8,8 @@ import numpy as np
 from jointgap.core.joints import JOINTS
 from jointgap.dynamics.dense_output import prepare_inside, state_inside
 from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
-from jointgap.dynamics.events import advance, all_conditions, switched
-from jointgap.dynamics.joints import FLIGHT, all_turns, clearances, direction, relative_motion
+from jointgap.dynamics.events import advance, switched, with_conditions
+from jointgap.dynamics.joints import FLIGHT, all_turns, clearances, direction
 from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.parameters import MOTOR, Parameters
 from jointgap.dynamics.runge_kutta import (
@@ -41,7 +41,7 @@ MODES = ("ideal", "flight", "impact", "contact")
 
 
 @inlined
-def follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k) -> None:
+def follow_episodes(episodes, here, motion, there_motion, step_map, step_start, ds, k) -> None:
     """Carry on the episodes over an accepted step whose stages are in `k`."""
     flying = here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT
     if flying or ds == 0.0:
@@ -166,13 +166,13 @@ def replaced(values, place, value):
 
 
 @compiled
-def time_at_angle(p, here, there, step_map, step_start, ds, angle, smooth, velocity_time, k):
+def time_at_angle(p, here, there, taken, angle, smooth, k):
     """Time [s] within a step at which a motor's crank passes `angle` [rad], by Newton's method."""
     low, high = here.time, there.time
     share = (angle - here.crank_angle) / (there.crank_angle - here.crank_angle)
     time = low + share * (high - low)
     for _ in range(50):
-        _, x = state_inside(p, here, step_map, step_start, ds, time, smooth, velocity_time, k)
+        _, x = state_inside(p, here, taken, time, smooth, k)
         following = time - (x[2] - angle) / x[6]
         if x[2] < angle:
             low = time
@@ -204,30 +204,17 @@ def beginning(p, y, x, time):
 
 
 @compiled
-def integrate(
-    p,
-    progress,
-    times,
-    angles,
-    tolerance,
-    velocity_time,
-    step_limit,
-    k,
-    states,
-    auxiliary_states,
-    modes_at,
-    approaches_at,
-    begins_at,
-    directions_at,
-):
-    """Integrate on and take samples."""
+def integrate(p, progress, found, angles, tolerance, step_limit, k):
+    """Integrate on and take samples, into the arrays of `found`."""
+    times, states, auxiliary_states = found.times, found.states, found.auxiliary_states
+    modes_at, approaches_at = found.modes, found.approaches
+    begins_at, directions_at = found.begins, found.directions
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
     motor, longest = p.drive.kind == MOTOR, longest_step(p)
     here, seen, seen_time, turns, episodes, proposal, time_map, s = progress
     episodes = episodes.copy()  # those of the caller stay
     before_step = episodes.copy()
-    motion = relative_motion(here)
-    holding = all_conditions(p, here, motion)
+    now = with_conditions(p, here)
 
     while True:
         if steps >= step_limit:
@@ -238,10 +225,9 @@ def integrate(
         if time_map == AFTER and s * s > _FAR * proposal:
             time_map, s = LINEAR, 0.0
         allowed = tolerance * (_AFTER_IMPACT if time_map == AFTER else 1.0)
-        happens, joint, kind, there, there_motion, there_holding, step_map, step_start, ds, error, made = advance(
-            p, here, motion, holding, time_map, s, proposal, allowed, velocity_time, k
-        )
-        steps += made
+        happens, joint, kind, then, taken, error, made = advance(p, now, time_map, s, proposal, allowed, k)
+        step_map, step_start, ds = taken
+        there, steps = then[0], steps + made
 
         # Accepted or not, the error says how long the next step may be.
         factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * math.sqrt(math.sqrt(math.sqrt(allowed / error)))))
@@ -264,7 +250,7 @@ def integrate(
             for i in range(3):
                 for j in range(EPISODE):
                     before_step[i, j] = episodes[i, j]
-        follow_episodes(episodes, here, there, motion, there_motion, step_map, step_start, ds, k)
+        follow_episodes(episodes, here, now[1], then[1], step_map, step_start, ds, k)
 
         prepared = smooth = False
         while sample < times.size:
@@ -272,15 +258,13 @@ def integrate(
                 break
             at_end = not motor and times[sample] == there.time
             if not at_end and not prepared:
-                smooth = prepare_inside(p, here, there, step_map, step_start, ds, tolerance, velocity_time, k)
+                smooth = prepare_inside(p, here, there, taken, tolerance, k)
                 prepared = True
             if motor:
-                times[sample] = time_at_angle(
-                    p, here, there, step_map, step_start, ds, angles[sample], smooth, velocity_time, k
-                )
+                times[sample] = time_at_angle(p, here, there, taken, angles[sample], smooth, k)
             time, y_now, x_now = times[sample], there.clearance_state, there.auxiliary_state
             if time < there.time:
-                y_now, x_now = state_inside(p, here, step_map, step_start, ds, time, smooth, velocity_time, k)
+                y_now, x_now = state_inside(p, here, taken, time, smooth, k)
             now = clearances(y_now, x_now)
             turns = all_turns(turns, seen, now, time - seen_time)
             seen, seen_time = now, time
@@ -307,13 +291,13 @@ def integrate(
                 # Between equal steps in s, right at the impact, and in time, right far from it: fewer are rejected.
                 following = math.sqrt(following * factor * elapsed_time(step_map, step_start, ds))
             proposal = max(following, unhindered) if proposal < unhindered else following
-            here, motion, holding = there, there_motion, there_holding
+            here, now = there, then
             continue
 
         # The event: the joint's mode changes.
         before, modes, x_after = here.modes[joint], here.modes, there.auxiliary_state
         approaches, begins = here.approaches, here.begins
-        closing = max(-there_holding[joint][1], 0.0)
+        closing = max(-then[2][joint][1], 0.0)
         mode, approach = switched(before, approaches[joint], kind, closing, least_approach(p, joint))
         modes, approaches = replaced(modes, joint, mode), replaced(approaches, joint, approach)
         if before == FLIGHT or mode == FLIGHT:
@@ -333,5 +317,4 @@ def integrate(
             if modes[0] == FLIGHT and modes[1] == FLIGHT and modes[2] == FLIGHT:
                 time_map, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)
         here = instant(p, there.time, there.clearance_state, x_after, modes, approaches, begins)
-        motion = relative_motion(here)
-        holding = all_conditions(p, here, motion)
+        now = with_conditions(p, here)

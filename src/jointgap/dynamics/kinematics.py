@@ -1,7 +1,7 @@
 """Kinematics of the slider-crank: linkage, clearance vectors, transmission angle, cycle."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import tau
 
 import numpy as np
@@ -40,11 +40,8 @@ class Motion:
         return cls(np.asarray(position), np.asarray(velocity), np.asarray(acceleration))
 
     def __add__(self, other: "Motion") -> "Motion":
-        return Motion(
-            self.position + other.position,
-            self.velocity + other.velocity,
-            self.acceleration + other.acceleration,
-        )
+        position, velocity = self.position + other.position, self.velocity + other.velocity
+        return Motion(position, velocity, self.acceleration + other.acceleration)
 
     def __sub__(self, other: "Motion") -> "Motion":
         return self + other * -1.0
@@ -152,21 +149,12 @@ class ClearanceMotion:
         def motion(name: str) -> Motion:
             return Motion.of(*(table[f"{name}{suffix}"].to_numpy(dtype=float) for suffix in ("", "_dot", "_ddot")))
 
-        numbers = [JOINT_NUMBERS[joint] for joint in loose]
-        return cls(
-            **{
-                f"{quantity}{number}": motion(f"{quantity}{number}")
-                for number in numbers
-                for quantity in ("r", "gamma")
-            }
-        )
+        names = [f"{quantity}{JOINT_NUMBERS[joint]}" for joint in loose for quantity in ("r", "gamma")]
+        return cls(**{name: motion(name) for name in names})
 
     def paper_form(self) -> "ClearanceMotion":
         """The motion as equations (6)-(9) take it: all lengths constant, only the directions move."""
-        motions = vars(self)
-        return ClearanceMotion(
-            **{name: motion.standing_still() if name.startswith("r") else motion for name, motion in motions.items()}
-        )
+        return replace(self, **{name: getattr(self, name).standing_still() for name in ("r1", "r2", "r3")})
 
     def crank_pivot_vector(self) -> tuple[Motion, Motion]:
         """Components of the vector from the frame's centre of the crank pivot to the crank's, shape (n,) each [m]."""
@@ -305,9 +293,8 @@ def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dic
     foot_x = inertia_x - head_x
     # moment about the mass centre, with foot_y = inertia_y - head_y
     moment = rod.inertia * turning.acceleration
-    head_y = (moment + along[1] * (ahead * head_x - back * foot_x) + back * along[0] * inertia_y) / (
-        rod.length * along[0]
-    )
+    levers = along[1] * (ahead * head_x - back * foot_x) + back * along[0] * inertia_y
+    head_y = (moment + levers) / (rod.length * along[0])
     foot_y = inertia_y - head_y
     power = (
         inertia_x * motion.rod_x.velocity

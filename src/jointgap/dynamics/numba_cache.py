@@ -24,11 +24,8 @@ try:
 except ImportError:  # Windows: each process compiles for itself
     fcntl = None
 
-PATIENCE = 300.0  # s after which a lock is taken for stuck
 ANNOUNCED_AFTER = 1.0  # s
-
 SECONDS = 15  # of one core, all that a first simulation needs
-_LOADING = "loading the compiled simulation ..."
 _COMPILING = f"compiling the simulation for this machine, once (about {SECONDS} s) ..."
 _WAITING = f"waiting for another process to load the simulation, or to compile it (about {SECONDS} s) ..."
 
@@ -43,69 +40,28 @@ def say(message: str) -> None:
 
 
 @contextlib.contextmanager
-def announced(message: str, after: float = ANNOUNCED_AFTER) -> Iterator[None]:
-    """Say `message` if what is done meanwhile takes longer than `after` [s]."""
-    timer = threading.Timer(after, say, (message,))
+def announced(message: str) -> Iterator[threading.Timer]:
+    """A timer that, once started, says `message` unless all is done before."""
+    timer = threading.Timer(ANNOUNCED_AFTER, say, (message,))
     timer.daemon = True
-    timer.start()
     try:
-        yield
+        yield timer
     finally:
         timer.cancel()
 
 
-class _Announcer(event.Listener):
-    """Says what takes long: loading, until numba begins to compile."""
+class _OnCompiling(event.Listener):
+    """Starts a timer when numba first compiles, and not where it loads."""
 
-    def __init__(self):
-        self.stack, self.compiles = contextlib.ExitStack(), False
-        self.stack.enter_context(announced(_LOADING))
+    def __init__(self, timer: threading.Timer):
+        self.timer = timer
 
     def on_start(self, event) -> None:
-        if not self.compiles:  # functions that are called meanwhile are compiled within
-            self.compiles = True
-            self.stack.close()
-            self.stack.enter_context(announced(_COMPILING))
+        if self.timer.ident is None:
+            self.timer.start()
 
     def on_end(self, event) -> None:
         pass
-
-
-@contextlib.contextmanager
-def _announced_loading_or_compiling() -> Iterator[None]:
-    announcer = _Announcer()
-    with announcer.stack, event.install_listener("numba:compile", announcer):
-        yield
-
-
-@contextlib.contextmanager
-def locked(path: Path, patience: float = PATIENCE) -> Iterator[bool]:
-    """Hold the lock file `path`, which stays behind, empty; or go on without."""
-    try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600) if fcntl else None
-    except OSError:
-        file = None
-    if file is None:
-        yield False
-        return
-    try:
-        yield _taken(file, patience)
-    finally:
-        os.close(file)  # frees the lock
-
-
-def _taken(file: int, patience: float) -> bool:
-    end = time.monotonic() + patience
-    while True:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-        except BlockingIOError:
-            if time.monotonic() > end:
-                return False
-            time.sleep(0.05)
-        except OSError:
-            return False
 
 
 def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
@@ -113,9 +69,13 @@ def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
 
     def compile_once(signature):
         with contextlib.ExitStack() as stack:
-            with announced(_WAITING):
-                stack.enter_context(locked(lock))
-            stack.enter_context(_announced_loading_or_compiling())
+            with announced(_WAITING) as timer, contextlib.suppress(OSError):
+                timer.start()
+                file = stack.enter_context(open(lock, "a"))
+                if fcntl:
+                    fcntl.flock(file, fcntl.LOCK_EX)
+            timer = stack.enter_context(announced(_COMPILING))
+            stack.enter_context(event.install_listener("numba:compile", _OnCompiling(timer)))
             return compile_function(signature)
 
     return compile_once
@@ -203,28 +163,21 @@ def cache_folder(beside: Path) -> str:
     for base in bases:
         if _is_usable(base / digest):
             os.utime(base / digest)  # says when it was used last
-            remove_old_folders(base, digest)
+            remove_old_folders(base)
             return str(base / digest)
     return ""
 
 
-_KEPT, _RECENT = 4, 24 * 3600.0  # the newest folders and those of the last day [s]: somebody may be using them
+_KEPT, _RECENT = 5, 24 * 3600.0  # the newest folders and those of the last day [s]: somebody may be using them
 
 
-def remove_old_folders(base: Path, digest: str) -> None:
-    """Remove the folders of other digests in `base` but the newest few and those used within the last day."""
-    used = {}
+def remove_old_folders(base: Path) -> None:
+    """Remove the folders of other sources in `base` but the newest few and those used within the last day."""
     with contextlib.suppress(OSError):  # another process may be removing the same
-        for folder in os.scandir(base):
-            if (
-                re.fullmatch("[0-9a-f]{16}", folder.name)
-                and folder.name != digest
-                and folder.is_dir(follow_symlinks=False)
-            ):
-                used[folder.path] = folder.stat().st_mtime
-    for path in sorted(used, key=used.get, reverse=True)[_KEPT:]:
-        if used[path] < time.time() - _RECENT:
-            shutil.rmtree(path, ignore_errors=True)
+        used = {path: path.stat().st_mtime for path in base.iterdir() if re.fullmatch("[0-9a-f]{16}", path.name)}
+        for path in sorted(used, key=used.get)[:-_KEPT]:
+            if used[path] < time.time() - _RECENT:
+                shutil.rmtree(path, ignore_errors=True)
 
 
 _FOLDER = cache_folder(_PACKAGE / "__pycache__")

@@ -86,7 +86,16 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
     Only a few runs are held at a time: `runs` may be a generator of any length. A run that cannot be simulated comes
     out with its error, and the others go on.
     """
-    return side_by_side(lambda given: simulate_run(*given), _with_numbers(runs), workers)
+    known = None
+
+    def with_numbers() -> Iterator[tuple[Run, Parameters | InputError]]:
+        nonlocal known
+        for run in runs:
+            if known is None or known[0].mechanism is not run.mechanism or known[0].options is not run.options:
+                known = run, numbers_of(run)
+            yield run, known[1]
+
+    return side_by_side(lambda given: simulate_run(*given), with_numbers(), workers)
 
 
 def side_by_side(
@@ -114,14 +123,6 @@ def side_by_side(
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _with_numbers(runs: Iterable[Run]) -> Iterator[tuple[Run, Parameters | InputError]]:
-    known: tuple = (None, None, None)
-    for run in runs:
-        if known[0] is not run.mechanism or known[1] is not run.options:
-            known = (run.mechanism, run.options, numbers_of(run))
-        yield run, known[2]
 
 
 def numbers_of(run: Run) -> Parameters | InputError:
@@ -169,27 +170,17 @@ def crank_speeds(p: Parameters, times, auxiliary_states) -> np.ndarray:
 
 def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None) -> Ensemble:
     """Simulate one mechanism from many starts."""
-    times, states, rod_angles, positions = [], [], [], []
-    forces: dict[str, list] = {joint: [] for joint in JOINTS}
-    normal_forces: dict[str, list] = {joint: [] for joint in JOINTS}
+    rows = []
     outcomes = simulate_runs((Run(mechanism, options, one) for one in perturbations), workers)
     for outcome in followed(outcomes, "simulated starts", len(perturbations)):
         if outcome.error is not None:
             raise outcome.error
-        result = outcome.result
-        rod_angle, position = rod_and_slider(
-            outcome.parameters, outcome.crank_angle, result.states, result.auxiliary_states
-        )
-        times.append(result.times)
-        states.append(result.states)
-        rod_angles.append(rod_angle)
-        positions.append(position)
-        observed = result.observed(outcome.parameters)
-        for joint in JOINTS:
-            forces[joint].append(np.hypot(observed[f"{joint}_force_x"], observed[f"{joint}_force_y"]))
-            normal_forces[joint].append(observed[f"{joint}_normal_force"])
-    return Ensemble(
-        crank_angles(options),
-        *map(np.array, (times, states, rod_angles, positions)),
-        *({joint: np.array(each) for joint, each in by_joint.items()} for by_joint in (forces, normal_forces)),
-    )
+        p, result = outcome.parameters, outcome.result
+        rod_angle, position = rod_and_slider(p, outcome.crank_angle, result.states, result.auxiliary_states)
+        seen = result.observed(p)
+        forces = [np.hypot(seen[f"{joint}_force_x"], seen[f"{joint}_force_y"]) for joint in JOINTS]
+        normal = [seen[f"{joint}_normal_force"] for joint in JOINTS]
+        rows.append((result.times, result.states, rod_angle, position, np.array(forces), np.array(normal)))
+    times, states, rod_angle, position, forces, normal = map(np.array, zip(*rows, strict=True))
+    by_joint = ({joint: each[:, n].copy() for n, joint in enumerate(JOINTS)} for each in (forces, normal))
+    return Ensemble(crank_angles(options), times, states, rod_angle, position, *by_joint)

@@ -17,146 +17,16 @@ from jointgap.dynamics.equations import AUXILIARY_STATES, STATES, Crank, acceler
 from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.parameters import CONSTANT, MOTOR
 
-COUNT = 12
+COUNT = DOP853.n_stages
 
-NODES = np.array(
-    [
-        0.0,
-        0.05260015195876773,
-        0.0789002279381516,
-        0.1183503419072274,
-        0.2816496580927726,
-        0.3333333333333333,
-        0.25,
-        0.3076923076923077,
-        0.6512820512820513,
-        0.6,
-        0.8571428571428571,
-        1.0,
-        1.0,
-    ]
-)
+NODES = np.append(DOP853.C, 1.0)
 """Fraction of the step at each stage, and at its end."""
 
-STAGES = np.zeros((COUNT + 1, COUNT))
+STAGES = np.vstack([DOP853.A, DOP853.B])
 """Weights of the earlier stages in each stage; the last row is the solution, order 8."""
 
-STAGES[1, 0] = 0.05260015195876773
-STAGES[2, [0, 1]] = [
-    0.0197250569845379,
-    0.0591751709536137,
-]
-STAGES[3, [0, 2]] = [
-    0.02958758547680685,
-    0.08876275643042054,
-]
-STAGES[4, [0, 2, 3]] = [
-    0.2413651341592667,
-    -0.8845494793282861,
-    0.924834003261792,
-]
-STAGES[5, [0, 3, 4]] = [
-    0.037037037037037035,
-    0.17082860872947386,
-    0.12546768756682242,
-]
-STAGES[6, [0, 3, 4, 5]] = [
-    0.037109375,
-    0.17025221101954405,
-    0.06021653898045596,
-    -0.017578125,
-]
-STAGES[7, [0, 3, 4, 5, 6]] = [
-    0.03709200011850479,
-    0.17038392571223998,
-    0.10726203044637328,
-    -0.015319437748624402,
-    0.008273789163814023,
-]
-STAGES[8, [0, 3, 4, 5, 6, 7]] = [
-    0.6241109587160757,
-    -3.3608926294469414,
-    -0.868219346841726,
-    27.59209969944671,
-    20.154067550477894,
-    -43.48988418106996,
-]
-STAGES[9, [0, 3, 4, 5, 6, 7, 8]] = [
-    0.47766253643826434,
-    -2.4881146199716677,
-    -0.590290826836843,
-    21.230051448181193,
-    15.279233632882423,
-    -33.28821096898486,
-    -0.020331201708508627,
-]
-STAGES[10, [0, 3, 4, 5, 6, 7, 8, 9]] = [
-    -0.9371424300859873,
-    5.186372428844064,
-    1.0914373489967295,
-    -8.149787010746927,
-    -18.52006565999696,
-    22.739487099350505,
-    2.4936055526796523,
-    -3.0467644718982196,
-]
-STAGES[11, [0, 3, 4, 5, 6, 7, 8, 9, 10]] = [
-    2.273310147516538,
-    -10.53449546673725,
-    -2.0008720582248625,
-    -17.9589318631188,
-    27.94888452941996,
-    -2.8589982771350235,
-    -8.87285693353063,
-    12.360567175794303,
-    0.6433927460157636,
-]
-STAGES[12, [0, 5, 6, 7, 8, 9, 10, 11]] = [
-    0.054293734116568765,
-    4.450312892752409,
-    1.8915178993145003,
-    -5.801203960010585,
-    0.3111643669578199,
-    -0.1521609496625161,
-    0.20136540080403034,
-    0.04471061572777259,
-]
-
-ERROR_5 = np.array(
-    [
-        0.01312004499419488,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        -1.2251564463762044,
-        -0.4957589496572502,
-        1.6643771824549864,
-        -0.35032884874997366,
-        0.3341791187130175,
-        0.08192320648511571,
-        -0.022355307863886294,
-    ]
-)
-"""Weights of the stages in the difference to the 5th-order solution."""
-
-ERROR_3 = np.array(
-    [
-        -0.18980075407240762,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        4.450312892752409,
-        1.8915178993145003,
-        -5.801203960010585,
-        -0.4226823213237919,
-        -0.1521609496625161,
-        0.20136540080403034,
-        0.02265179219836082,
-    ]
-)
-"""Weights of the stages in the difference to the 3rd-order solution."""
+ERROR_5, ERROR_3 = DOP853.E5[:COUNT].copy(), DOP853.E3[:COUNT].copy()
+"""Weights of the stages in the differences to the solutions of 5th and 3rd order."""
 
 KEPT = 16
 """Stages kept of a step: its own, the rates at its end, and three more from which the interpolant follows."""
@@ -243,27 +113,17 @@ def _weighted_rows(count: int, width: int):
 
 
 weighted_rows = _weighted_rows(STATES, STATES)
-"""weighted_rows(rows, weights, row, first, last): sums over row 0 and rows `first` ... `last` - 1, none if `last` is 0.
-
-Parameters
-----------
-rows : (m, 8) array
-weights : (n, m) array
-row : int
-    Which row of the weights.
-first, last : int
-
-Returns
--------
-tuple of 8 floats
-    weights[row, 0] rows[0] + weights[row, first] rows[first] + ...
-"""
+"""weighted_rows(rows, weights, row, first, last): weights[row, 0] rows[0] + weights[row, first] rows[first] + ... to
+`last` - 1, a tuple of 8 numbers; zeros if `last` is 0."""
 
 weighted_motion = _weighted_rows(8, AUXILIARY_WIDTH)
 """The same of auxiliary rates, over those states that are no bristles; `weighted_auxiliary` over all of them."""
 
 weighted_auxiliary = _weighted_rows(AUXILIARY_WIDTH, AUXILIARY_WIDTH)
 
+
+VELOCITY_TIME = 3e-5
+"""Time [s] that turns an error in a velocity into one in a position: a contact's ringing over 2 pi, near enough."""
 
 LINEAR, AFTER, BEFORE = (np.int64(time_map) for time_map in (0, 1, -1))  # of one type, so that code is compiled once
 
@@ -434,7 +294,7 @@ def rates_over_s(k, row, here, factor, auxiliary) -> None:
 
 
 @compiled
-def step(p, here, time_map, s, ds, velocity_time, k):
+def step(p, here, time_map, s, ds, k):
     """Advance the state from s to s + ds with the modes frozen."""
     y, x, begins = here.clearance_state, here.auxiliary_state, here.begins
     damping, later = damping_factors(p, here.approaches, begins, here.time), here.time + elapsed_time(time_map, s, ds)
@@ -501,15 +361,15 @@ def step(p, here, time_map, s, ds, velocity_time, k):
     if auxiliary:
         sums = auxiliary_rows(p, STAGES, COUNT, SECOND[COUNT], _LAST, k)
         z_auxiliary = auxiliary_after(p, x, ds, sums, STAGES[COUNT, _LAST], newest_auxiliary)
-    return z, z_auxiliary, abs(ds) * relative_error(p, k, newest, velocity_time)
+    return z, z_auxiliary, abs(ds) * relative_error(p, k, newest)
 
 
 @inlined
-def _squares(values, velocity_time) -> float:
-    """Sum of the squares of eight errors, those of the velocities times `velocity_time` [s]."""
+def _squares(values) -> float:
+    """Sum of the squares of eight errors, those of the velocities times `VELOCITY_TIME`."""
     places = (values[0] * values[0] + values[1] * values[1]) + (values[2] * values[2] + values[3] * values[3])
     speeds = (values[4] * values[4] + values[5] * values[5]) + (values[6] * values[6] + values[7] * values[7])
-    return places + velocity_time * velocity_time * speeds
+    return places + VELOCITY_TIME * VELOCITY_TIME * speeds
 
 
 @inlined
@@ -523,15 +383,15 @@ def _with_newest(k, row, newest) -> tuple:
 
 
 @inlined
-def relative_error(p, k, newest, velocity_time) -> float:
+def relative_error(p, k, newest) -> float:
     """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by the 3rd-order one.
 
-    Errors in velocities count by `velocity_time`, those of the crank angle by the crank's length.
+    Errors in velocities count by `VELOCITY_TIME`, those of the crank angle by the crank's length.
     """
-    fifth = _squares(_with_newest(k, 0, newest), velocity_time)
-    third = _squares(_with_newest(k, 1, newest), velocity_time)
+    fifth = _squares(_with_newest(k, 0, newest))
+    third = _squares(_with_newest(k, 1, newest))
     if p.switches.auxiliary:
-        more_fifth, more_third = _auxiliary_squares(p, k, velocity_time)
+        more_fifth, more_third = _auxiliary_squares(p, k)
         fifth += more_fifth
         third += more_third
     size = math.sqrt(fifth + 0.01 * third)
@@ -541,22 +401,22 @@ def relative_error(p, k, newest, velocity_time) -> float:
 
 
 @inlined
-def auxiliary_weight(p, i, velocity_time) -> float:
-    """Weight of an error in auxiliary state `i`; parameters as of `relative_error`."""
-    weight = velocity_time if 4 <= i < 8 else 1.0
+def auxiliary_weight(p, i) -> float:
+    """Weight of an error in auxiliary state `i`."""
+    weight = VELOCITY_TIME if 4 <= i < 8 else 1.0
     return weight * p.bodies.crank_length if i == 2 or i == 6 else weight
 
 
 @compiled
-def _auxiliary_squares(p, k, velocity_time):
-    """Sums of the squares of both estimated errors in the auxiliary states; parameters as of `relative_error`."""
+def _auxiliary_squares(p, k):
+    """Sums of the squares of both estimated errors in the auxiliary states."""
     fifth = third = 0.0
     for i in range(AUXILIARY_STATES):
         e5, e3 = ERROR_5[0] * k.auxiliary_rates[0, i], ERROR_3[0] * k.auxiliary_rates[0, i]
         for j in range(SECOND[COUNT], COUNT):
             e5 += ERROR_5[j] * k.auxiliary_rates[j, i]
             e3 += ERROR_3[j] * k.auxiliary_rates[j, i]
-        weight = auxiliary_weight(p, i, velocity_time)
+        weight = auxiliary_weight(p, i)
         fifth += (weight * e5) ** 2
         third += (weight * e3) ** 2
     return fifth, third

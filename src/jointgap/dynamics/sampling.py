@@ -57,10 +57,26 @@ def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
     return pin, piston, reaction(fx, fy, 0.0)
 
 
+@inlined
+def _at_sample(p, found, n) -> tuple:
+    """Crank angle, crank, states and `accelerations` at sample `n` of an integration."""
+    y, x, time = found.states[n], found.auxiliary_states[n], found.times[n]
+    mode, approach, begin = found.modes[n], found.approaches[n], found.begins[n]
+    y = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+    x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+    modes = (mode[0], mode[1], mode[2])
+    approaches, begins = (approach[0], approach[1], approach[2]), (begin[0], begin[1], begin[2])
+    angle, crank = crank_at(p, time, x)
+    damping = damping_factors(p, approaches, begins, time)
+    return angle, crank, y, x, accelerations(p, time, angle, crank, y, x, modes, damping)
+
+
 @compiled
-def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at, directions_at, samples):
-    """Compute every number that follows from the sampled states of an integration."""
-    b = p.bodies
+def fill_samples(p, found, samples):
+    """Compute every number that follows from the samples `found` by an integration."""
+    b, times, states, auxiliary_states = p.bodies, found.times, found.states, found.auxiliary_states
+    modes_at, approaches_at, begins_at = found.modes, found.approaches, found.begins
+    directions_at = found.directions
     for n in range(times.size):
         y, x, row = states[n], auxiliary_states[n], samples[n]
         modes = (modes_at[n, 0], modes_at[n, 1], modes_at[n, 2])
@@ -100,12 +116,7 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, be
         moment = pin[4] + piston[4] - arm * (c * pin[3] - s * pin[2])
         moment += (b.rod_length - arm) * (c * piston[3] - s * piston[2])
         rod = rod_accelerations(b, c, s, speed, x[3], x[7], pin[2] + piston[2], pin[3] + piston[3], moment)
-        row.time, row.crank_angle, row.crank_speed, row.crank_acceleration = (
-            times[n],
-            angle,
-            crank.speed,
-            alpha,
-        )
+        row.time, row.crank_angle, row.crank_speed, row.crank_acceleration = times[n], angle, crank.speed, alpha
         row.rod_position_x = b.crank_length * crank.cosine + y[0] + x[0] + arm * c
         row.rod_position_y = b.crank_length * crank.sine + y[1] + x[1] + arm * s
         row.rod_velocity_x = y[4] + x[4] - b.crank_length * crank.speed * crank.sine - arm * speed * s
@@ -115,11 +126,8 @@ def fill_samples(p, times, states, auxiliary_states, modes_at, approaches_at, be
         row.transmission_angle = math.pi / 2 + row.rod_angle
         row.slider_position, row.slider_velocity = place.slider, place.slider_speed
         row.slider_acceleration = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass
-        row.crank_torque, row.guide_force, row.guide_moment = (
-            torque,
-            piston[3] - b.slider_mass * b.gravity_y,
-            -piston[5],
-        )
+        row.crank_torque, row.guide_moment = torque, -piston[5]
+        row.guide_force = piston[3] - b.slider_mass * b.gravity_y
         row.frame_force_x, row.frame_force_y = -pivot[2], -pivot[3]
 
 
@@ -157,21 +165,13 @@ def angle_errors(p, angles, states, auxiliary_states, low, high):
 
 
 @compiled
-def slider_and_forces(p, times, states, auxiliary_states, modes_at, approaches_at, begins_at):
-    """The slider's motion, and the sizes of the normal forces as `jointgap.dynamics.sampling` has them."""
-    b, count = p.bodies, times.size
+def slider_and_forces(p, found):
+    """The slider's motion at the samples `found`, and the sizes of the normal forces."""
+    b, count = p.bodies, found.times.size
     position, acceleration = np.empty(count), np.empty(count)
     peaks, squares = np.zeros(3), np.zeros(3)
     for n in range(count):
-        y, x = states[n], auxiliary_states[n]
-        modes = (modes_at[n, 0], modes_at[n, 1], modes_at[n, 2])
-        approaches = (approaches_at[n, 0], approaches_at[n, 1], approaches_at[n, 2])
-        begins = (begins_at[n, 0], begins_at[n, 1], begins_at[n, 2])
-        y = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
-        x = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
-        angle, crank = crank_at(p, times[n], x)
-        damping = damping_factors(p, approaches, begins, times[n])
-        a, pin, piston, pivot, _, force, _ = accelerations(p, times[n], angle, crank, y, x, modes, damping)
+        _, crank, y, x, (a, pin, piston, pivot, _, force, _) = _at_sample(p, found, n)
         pin, piston, pivot = joint_forces_at(p, crank, a[6], pin, piston, pivot)
         position[n] = pose(b, crank, y, x).slider
         acceleration[n] = b.gravity_x + (force - piston[2]) * b.slider_inverse_mass

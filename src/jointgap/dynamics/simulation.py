@@ -3,6 +3,7 @@
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,9 +28,9 @@ from jointgap.dynamics.integrate import (
     integrate,
     sample_modes,
 )
-from jointgap.dynamics.joints import FLIGHT
+from jointgap.dynamics.joints import FLIGHT, clearances
 from jointgap.dynamics.parameters import MEASURED, MOTOR, Parameters
-from jointgap.dynamics.runge_kutta import room_for_stages
+from jointgap.dynamics.runge_kutta import Instant, room_for_stages
 from jointgap.dynamics.sampling import SAMPLE, fill_samples
 
 
@@ -83,9 +84,6 @@ COARSEST_PUBLISHED = 1e-8
 """Largest tolerance [m] to which a contact of the published form is integrated. Damped by the approach speed for good,
 it is stiff where that was small, and an explicit method that may err by more makes up to twenty times as many steps."""
 
-VELOCITY_TIME = 3e-5
-"""Time [s] that turns an error in a velocity into one in a position: a contact's ringing over 2 pi, near enough."""
-
 _FAILURES = {
     TOO_MANY_STEPS: "needs more than {limit} steps",
     STEP_TOO_SMALL: "would need a step below the resolution of time",
@@ -111,9 +109,8 @@ class Trajectory:
     steps: int  # Integration steps taken, rejected ones included
 
 
-@dataclass(frozen=True)
-class IntegrationResult:
-    """Samples and events of one integration, as `jointgap.dynamics.integrate.integrate` leaves them."""
+class IntegrationResult(NamedTuple):
+    """Samples and events of one integration, as compiled code fills and reads them."""
 
     times: np.ndarray
     states: np.ndarray
@@ -125,13 +122,14 @@ class IntegrationResult:
     events: np.ndarray
     steps: int
 
+    def part(self, chosen: slice | np.ndarray) -> "IntegrationResult":
+        """The `chosen` samples alone, with all events."""
+        return IntegrationResult(*(values[chosen] for values in self[:-2]), *self[-2:])
+
     def observed(self, p: Parameters) -> dict[str, np.ndarray]:
         """Every number at the samples, by column of `jointgap.dynamics.sampling.SAMPLE`, (n,) each."""
         samples = np.empty(self.times.size, SAMPLE)
-        fill_samples(
-            p, self.times, self.states, self.auxiliary_states, self.modes, self.approaches, self.begins,
-            self.directions, samples,
-        )  # fmt: skip
+        fill_samples(p, self, samples)
         return {name: samples[name] for name in SAMPLE.names}
 
 
@@ -220,10 +218,8 @@ def integrate_on(
     )
     revolutions = max((angles[-1] - progress.here.crank_angle) / (2 * math.pi), 1.0)
     limit = math.ceil((steps_per_revolution or STEPS_PER_REVOLUTION) * revolutions)
-    status, end, events, steps = integrate(
-        p, progress, times, angles, _fine_enough(p, tolerance), VELOCITY_TIME, limit, room_for_stages(), samples.states,
-        samples.auxiliary_states, samples.modes, samples.approaches, samples.begins, samples.directions,
-    )  # fmt: skip
+    fine, room = _fine_enough(p, tolerance), room_for_stages()
+    status, end, events, steps = integrate(p, progress, samples, angles, fine, limit, room)
     if status != DONE:
         advice = (
             f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, "
@@ -238,7 +234,7 @@ def integrate_on(
             f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_state_in_words(p, end.here)}); "
             f"{_ADVICE.get(status, advice)}"
         )
-    return IntegrationResult(**{**vars(samples), "events": events, "steps": steps}), end
+    return samples._replace(events=events, steps=steps), end
 
 
 def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None:
@@ -257,30 +253,21 @@ def _fine_enough(p: Parameters, tolerance: float) -> float:
     return min(tolerance, COARSEST_PUBLISHED) if published else tolerance
 
 
-def _clearance_vectors(p: Parameters, end) -> dict:
-    """Clearance vector and its rate by loose joint."""
-    motion = (
-        (end.clearance_state[0:2], end.clearance_state[4:6]),
-        (end.clearance_state[2:4], end.clearance_state[6:8]),
-        (end.auxiliary_state[0:2], end.auxiliary_state[4:6]),
-    )
-    return {
-        joint: vectors for joint, vectors in zip(JOINT.values(), motion, strict=True) if getattr(p, joint.name).loose
-    }
-
-
-def _state_in_words(p: Parameters, end) -> str:
+def _state_in_words(p: Parameters, end: Instant) -> str:
     vectors = [
-        f"; r{joint.number} {place[0]:.9g}, {place[1]:.9g}, rate {rate[0]:.9g}, {rate[1]:.9g}"
-        for joint, (place, rate) in _clearance_vectors(p, end).items()
+        f"; r{joint.number} {x:.9g}, {y:.9g}, rate {vx:.9g}, {vy:.9g}"
+        for joint, (x, y, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True)
+        if getattr(p, joint.name).loose
     ]
     return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(vectors)
 
 
-def _contacts_in_words(p: Parameters, end, events: np.ndarray) -> str:
+def _contacts_in_words(p: Parameters, end: Instant, events: np.ndarray) -> str:
     """What each loose joint does, for whoever looks for the one that takes the steps."""
     begun, told = events[events[:, EVENT.index("begins")] == 1], []
-    for joint, ((ex, ey), (vx, vy)) in _clearance_vectors(p, end).items():
+    for joint, (ex, ey, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True):
+        if not getattr(p, joint.name).loose:
+            continue
         count = int((begun[:, EVENT.index("joint")] == joint.index).sum())
         doing = f"{joint.words}: {count} contacts began"
         if end.modes[joint.index] != FLIGHT:

@@ -35,8 +35,8 @@ class NetworkModel:
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Matrix product by torch, for thin matrices twice as fast as numpy's."""
-    return torch.bmm(torch.from_numpy(a)[None], torch.from_numpy(b)[None])[0].numpy()
+    """Matrix product by torch: numpy adds in another order, and so trains another network."""
+    return torch.mm(torch.from_numpy(a), torch.from_numpy(b)).numpy()
 
 
 class NetworkEvaluation:
