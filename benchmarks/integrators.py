@@ -23,7 +23,7 @@ from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.parallel import rod_and_slider
 from jointgap.dynamics.parameters import Parameters
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
-from validation.exudyn import NativeContacts
+from validation.exudyn import SliderCrank
 
 Code = Callable[[float, float], tuple[np.ndarray, float]]
 
@@ -38,7 +38,7 @@ def codes(mechanism: Mechanism, speed: float) -> dict[str, Code | None]:
     except ImportError:
         found["compiled LSODA"] = None
     try:
-        NativeContacts(mechanism, speed)
+        SliderCrank(mechanism, speed)
         found["Exudyn"] = exudyn(mechanism, speed)
     except ImportError:
         found["Exudyn"] = None
@@ -85,7 +85,7 @@ def exudyn(mechanism: Mechanism, speed: float) -> Code:
     """
 
     def run(end, tolerance):
-        model = NativeContacts(mechanism, speed)
+        model = SliderCrank(mechanism, speed)
         begin = time.process_time()
         found = model.advance(end, tolerance)
         return found[[0, 1, 3]], time.process_time() - begin

@@ -16,7 +16,6 @@ from jointgap.campaign.verdict_json import read
 from jointgap.config.load import load_campaign
 from jointgap.core import parquet, schema
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.schema import CONTRADICTIONS
 
 _THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the largest coefficient, columns and target of length 1
 
@@ -28,19 +27,22 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
     begin = time.process_time()
     record: dict[str, Any] = {"id": campaign.name}
     with tempfile.TemporaryDirectory() as isolated:
-        copy, results = Path(isolated) / "campaign", Path(isolated) / "results"
+        copy, results = Path(isolated) / "campaign", ResultsFolder(Path(isolated) / "results")
         shutil.copytree(campaign, copy)
         try:
-            analyse(copy / "campaign.yaml", results, anyway=True)  # data wired wrongly are among the trials
-            record["verdict"] = read(results / "verdict.json")
+            analyse(copy / "campaign.yaml", results.path, anyway=True)  # data wired wrongly are among the trials
+            record["verdict"] = read(results.path / "verdict.json")
         except Exception as error:  # whatever stops one trial counts against the identification, and the others go on
             record["error"] = f"{type(error).__name__}: {error}"
             record["traceback"] = traceback.format_exc()
         record["seconds"] = round(time.process_time() - begin, 3)
-        record["doubts"] = _doubts(ResultsFolder(results))
+        if results.place(schema.CONTRADICTIONS).is_file():
+            doubts = results.read(schema.CONTRADICTIONS)[["run", "channel", "other", "kind"]]
+            record["doubts"] = doubts.astype(str).to_dict("records")
         if "verdict" in record:
-            record["greedy"] = greedy_names(_all_fits(results))
-            residuals = parquet.read(schema.RESIDUALS, results / "confirm" / "residuals.parquet")
+            paths = sorted(results.path.glob("*/*/fits.parquet"))
+            record["greedy"] = greedy_names(pd.concat([parquet.read(schema.FITS, path) for path in paths]))
+            residuals = parquet.read(schema.RESIDUALS, results.path / "confirm" / "residuals.parquet")
             try:
                 record["sparse"] = sparse_names(copy / "campaign.yaml", residuals)
             except Exception as error:  # not installed, or it fails on these data: it counts as not asked
@@ -48,32 +50,17 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
     return record
 
 
-def _doubts(folder: ResultsFolder) -> list[dict[str, str]]:
-    """Run, channel, other channel and kind of each contradiction in the data; none where the files were refused."""
-    if not folder.place(CONTRADICTIONS).is_file():
-        return []
-    return folder.read(CONTRADICTIONS)[["run", "channel", "other", "kind"]].astype(str).to_dict("records")
-
-
-def _all_fits(results: Path) -> pd.DataFrame:
-    paths = [results / "recalibrate" / "base" / "fits.parquet"]
-    paths += [path for stage in ("fit", "pair") for path in sorted(results.glob(f"{stage}/*/fits.parquet"))]
-    return pd.concat([parquet.read(schema.FITS, path) for path in paths], ignore_index=True)
-
-
 def greedy_names(fits: pd.DataFrame) -> list[str]:
     """Labels that steps of least BIC add one at a time, whatever remains unexplained."""
-    finished = fits.dropna(subset=["bic"])
-    (best,) = finished.loc[finished["kind"] == "base", "bic"]
-    least = finished.groupby("explanation")["bic"].min()  # some are fitted twice, from other starts
-    bic = {frozenset(name.split(" + ")): value for name, value in least.items() if name != "base"}
-    chosen: frozenset[str] = frozenset()
+    least = fits.groupby("explanation")["bic"].min().dropna()  # some are fitted twice, from other starts
+    bic = {frozenset(name.split(" + ")): value for name, value in least.drop("base").items()}
+    chosen, best = frozenset(), least["base"]
     while True:
-        larger = {labels: bic[labels] for labels in bic if labels > chosen and len(labels) == len(chosen) + 1}
-        if not larger or min(larger.values()) >= best:
+        larger = {bic[labels]: labels for labels in bic if labels > chosen and len(labels) == len(chosen) + 1}
+        if not larger or min(larger) >= best:
             return sorted(chosen)
-        chosen = min(larger, key=larger.__getitem__)
-        best = larger[chosen]
+        best = min(larger)
+        chosen = larger[best]
 
 
 def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | None:
@@ -87,14 +74,16 @@ def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | No
     from pysindy import STLSQ
 
     campaign = load_campaign(campaign_file)
-    identified = residuals[~residuals["held_out"]].dropna(subset=["measured", "base", "crank_angle"])
-    channels = set(identified["channel"])
-    channel = next((name for name in ("crank_torque", "slider_acceleration") if name in channels), None)
+    part = residuals[~residuals["held_out"]].dropna(subset=["measured", "base", "crank_angle"])
+    measured = set(part["channel"])
+    channel = next((name for name in ("crank_torque", "slider_acceleration") if name in measured), None)
     if channel is None:
         return None
-    chosen = identified[identified["channel"] == channel]
-    speed = chosen["run"].map({run.id: run.speed for run in campaign.runs}).to_numpy(float)
-    columns, target = _library(campaign.mechanism, channel, speed, chosen)
+    part = part[part["channel"] == channel]
+    speed = part["run"].map({run.id: run.speed for run in campaign.runs}).to_numpy(float)
+    columns = _library(campaign.mechanism, speed, part["crank_angle"].to_numpy(), channel == "crank_torque")
+    target = (part["measured"] - part["base"]).to_numpy()
+    target = target * (speed if channel == "crank_torque" else campaign.mechanism.slider.mass)
     names, library = list(columns), np.column_stack(list(columns.values()))
     lengths, size = np.linalg.norm(library, axis=0), np.linalg.norm(target)
     if not size or not (lengths > 0).all():
@@ -105,30 +94,28 @@ def sparse_names(campaign_file: Path, residuals: pd.DataFrame) -> list[str] | No
         left = target - library[:, picked] @ np.linalg.lstsq(library[:, picked], target)[0]
         return target.size * math.log(max(float(left @ left), 1e-12)) + picked.sum() * math.log(target.size)
 
-    best = np.zeros(len(names), bool)
+    choices = [np.zeros(len(names), bool)]
     for threshold in _THRESHOLDS:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # that a threshold leaves nothing is an answer
             regression = STLSQ(threshold=threshold, alpha=1e-6).fit(library, target[:, None])
-        picked = np.abs(np.ravel(regression.coef_)) > 0
-        if picked.any() and bic(picked) < bic(best):
-            best = picked
-    return [name for name, picked in zip(names, best, strict=True) if picked]
+        choices.append(np.ravel(regression.coef_) != 0)
+    return [name for name, picked in zip(names, min(choices, key=bic), strict=True) if picked]
 
 
-def _library(
-    mechanism: Any, channel: str, speed: np.ndarray, part: pd.DataFrame
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Columns of the library by name, and the target; of ideal joints."""
-    angle = part["crank_angle"].to_numpy()
-    crank, rod = mechanism.crank.length, mechanism.rod.length
-    sine = (mechanism.slider.offset - crank * np.sin(angle)) / rod
-    cosine = np.sqrt(1 - sine**2)
-    x = crank * np.cos(angle) + rod * cosine
-    slope = -crank * np.sin(angle) + crank * np.cos(angle) * sine / cosine
-    bend = -crank * np.cos(angle) - crank * np.sin(angle) * sine / cosine
-    bend = bend - crank**2 * np.cos(angle) ** 2 / (rod * cosine**3)
-    v, a = speed * slope, speed**2 * bend
+def _library(mechanism: Any, speed: np.ndarray, angle: np.ndarray, of_power: bool) -> dict[str, np.ndarray]:
+    """Columns of the library by name, forces or their power; of ideal joints."""
+    crank, rod, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
+
+    def slope(angle: np.ndarray) -> np.ndarray:
+        """dx/dtheta by a complex step."""
+        angle = angle + 1e-20j
+        x = crank * np.cos(angle) + np.sqrt(rod**2 - (offset - crank * np.sin(angle)) ** 2)
+        return x.imag / 1e-20
+
+    x = crank * np.cos(angle) + np.sqrt(rod**2 - (offset - crank * np.sin(angle)) ** 2)
+    v = speed * slope(angle)
+    a = speed**2 * (slope(angle + 1e-5) - slope(angle - 1e-5)) / 2e-5
     forces = {
         "slider_constant_force": np.ones_like(v),
         "slider_coulomb_friction": -np.sign(v),
@@ -137,12 +124,11 @@ def _library(
         "slider_spring": -(x - rod),
         "added_slider_mass": -a,
     }
-    residual = (part["measured"] - part["base"]).to_numpy()
-    if channel == "slider_acceleration":
-        return forces, mechanism.slider.mass * residual
+    if not of_power:
+        return forces
     torques = {
         "crank_coulomb_friction": speed,
         "crank_viscous_friction": speed**2,
         "gravity": speed * np.cos(angle),
     }
-    return {name: -v * force for name, force in forces.items()} | torques, speed * residual
+    return {name: -v * force for name, force in forces.items()} | torques

@@ -1,75 +1,209 @@
-"""Virtual test rigs, drawn at random: mechanism, parameters not known exactly, runs, sensors, noise-free readings.
-
-The motion is by an independent integrator (`validation.integrator`).
-"""
+"""Virtual test rigs, drawn at random with the effects hidden in them; and what their sensors read without noise."""
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from math import tau
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
+import pandas as pd
 
-from jointgap.config import Mechanism, Simulate
+from jointgap.config import EFFECTS, Mechanism, load_mechanism, read_yaml
+from jointgap.config.campaign import NUISANCES
 from jointgap.config.load import validate
-from jointgap.core.joints import JOINTS, PINS, REFERENCE_APPROACH_SPEED
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.joints import PINS
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.effects.clearance import FRICTIONS, RESTITUTIONS, STIFFNESS_FACTOR
-from jointgap.rig.sensors import FAULTS
-from validation.effects import InjectedEffect, RigScales
-from validation.integrator import integrate
+from jointgap.effects.base import FitContext, MotionScale
+from jointgap.rig.drives import options_of, prescribed_angles
+from jointgap.rig.model import physical_candidates
+from jointgap.rig.sensors import DELAY_SHARES, ENCODER_OFFSET, FAULTS, LAG_AND_DELAY, Reading
+from jointgap.rig.simulate_run import channels_at, with_nuisances
+from validation.exudyn import SliderCrank
 
-KINEMATIC = ("slider_position", "slider_velocity", "rod_angle", "rod_angular_velocity")
-FORCES = ("crank_torque", "guide_force", "frame_force_x", "frame_force_y")
-ACCELERATIONS = ("slider_acceleration", "rod_acceleration_x", "rod_acceleration_y")
+RECIPE = read_yaml(Path(__file__).with_name("recipe.yaml"))
 
-SETTLING_REVOLUTIONS = 12
-"""Revolutions between start and first sample, unless others are drawn; with a loose crank pivot up to ten settle."""
+_FIRST, _MOST = 3.0, 600.0  # sizes [steps of a fit] with which a search begins, and at which it ends
+_HIGHEST_ORDER = {"speed_fluctuation": 4, "crank_periodic_torque": 6}  # that is drawn
+_VISCOSITIES = (0.03, 1.0)  # [Pa s] thinner ones are hardly films
+
+# The shape [1] at which the law of a family is an effect, by the law and the effect
+SHAPES = {law.NAME: dict(law.MEMBERS) | RECIPE["families"].get(law.NAME, {}) for law in EFFECTS.values()}
+SHAPES[LAG_AND_DELAY] = DELAY_SHARES
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One effect that acts, at a size still open; 0 where it is absent."""
+
+    name: str  # As in a verdict; of an effect that is not on the list, its own name
+    site: str
+    parameters: Callable[[float], dict[str, float]]  # From the size to the parameters of a verdict [SI]
+    first: float  # Size with which a search begins
+    most: float
+    least: float = 0.0
+    sensor: str = ""  # Channel of a sensor's fault, else empty
+    law: Mapping[str, Any] | None = None  # Formula and coefficients of a force that is not on the list
+
+    def in_file(self, size: float) -> list[dict]:
+        """Entries of a mechanism file's effects; none for a sensor's fault."""
+        if self.sensor:
+            return []
+        if self.law:
+            name = "discovered_crank_torque" if self.site == "crank" else "discovered_slider_force"
+            coefficients = self.law["coefficients"] | self.parameters(size)
+            return [{"name": name, "parameters": {**self.law, "coefficients": coefficients}}]
+        site = {"site": self.site} if EFFECTS[self.name].sites() else {}
+        return [{"name": self.name, **site, "parameters": self.parameters(size)}]
+
+
+def candidates(mechanism: Mechanism, speed: float, nuisances: Mapping[str, Parameter]) -> dict[str, Candidate]:
+    """The physical effects that could be missing in a mechanism whose crank turns at `speed` [rad/s], by label."""
+    scale = MotionScale.of(mechanism, speed)
+    context = FitContext(mechanism, scale, nuisances, True, speed / tau, (None, None), {})
+    return {candidate.label: candidate for candidate in physical_candidates(context)}
+
+
+# Effects of the list by name, with the site where there is a choice
+LISTED = (
+    *candidates(load_mechanism("erkaya2009"), 30.0, {}),
+    *(name for name, fault in FAULTS.items() if fault.undone or name == ENCODER_OFFSET),
+)
+
+OFF_LIST = (*RECIPE["laws"], *RECIPE["faults"])
+
+
+def draw_effect(label: str, rig: Any, spread: Mapping[str, float], rng: np.random.Generator) -> Hidden | None:
+    """The effect `label` of a `rig` whose channels have the standard deviations `spread` [SI]; None where it cannot
+    act."""
+    channel = "crank_angle" if label == ENCODER_OFFSET else str(rng.choice(list(rig.sensors)))
+    if label in RECIPE["faults"]:
+        fault = RECIPE["faults"][label]
+        unit = spread[channel] if fault["of_spread"] else 1.0
+        return Hidden(label, channel, lambda size: {label: size * unit}, fault["first"], fault["most"], 0.0, channel)
+    if label in RECIPE["laws"]:
+        return _law(label, rig, rng)
+    if label in FAULTS:
+        site = "sensor" if label == ENCODER_OFFSET else channel
+        candidate = FAULTS[label].candidate(site, Reading(spread.get(channel, 0.0), "", rig.fastest))
+        return _sized(candidate, rng, {}, channel)
+    candidate = candidates(rig.nominal, rig.fastest, rig.nuisances).get(label)
+    return candidate and _sized(candidate, rng, rig.nuisances)
+
+
+def _law(label: str, rig: Any, rng: np.random.Generator) -> Hidden:
+    own, crank = RECIPE["laws"][label], rig.true.crank.length
+    coefficients = {"V": crank * rig.fastest, "R": crank, "X": rig.true.rod.length, "A": float(rng.uniform(0, 6))}
+    used = set(re.findall("[A-Z]", own["formula"]))
+    first = own["first"] * rig.true.slider.mass * crank ** (1 + own["power"]) * rig.fastest**2
+    site = "crank" if "theta" in own["formula"] else "slider"
+    law = {"formula": own["formula"], "coefficients": {key: coefficients[key] for key in used}}
+    return Hidden(label, site, lambda size: {"s": size}, first, 200 * first, law=law)
+
+
+def _sized(candidate: Candidate, rng: np.random.Generator, nuisances: Mapping[str, Parameter], sensor="") -> Hidden:
+    """A candidate whose amplitudes grow with the size along a direction that is drawn, as its shape parameters are."""
+    sizes = {p.key: p for p in candidate.coordinates if p.key in candidate.amplitudes}
+    steps = {key: part * sizes[key].step for key, part in zip(sizes, _direction(candidate, rng), strict=True)}
+    steps = dict(sorted(steps.items(), key=lambda item: -abs(item[1] / sizes[item[0]].step)))
+    shapes = {p.key: _shape(candidate, p, rng) for p in candidate.coordinates if p.key not in sizes}
+    ends = [(sizes[key].high if step > 0 else sizes[key].low) / step for key, step in steps.items() if step]
+    if candidate.name == "rod_flexibility":
+        ends = [0.4 * ends[0]]  # five times as fast as the crank at least
+    least, most = 0.0, min(ends + [_MOST])
+    for name, key in candidate.replaces.items():  # beyond what the campaign states of the same parameter
+        if steps[key]:
+            least = (nuisances[name].high - nuisances[name].low) / abs(steps[key])
+    searched = _VISCOSITIES if candidate.name == "lubricated_joint" else candidate.search_range
+    if searched and not candidate.is_perturbation:
+        least, most = (end / next(iter(steps.values())) for end in searched)
+
+    def parameters(size: float) -> dict[str, float]:
+        values = {key: size * step for key, step in steps.items()} | shapes
+        return {key: float(value) for key, value in candidate.parameters(values).items()}
+
+    first = min(max(_FIRST, 1.2 * least), most)
+    return Hidden(candidate.name, candidate.site, parameters, first, most, least, sensor)
+
+
+def _direction(candidate: Candidate, rng: np.random.Generator) -> list[float]:
+    """A unit size in steps of each amplitude: a spring rests near the middle of the stroke, one of two lengths is
+    wrong, and all others with two amplitudes have a phase."""
+    low = candidate.coordinates[0].low
+    sign = float(rng.choice([-1.0, 1.0])) if low < 0 and not candidate.is_perturbation else 1.0
+    if candidate.name == "slider_spring":
+        share = rng.uniform(0.44, 0.56)
+        return [share, 1 - share]
+    if candidate.name == "link_length_error":
+        return list(sign * rng.permutation([1.0, 0.0]))
+    angle = rng.uniform(0, tau)
+    return [sign] if len(set(candidate.amplitudes)) == 1 else [math.cos(angle), math.sin(angle)]
+
+
+def _shape(candidate: Candidate, p: Parameter, rng: np.random.Generator) -> float:
+    if p.tried:
+        return rng.choice([order for order in p.tried if order <= _HIGHEST_ORDER[candidate.name]])
+    shares = RECIPE["shapes"].get(p.name)
+    return rng.uniform(*(np.multiply(shares, p.nominal) if shares else (p.low, p.high)))
+
+
+# Effects, each with its size
+Effects = Sequence[tuple[Hidden, float]]
+
+# What sensors read of a signal (n,) by faults that are not on the list
+UNLISTED_FAULTS = {
+    "drift": lambda u, size: u + size * np.linspace(0.0, 1.0, u.size),
+    "quantisation": lambda u, size: size * (np.floor(u / size) + 0.5),
+    "saturation": lambda u, size: np.clip(u, None, u.max() - size * np.ptp(u)),
+    "cubic_sensor": lambda u, size: u + size * (u - 0.5 * (u.max() + u.min())) ** 3 / (0.5 * np.ptp(u)) ** 2,
+}
+
+_LOOSE = (PINS, PINS, PINS, ("piston_pin",), ("piston_pin",), ("crank_pin",))
+
+# Share of a channel's standard deviation by which settled revolutions may differ: far below any sensor noise
+_REPEATS_BELOW = 3e-3
+
+# The same share above which samples cannot be compared, so that only statistics can
+_CHAOTIC_ABOVE = 0.05
+
+_MOST_DRAWS = 200  # mechanisms, until one moves as its base asks at all three speeds
 
 _LAG_GRID = 2880  # samples per revolution on which a lag is applied: between them the signal is linear enough
 _LAGS_BEFORE = 5.0  # lags that are simulated before the first sample: what was before has decayed to 1 %
 
-BASES = ("ideal", "loose", "chaotic")
-"""The motion without an effect: of ideal joints, of loose joints that settle to a cycle, or never repeating."""
-
-_JOURNALS = {"crank_pivot": "crank", "crank_pin": "crank", "piston_pin": "slider"}
-_LOOSE_CHOICES = (PINS, PINS, PINS, ("piston_pin",), ("piston_pin",), ("crank_pin",))
-
-_REPEATS_BELOW = 3e-3
-"""Share of a channel's standard deviation by which settled revolutions may differ: far below any sensor noise."""
-
-_CHAOTIC_ABOVE = 0.05
-"""The same share above which samples cannot be compared, so that only statistics can."""
-
-_LEAST_SETTLING, _MOST_SETTLING = 12, 16
-"""Whole revolutions that a rig has run before it is measured: enough for a motion that repeats to have settled."""
-
-_DAMPING_FACTOR = 3.5
-"""A contact that lasts is damped less or more than the analyst's file says by at most this factor: the last impacts
-before pins stay in contact come at 0.02 to 0.22 m/s, the default counts them at 0.05 m/s."""
-
-_MOST_DRAWS = 200  # rigs, until one moves as its base asks at all three speeds
+# Of one run by channel, SI
+Readings = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Numerics:
     """What an integrator may choose."""
 
-    tolerance: float = 1e-11  # Local error of a step [m]
-    friction_law: str = "coulomb"  # ``coulomb`` (a hyperbolic tangent) or ``threlfall`` (an exponential)
+    tolerance: float = 1e-10  # Local error of a step [m]
+    friction_law: str = "coulomb"  # ``coulomb`` (a hyperbolic tangent), ``threlfall`` (an exponential), ``ambrosio``
     friction_speed: float = 1e-3  # Sliding speed over which friction in loose pins is regularised [m/s]
     sign_factor: float = 1.0  # Factor on the width of the slider's and the crank's sign functions
 
 
 @dataclass(frozen=True)
-class CrankRun:
+class Run:
     """How the crank turns in one run, and when it is sampled."""
 
     speed: float  # Mean speed [rad/s]
     phase: float  # Angle at time 0 [rad]
     times: np.ndarray  # Of the samples [s]
     start_angle: float = 0.0  # Crank angle at which the motion begins [rad], within a turn
-    settling: int = SETTLING_REVOLUTIONS  # Whole revolutions between the start and time 0
+    settling: int = 12  # Whole revolutions between the start and time 0
+    nominal_speed: float = 0.0  # As the campaign file states it [rad/s]
+
+    @property
+    def lead(self) -> float:
+        """Time from the start to time 0 [s]."""
+        return (self.phase - self.start_angle + tau * self.settling) / self.speed
 
 
 @dataclass(frozen=True)
@@ -82,361 +216,240 @@ class Sensor:
 
 
 @dataclass(frozen=True)
-class VirtualRig:
-    """One rig with its true, hidden values; angles in rad, speeds in rad/s."""
+class Rig:
+    """One rig with its true, hidden values."""
 
-    base: str  # One of `BASES`
-    nominal: dict  # Contents of mechanism files: the analyst's, and with the true values of the nuisances
-    true: dict  # Contents of mechanism files: the analyst's, and with the true values of the nuisances
-    nuisance_bounds: dict[str, tuple[float, float]]  # By key of the campaign file, SI; those of ``speed`` are a share
-    nuisance_values: dict[str, float]  # True values, SI, ``speed@run`` for a run's
-    runs: dict[str, CrankRun]  # By id, in the order of the campaign file
-    nominal_speeds: dict[str, float]  # By run
-    confirm_run: str  # The held-out run
-    sensors: dict[str, Sensor]  # By channel
-    angle_noise: float  # Standard deviation of the crank angle's reading; 0 where there is no encoder
-    noise_is_stated: bool  # Whether the campaign file says how noisy the channels are
-    numerics: Numerics  # By which the data are simulated
-    angle_step: float = 0.0  # Of the encoder, where the campaign file states that in place of its noise; else 0
-    drive: str = "constant_speed"  # Of the campaign file
+    base: str  # The motion without an effect: ideal, loose (settles to a cycle) or chaotic (never repeats)
+    content: Mapping  # Of the analyst's mechanism file
+    bounds: Mapping[str, tuple[float, float]]  # Of nuisances by key of the campaign file, SI; of ``speed`` as a share
+    values: Mapping[str, float]  # True values of nuisances, SI
+    runs: Mapping[str, Run]  # By id, in the order of the campaign file
+    confirm: str  # The held-out run
+    sensors: Mapping[str, Sensor]  # By channel
+    numerics: Numerics
+    noise_is_stated: bool
+    angle_noise: float = 0.0  # Standard deviation of the crank angle's reading [rad]; 0 where there is no encoder
+    angle_step: float = 0.0  # Of the encoder [rad], where the campaign file states that in place of its noise
+    drive: str = "constant_speed"
+
+    @cached_property
+    def nominal(self) -> Mechanism:
+        """The analyst's mechanism."""
+        return validate(Mechanism, self.content, "a drawn mechanism")
+
+    @cached_property
+    def true(self) -> Mechanism:
+        """The mechanism with the true values of nuisances."""
+        return with_nuisances(self.nominal, self.values)
 
     @property
-    def loose(self) -> tuple[str, ...]:
-        """Names of the loose joints."""
-        return tuple(name for name, joint in self.nominal["joints"].items() if joint["loose"])
-
-    @property
-    def identify_runs(self) -> list[str]:
+    def fitted(self) -> list[str]:
         """Ids of the runs that are not held out."""
-        return [run for run in self.runs if run != self.confirm_run]
+        return [run for run in self.runs if run != self.confirm]
 
-    def scales(self, spread: dict[str, float]) -> RigScales:
-        """What the sizes of effects go by; `spread` is the standard deviation by channel [SI]."""
-        return RigScales(self.true, max(self.nominal_speeds.values()), self.loose, tuple(self.sensors), spread)
+    @property
+    def fastest(self) -> float:
+        """The largest speed of the runs [rad/s]."""
+        return max(run.speed for run in self.runs.values())
+
+    @property
+    def nuisances(self) -> dict[str, Parameter]:
+        """What the campaign states of nuisances that all runs share, by name."""
+        return {
+            key: Parameter(key, 0.5 * (low + high), low, high, 0.02 * (high - low), NUISANCES[key] or "1")
+            for key, (low, high) in self.bounds.items()
+            if key != "speed"
+        }
 
 
-InjectedEffects = Sequence[tuple[InjectedEffect, float]]
-"""Effects, each with its size."""
-
-
-def simulate_signals(
-    content: Mapping, run: CrankRun, numerics: Numerics, perturbation: Sequence[float] | None = None
-) -> dict[str, np.ndarray]:
-    """All signals [SI] at the samples of a run of a mechanism file's `content`, without sensors."""
+def simulate(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = (), perturbation=None) -> Readings:
+    """All signals at the samples of a run, without sensors; `effects` with their sizes act on the motion."""
+    data = with_effects(mechanism, effects).model_dump()
     friction = {"friction_law": numerics.friction_law, "friction_speed": numerics.friction_speed}
-    contacts = {name: law | friction for name, law in content["contacts"].items()}
-    mechanism = validate(Mechanism, {**content, "contacts": contacts}, "a rig that was drawn")
+    for joint in data["joints"].values():
+        joint["contact"] |= friction
+    mechanism = validate(Mechanism, data, "a drawn mechanism")
     wave = mechanism.effect("speed_fluctuation")
     mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed  # the law's w0 is the mean over the angle
-    p = parameters(mechanism, Simulate(speed=mean, start_angle=run.start_angle, tolerance=1e-12))
-    effects = p.effects.copy()
-    effects.slider_sign_speed *= numerics.sign_factor
-    effects.crank_sign_speed *= numerics.sign_factor
-    turned = 2 * math.pi * run.settling
-    begin = -(run.phase - run.start_angle + turned) / run.speed
-    signals = integrate(p._replace(effects=effects), run.times - begin, numerics.tolerance, perturbation)
-    return signals | {"crank_angle": signals["crank_angle"] - turned}
+    p = parameters(mechanism, options_of(mean, run.start_angle, numerics.tolerance))
+    p.effects.slider_sign_speed *= numerics.sign_factor
+    p.effects.crank_sign_speed *= numerics.sign_factor
+    angles = prescribed_angles(p, run.times + run.lead)
+    return channels_at(p, angles, numerics.tolerance, perturbation) | {"crank_angle": angles - tau * run.settling}
 
 
-def with_injected_effects(content: Mapping, effects: InjectedEffects) -> dict:
-    """A mechanism file's `content` with those of `effects` that act on the motion, each at its size."""
-    entries = [entry for effect, size in effects for entry in effect.in_file(size)]
-    return {**content, "effects": [*content["effects"], *entries]}
+def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
+    """A mechanism with those of `effects` that act on the motion, each at its size."""
+    data = mechanism.model_dump()
+    data["effects"] = [*data["effects"], *(entry for effect, size in effects for entry in effect.in_file(size))]
+    return validate(Mechanism, data, "a drawn mechanism")
 
 
-def noise_free_readings(
-    content: Mapping, run: CrankRun, numerics: Numerics, channels: Sequence[str], effects: InjectedEffects = ()
-) -> dict[str, np.ndarray]:
-    """What the sensors would read without noise."""
-    content = with_injected_effects(content, effects)
-    signals = simulate_signals(content, run, numerics)
-    readings = {channel: signals[channel].copy() for channel in {*channels, "crank_angle"}}
+def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = ()) -> Readings:
+    """What sensors without noise read."""
+    readings = simulate(mechanism, run, numerics, effects)
     for effect, size in effects:
         if effect.sensor:
-            values = effect.parameters(size)
-            if effect.name == "sensor_lag":
-                readings[effect.sensor] = _lagged(content, run, numerics, effect.sensor, values["lag_s"])
-            elif effect.name == "sensor_delay":
-                earlier = replace(run, times=run.times - values["delay_s"])
-                readings[effect.sensor] = simulate_signals(content, earlier, numerics)[effect.sensor]
+            (value,) = effect.parameters(size).values()
+            fault, true = FAULTS.get(effect.name), readings[effect.sensor]
+
+            def at(times, channel=effect.sensor):
+                return simulate(mechanism, replace(run, times=times), numerics, effects)[channel]
+
+            if effect.name == ENCODER_OFFSET:
+                faulty = true + value
+            elif fault is None:
+                faulty = UNLISTED_FAULTS[effect.name](true, value)
+            elif fault.delays:
+                faulty = at(run.times - value)
+            elif fault.over_time:
+                step = tau / run.speed / _LAG_GRID
+                grid = np.arange(run.times[0] - _LAGS_BEFORE * value - step, run.times[-1] + 2 * step, step)
+                faulty = np.interp(run.times, grid, fault.over_time(at(grid), step, value))
             else:
-                readings[effect.sensor] = faulty_reading(effect.name, values, readings[effect.sensor], run.times)
+                faulty = (fault.before_filter or fault.after_filter)(true, value)
+            readings = readings | {effect.sensor: faulty}
     return readings
 
 
-def faulty_reading(name: str, values: Mapping[str, float], true: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """What a sensor reads whose fault has no memory, (n,)."""
-    if name == "encoder_offset":
-        return true + values["offset_rad"]
-    if name == "sensor_bias":
-        return true + values["bias"]
-    if name == "sensor_gain":
-        return true * (1 + values["gain_error"])
-    if name == "drift":
-        span = times[-1] - times[0]
-        return true + values["drift"] * (times - times[0]) / span
-    if name == "quantisation":
-        step = values["quantisation"]
-        return step * np.floor(true / step) + 0.5 * step
-    middle, half = 0.5 * (true.max() + true.min()), 0.5 * np.ptp(true)
-    if name == "saturation":
-        return np.clip(true, -np.inf, middle + half * (1 - 2 * values["saturation"]))
-    if name == "cubic_sensor":
-        return true + values["cubic_sensor"] * (true - middle) ** 3 / half**2
-    fault = FAULTS[name]  # a fault of the list for which there is no formula of the trials' own
-    return (fault.before_filter or fault.after_filter)(true, values[fault.parameter])
+def read_truth(rig: Rig, run: Run, effects: Effects, by_exudyn: bool) -> Readings:
+    """What the rig's sensors without noise read of a run, by the package's simulation or Exudyn's."""
+    if not by_exudyn:
+        return read(rig.true, run, rig.numerics, effects)
+    model = SliderCrank(with_effects(rig.true, effects), run.speed, run.start_angle)
+    readings = model.readings(run.times + run.lead)
+    return readings | {"crank_angle": readings["crank_angle"] - tau * run.settling}
 
 
-def _lagged(content: Mapping, run: CrankRun, numerics: Numerics, channel: str, lag: float) -> np.ndarray:
-    """A signal through a first-order `lag` [s], exact where it is linear between the points of a fine grid."""
-    step = 2 * math.pi / run.speed / _LAG_GRID
-    grid = np.arange(run.times[0] - _LAGS_BEFORE * lag - step, run.times[-1] + 2 * step, step)
-    true = simulate_signals(content, replace(run, times=grid), numerics)[channel]
-    decay = math.exp(-step / lag)
-    share = (1 - decay) * lag / step  # of y' = (u - y) / lag with u linear over a step
-    start = true[0]
-    filtered = lfilter([1 - share, share - decay], [1, -decay], true - start) + start
-    return np.interp(run.times, grid, filtered)
+def visited(rig: Rig, effects: Effects) -> pd.DataFrame:
+    """Signals over one revolution of each run."""
+    frames = []
+    for run in rig.runs.values():
+        times = np.arange(100) / 100 * tau / run.speed
+        frames.append(pd.DataFrame(simulate(rig.true, Run(run.speed, 0.0, times), rig.numerics, effects)))
+    return pd.concat(frames, ignore_index=True)
 
 
-def _draw_mechanism(rng: np.random.Generator, base: str, needed: str) -> dict:
-    """Content of a mechanism file, around the paper's slider-crank; the joint `needed` is loose."""
-    scale, heavier = rng.uniform(0.7, 1.2), rng.uniform(0.8, 1.3, 3)
-    crank, rod = 0.15 * scale * rng.uniform(0.85, 1.1), 0.564 * scale
-    choices = [joints for joints in _LOOSE_CHOICES if not needed or needed in joints]
-    loose = () if base == "ideal" else choices[rng.integers(len(choices))]
-    radius = float(rng.uniform(0.006, 0.010))
-    friction = {"ideal": rng.uniform(0.03, 0.1), "loose": rng.uniform(0.05, 0.2), "chaotic": 0.0}[base]
-    joints = {
-        name: {
-            "loose": name in loose,
-            "journal": journal,
-            "journal_radius": round(radius, 5),
-            "bearing_radius": round(round(radius, 5) + 10 ** rng.uniform(-4, -3), 6),
-            "contact": "steel",
-        }
-        for name, journal in _JOURNALS.items()
-    }
-    steel = {
-        "law": "lankarani_nikravesh",
-        "youngs_modulus": 207e9,
-        "poisson_ratio": 0.3,
-        "restitution": round(float(rng.uniform(0.4, 0.75)), 3),
-        "friction": round(float(friction), 3),
-    }
-    number = lambda value: float(f"{value:.5g}")  # noqa: E731
-    masses = [0.3704, 0.773, 0.4482] * heavier * scale
-    return {
-        "crank": {
-            "length": number(crank),
-            "mass": number(masses[0]),
-            "inertia": number(masses[0] * crank**2 * 0.175),
-            "mass_centre": number(crank * rng.uniform(0.3, 0.5)),
-        },
-        "rod": {
-            "length": number(rod),
-            "mass": number(masses[1]),
-            "inertia": number(masses[1] * rod**2 * 0.101),
-            "mass_centre": number(rod * rng.uniform(0.42, 0.5)),
-        },
-        "slider": {"mass": number(masses[2]), "offset": number(rng.choice([0.0, 0.0, rng.uniform(-0.03, 0.03)]))},
-        "joints": joints,
-        "contacts": {"steel": steel},
-        "gravity_direction": -math.pi / 2,
-        "effects": [],
-    }
+def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
+    """Draw a rig whose settled motion is as the trial's base says: the same in each revolution, or not."""
 
+    def drawn(key: str, size: int | None = None) -> Any:
+        return rng.uniform(*RECIPE["rig"][key], size)
 
-def revolution_spread(content: dict, speed: float) -> float:
-    """RMS difference of settled revolutions that began differently or are some apart, over the standard deviation."""
-    times = np.arange(90) / 90 * 2 * math.pi / speed
-    nudge = [1e-7 if content["joints"][joint]["loose"] else 0.0 for joint in PINS]  # [m]
-    settled = SETTLING_REVOLUTIONS
-    starts = (None, settled), ([nudge[0], 0.0, 0.0, nudge[1]], settled), (None, 2), (None, settled + 3)
-    first, *others = (
-        simulate_signals(content, CrankRun(speed, 0.3, times, settling=settling), Numerics(1e-10), start)
-        for start, settling in starts
-    )
-    return max(
-        float(np.sqrt(np.mean((first[channel] - other[channel]) ** 2)) / first[channel].std())
-        for other in others
-        for channel in ("slider_acceleration", "crank_torque")
-    )
-
-
-def _draw_nuisances(rng: np.random.Generator, nominal: dict, encoder: bool) -> dict[str, tuple[float, float]]:
-    def within(value: float, share: float) -> tuple[float, float]:
-        return value * (1 - share), value * (1 + share)
-
-    crank, rod, slider = nominal["crank"], nominal["rod"], nominal["slider"]
-    bounds = {
-        "slider_mass": within(slider["mass"], round(rng.uniform(0.02, 0.06), 2)),
-        "rod_mass": within(rod["mass"], round(rng.uniform(0.02, 0.06), 2)),
-        "rod_inertia": within(rod["inertia"], round(rng.uniform(0.03, 0.08), 2)),
-    }
-    for key, link in (("crank_length", crank), ("rod_length", rod)):
-        if rng.random() < 0.3:
-            bounds[key] = within(link["length"], 0.001)
-    loose = [name for name, joint in nominal["joints"].items() if joint["loose"]]
-    steel = nominal["contacts"]["steel"]
-    if loose:
-        bounds["restitution"] = (0.3, 0.9)
-        if steel["friction"]:
-            bounds["joint_friction"] = (round(0.5 * steel["friction"], 3), round(min(1.6 * steel["friction"], 0.5), 3))
-        for name in loose:
-            clearance = nominal["joints"][name]["bearing_radius"] - nominal["joints"][name]["journal_radius"]
-            bounds[f"{name}_clearance"] = within(clearance, 0.1)
-    if rng.random() < 0.5 or not encoder:
-        bounds["speed"] = (-0.003, 0.003)
-    keep = {"slider_mass", "restitution", "joint_friction", "speed"}
-    return {key: own for key, own in bounds.items() if key in keep or rng.random() < 0.8}
-
-
-def with_nuisances(content: dict, values: dict[str, float]) -> dict:
-    """A mechanism file's `content` with true `values` [SI] of nuisances, by their keys."""
-    changed = {key: dict(value) if isinstance(value, dict) else value for key, value in content.items()}
-    joints = changed["joints"] = {name: dict(joint) for name, joint in content["joints"].items()}
-    contacts = changed["contacts"] = {name: dict(law) for name, law in content["contacts"].items()}
-    for key, value in values.items():
-        if key in ("restitution", "joint_friction"):
-            for law in contacts.values():
-                law[key.removeprefix("joint_")] = value
-        elif key.startswith("lasting_damping_"):
-            joint = key.removeprefix("lasting_damping_")
-            own = f"steel of {joint}"
-            law = contacts[joints[joint]["contact"]]
-            contacts[own] = law | {"reference_approach_speed": REFERENCE_APPROACH_SPEED * math.exp(-value)}
-            joints[joint]["contact"] = own
-        elif key.endswith("_clearance"):
-            joint = joints[key.removesuffix("_clearance")]
-            joint["bearing_radius"] = joint["journal_radius"] + value
-        elif not key.startswith(("speed", "first_angle")):
-            body, attribute = key.split("_")
-            if attribute == "length" and "mass_centre" in changed[body]:  # keeps its share
-                changed[body]["mass_centre"] *= value / changed[body]["length"]
-            changed[body][attribute] = value
-    return changed
-
-
-def draw_rig(rng: np.random.Generator, base: str, needed: str = "", encoder: bool = False) -> VirtualRig:
-    """Draw a rig whose settled motion is as `base` says: the same in each revolution, or not."""
     for _ in range(_MOST_DRAWS):
-        nominal = _draw_mechanism(rng, base, needed)
-        slowest = rng.uniform(150, 330)
-        steps = np.cumprod([1.0, *rng.uniform(1.25, 1.5, 2)])
-        speeds = np.round(rng.permutation(np.minimum(slowest * steps, 600))) * math.pi / 30
-        if base == "ideal":
-            break
-        spreads = (revolution_spread(nominal, speed) for speed in speeds)
-        if all(spread < _REPEATS_BELOW if base == "loose" else spread > _CHAOTIC_ABOVE for spread in spreads):
+        content = _draw_mechanism(rng, drawn, trial)
+        speeds = np.minimum(drawn("slowest") * np.cumprod([1.0, *drawn("faster", 2)]), 600)
+        speeds = np.round(rng.permutation(speeds)) * tau / 60
+        mechanism = validate(Mechanism, content, "a drawn mechanism")
+        spreads = (revolution_spread(mechanism, speed) for speed in speeds if trial.base != "ideal")
+        if all(one < _REPEATS_BELOW if trial.base == "loose" else one > _CHAOTIC_ABOVE for one in spreads):
             break
     else:
-        raise RuntimeError(f"no rig with a {base} motion in {_MOST_DRAWS} draws")
-    encoder = bool(rng.random() < 0.85) or encoder
-    bounds = _draw_nuisances(rng, nominal, encoder)
-    values = {
-        key: float(rng.uniform(*(0.5 * (low + high) + np.array([-0.45, 0.45]) * (high - low))))
-        for key, (low, high) in bounds.items()
-        if key != "speed"
-    }
-    names = [f"run{number}" for number in range(1, 4)]
-    runs = {}
-    for name, speed in zip(names, speeds, strict=True):
-        share = rng.uniform(-0.003, 0.003) if encoder or "speed" in bounds else 0.0
-        values[f"speed@{name}"] = float(speed * (1 + 0.9 * share))
-        runs[name] = _draw_run(rng, values[f"speed@{name}"], 30 if base == "chaotic" else rng.uniform(3, 6))
-    sensors = {
-        channel: Sensor(
-            noise_share=float(rng.uniform(0.01, 0.05)),
-            correlation=float(rng.uniform(0.3, 0.8)) if rng.random() < 0.25 else 0.0,
-            gaps=bool(rng.random() < 0.15),
-        )
-        for channel in _draw_channels(rng, base)
-    }
-    law = str(rng.choice(["coulomb", "coulomb", "threlfall"]))
-    width = float(rng.choice([0.5, 1.5])) if law == "coulomb" else 1.5
-    return VirtualRig(
-        base=base,
-        nominal=nominal,
-        true=with_nuisances(nominal, values),
-        nuisance_bounds=bounds,
-        nuisance_values=values,
+        raise RuntimeError(f"no rig with a {trial.base} motion in {_MOST_DRAWS} draws")
+    encoder = trial.needs_encoder or rng.random() < 0.85
+    speed_known = encoder and (trial.measured_angle or rng.random() < 0.5)
+    bounds = ({} if speed_known else {"speed": (-0.003, 0.003)}) | _draw_bounds(rng, content)
+    inside = {key: 0.5 + 0.9 * (float(rng.random()) - 0.5) for key in bounds if key != "speed"}
+    values = {key: bounds[key][0] + share * (bounds[key][1] - bounds[key][0]) for key, share in inside.items()}
+    if trial.kind != "exudyn":
+        loose = [name for name, joint in content["joints"].items() if joint["loose"]]
+        values |= {f"lasting_damping_{joint}": float(drawn("log_damping")) for joint in loose}
+    chaotic, runs = trial.base == "chaotic", {}
+    for number, nominal in enumerate(map(float, speeds), 1):
+        speed = nominal * (1 + float(drawn("speed_off")))
+        samples = min(round(drawn("samples")), 100 if chaotic else 200)
+        times = np.arange(int((30 if chaotic else drawn("revolutions")) * samples)) * (tau / speed / samples)
+        if rng.random() < 0.25:
+            times[1:] += drawn("jitter", times.size - 1) * times[1]
+        phase, start = (float(angle) for angle in rng.uniform(0, tau, 2))
+        runs[f"run{number}"] = Run(speed, phase, times, start, int(drawn("settling")), nominal)
+    sensors = {}
+    for channel in _draw_channels(rng, trial.base):
+        correlation = float(drawn("correlation")) if rng.random() < 0.25 else 0.0
+        sensors[channel] = Sensor(float(drawn("noise")), correlation, bool(rng.random() < 0.15))
+    law, width = (("coulomb", 0.5), ("coulomb", 1.5), ("threlfall", 1.5))[rng.integers(3)]
+    noise, step = math.radians(drawn("driving_encoder_deg" if trial.measured_angle else "encoder_deg")), 0.0
+    if trial.measured_angle and rng.random() < 0.5:
+        step = tau / int(rng.choice([1000, 2000, 3600, 10_000]))
+        noise = step * float(drawn("noise_of_step"))
+    return Rig(
+        base=trial.base,
+        content=content,
+        bounds=bounds,
+        values=values,
         runs=runs,
-        nominal_speeds=dict(zip(names, map(float, speeds), strict=True)),
-        confirm_run=names[int(rng.integers(3))],
+        confirm=str(rng.choice(list(runs))),
         sensors=sensors,
-        angle_noise=float(np.radians(rng.uniform(0.05, 0.3))) if encoder else 0.0,
+        numerics=Numerics(10 ** float(drawn("log_tolerance")), law, 1e-3 * width, float(rng.choice([0.5, 1.0, 1.5]))),
         noise_is_stated=bool(rng.random() < 0.8),
-        numerics=Numerics(float(10 ** rng.uniform(-12, -11)), law, 1e-3 * width, float(rng.choice([0.5, 1.0, 1.5]))),
+        angle_noise=noise if encoder else 0.0,
+        angle_step=step,
+        drive="measured_angle" if trial.measured_angle else "constant_speed",
     )
 
 
-def with_unmeasured(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
-    """The rig with what nobody measures where joints are loose: starts, and damping of lasting contacts."""
-    if not rig.loose:
-        return rig
-    runs = {
-        run: replace(
-            crank,
-            start_angle=float(rng.uniform(0, 2 * math.pi)),
-            settling=int(rng.integers(_LEAST_SETTLING, _MOST_SETTLING + 1)),
-        )
-        for run, crank in rig.runs.items()
+def _draw_mechanism(rng: np.random.Generator, drawn: Callable[..., Any], trial: Any) -> dict:
+    """Content of a mechanism file, around the paper's slider-crank."""
+    scale, masses = drawn("scale"), [0.3704, 0.773, 0.4482] * drawn("heavier", 3)
+    crank, rod = 0.15 * scale * drawn("crank"), 0.564 * scale
+    choices = [joints for joints in _LOOSE if not trial.loose or trial.loose in joints]
+    loose = () if trial.base == "ideal" else choices[rng.integers(len(choices))]
+    mass, rod_mass, slider_mass = masses * scale
+    bodies = {
+        "crank": {"length": crank, "mass": mass, "inertia": mass * crank**2 * 0.175},
+        "rod": {"length": rod, "mass": rod_mass, "inertia": rod_mass * rod**2 * 0.101},
+        "slider": {"mass": slider_mass, "offset": drawn("offset") * (rng.random() < 1 / 3)},
     }
-    reach = math.log(_DAMPING_FACTOR)
-    values = {f"lasting_damping_{joint}": float(rng.uniform(-reach, reach)) for joint in rig.loose}
-    true, values = with_nuisances(rig.true, values), rig.nuisance_values | values
-    return replace(rig, runs=runs, true=true, nuisance_values=values)
+    bodies["crank"]["mass_centre"] = crank * drawn("crank_centre")
+    bodies["rod"]["mass_centre"] = rod * drawn("rod_centre")
+    journal, joints = round(float(drawn("journal_radius")), 5), {}
+    for name, body in (("crank_pivot", "crank"), ("crank_pin", "crank"), ("piston_pin", "slider")):
+        radii = {"journal_radius": journal, "bearing_radius": round(journal + 10 ** float(drawn("log_clearance")), 6)}
+        joints[name] = {"loose": name in loose, "journal": body, **radii, "contact": "steel"}
+    steel = {"law": "lankarani_nikravesh", "restitution": round(float(drawn("restitution")), 3)}
+    steel["friction"] = round(float(drawn(f"friction_{trial.base}")), 3)
+    if trial.kind == "exudyn":
+        steel["memory"] = "published"  # Exudyn's contacts know no other
+    rounded = {body: {key: float(f"{value:.5g}") for key, value in own.items()} for body, own in bodies.items()}
+    shared = {"contacts": {"steel": steel}, "gravity_direction": -math.pi / 2, "effects": []}
+    return rounded | {"joints": joints} | shared
 
 
-def with_measured_angle(rig: VirtualRig, rng: np.random.Generator) -> VirtualRig:
-    """The rig, whose analyst lets the crank follow what the encoder reads: noisy, or in half of the rigs in steps.
-
-    A crank that turns as it was read needs an encoder that is good for that: 0.01 to 0.06 degrees, or 1000 to 10 000
-    steps a turn with little noise between them. Its speed is no nuisance.
-    """
-    noise, step = math.radians(rng.uniform(0.01, 0.06)), 0.0
-    if rng.random() < 0.5:
-        step = 2 * math.pi / int(rng.choice([1000, 2000, 3600, 10_000]))
-        noise = step * rng.uniform(0.02, 0.1)
-    bounds = {key: own for key, own in rig.nuisance_bounds.items() if key != "speed"}
-    changed = {"nuisance_bounds": bounds, "angle_noise": noise, "angle_step": step, "drive": "measured_angle"}
-    return replace(rig, **changed)
+def revolution_spread(mechanism: Mechanism, speed: float) -> float:
+    """RMS difference of settled revolutions that began differently or are some apart, over the standard deviation."""
+    times = np.arange(90) / 90 * tau / speed
+    nudge = [1e-7 if pin in mechanism.loose else 0.0 for pin in PINS]  # [m]
+    first, *others = (
+        pd.DataFrame(simulate(mechanism, Run(speed, 0.3, times, settling=turns), Numerics(), (), start))
+        for start, turns in ((None, 12), ([nudge[0], 0.0, 0.0, nudge[1]], 2), (None, 15))
+    )
+    seen = ["slider_acceleration", "crank_torque"]
+    return max(float((((first - one)[seen] ** 2).mean() ** 0.5 / first[seen].std()).max()) for one in others)
 
 
-def with_drawn_contact(rig: VirtualRig, effect: InjectedEffect, rng: np.random.Generator) -> InjectedEffect:
-    """The effect; where it is the clearance of a joint that the analyst's model has as ideal, its contact is drawn too.
-
-    Nobody measured that contact. Restitution, friction and stiffness are anywhere in the ranges that a fit allows them,
-    and a contact that lasts is damped as those of the rig's other loose joints are.
-    """
-    if effect.site not in JOINTS or not effect.name.endswith("_clearance") or effect.site in rig.loose:
-        return effect
-    stiffer, damped = math.log(STIFFNESS_FACTOR), math.log(_DAMPING_FACTOR)
-    contact = {
-        "restitution": float(rng.uniform(*RESTITUTIONS)),
-        "friction": float(rng.uniform(*FRICTIONS)),
-        "stiffness_factor": math.exp(rng.uniform(-stiffer, stiffer)),
-        "damping_factor": math.exp(rng.uniform(-damped, damped)),
-    }
-    return replace(effect, parameters=lambda size: effect.parameters(size) | contact)
-
-
-def _draw_run(rng: np.random.Generator, speed: float, revolutions: float) -> CrankRun:
-    samples = int(rng.integers(60, 201))
-    if revolutions >= 30:
-        samples = min(samples, 100)
-    count = int(revolutions * samples)
-    step = 2 * math.pi / speed / samples
-    times = np.arange(count) * step
-    if rng.random() < 0.25:
-        times[1:] += rng.uniform(-0.3, 0.3, count - 1) * step
-    return CrankRun(speed, float(rng.uniform(0, 2 * math.pi)), times)
+def _draw_bounds(rng: np.random.Generator, content: Mapping) -> dict[str, tuple[float, float]]:
+    """Of parameters that are not known exactly, around nominal."""
+    joints, steel, bounds = content["joints"], content["contacts"]["steel"], {}
+    for key, (share, often) in ((key, own.values()) for key, own in RECIPE["bounds"].items()):
+        joint, (body, _, datum) = joints.get(key.removesuffix("_clearance")), key.partition("_")
+        if joint is None:
+            nominal = content[body][datum]
+        else:
+            nominal = (joint["bearing_radius"] - joint["journal_radius"]) * joint["loose"]
+        width = nominal * rng.uniform(*share)
+        if rng.random() < often and width:
+            bounds[key] = nominal - width, nominal + width
+    if any(joint["loose"] for joint in joints.values()):
+        bounds["restitution"] = 0.3, 0.9
+        if steel["friction"]:
+            bounds["joint_friction"] = round(0.5 * steel["friction"], 3), round(1.6 * steel["friction"], 3)
+    return bounds
 
 
 def _draw_channels(rng: np.random.Generator, base: str) -> list[str]:
     """Two to four channels, at least one of which carries forces."""
-    informative = FORCES if base == "ideal" else FORCES + ACCELERATIONS
+    kinds = RECIPE["channels"]
+    informative = kinds["forces"] + (kinds["accelerations"] if base != "ideal" else [])
     first = "crank_torque" if rng.random() < 0.5 else str(rng.choice(informative))
-    others = [name for name in (*KINEMATIC, *FORCES, *ACCELERATIONS) if name != first]
-    return [first, *(others[place] for place in rng.permutation(len(others))[: int(rng.integers(1, 4))])]
+    others = [name for names in kinds.values() for name in names if name != first]
+    return [first, *map(str, rng.permutation(others)[: int(rng.integers(1, 4))])]

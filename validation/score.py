@@ -1,60 +1,115 @@
-"""The score: each verdict against its sealed ground truth, one row a trial."""
+"""The score: each verdict against its sealed ground truth, one row a trial, and the rates of a set."""
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import permutations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import binomtest, quantile_test
 
 from jointgap.core.errors import InputError
-from jointgap.core.formula import compile_formula
 from jointgap.effects import EFFECTS
 from jointgap.identification.confirmation import share_closed
 from jointgap.identification.fit import LEVELS
 from jointgap.rig.sensors import ENCODER_FAULTS, FAULTS
-from validation.calibrate import GAP_TOLERANCE
-from validation.effects import SHAPES
-from validation.hide import formula_values
+from validation.kinds import CLEARANCES
+from validation.rig import RECIPE, SHAPES
+from validation.trial import GAP_TOLERANCE, formula_values
 
+# Effects whose site has to be right too
 WITH_SITE = {name for name, page in EFFECTS.items() if page.sites()} | (FAULTS.keys() - set(ENCODER_FAULTS))
-"""Effects whose site has to be right too."""
 
 NOTHING_NAMED = ("no_disagreement", "parameters_only")
 NAMED = ("named", "named_with_remaining_misfit")
 
-LEAST_GAP = 1.5 * (1 - 2 * GAP_TOLERANCE)
-"""A trial whose effect causes less, since it cannot be larger on any rig that was drawn, counts as undetectable."""
+# A trial whose effect causes less, since it cannot be larger on any rig that was drawn, counts as undetectable
+LEAST_GAP = 1.5 * (1 - GAP_TOLERANCE)
 
+# RMS share by which a discovered force may differ from the true one over the visited states
 SAME_FORCE_RMS = 0.1
-"""RMS share by which a discovered force may differ from the true one over the visited states."""
 
+# Gap of the held-out run from which on the share of its excess that is closed says something
 CLOSED_FROM_GAP = 1.5
-"""Gap of the held-out run from which on the share of its excess that is closed says something."""
 
-BASELINES = {"greedy": "greedy BIC", "sparse": "sparse regression"}
-"""Methods beside the identification: the least BIC, one effect at a time; sparse regression of the residual."""
+# Methods beside the identification: the least BIC, one effect at a time; sparse regression of the residual
+BASELINES = ("greedy", "sparse")
+
+_NUMBERS = (
+    "error", *(f"covered_{level}" for level in LEVELS),
+    "nuisances", *(f"nuisances_covered_{level}" for level in LEVELS), "gap_before", "gap_after", "closed",
+)  # fmt: skip
 
 
-def score_trials(sealed: Path, verdicts: Path, trials: Iterable[str]) -> pd.DataFrame:
-    """A row a trial (docs/blind.md) from the files ``{trial}.json`` of both folders."""
-    return pd.DataFrame([score_trial(_read(sealed, trial), _read(verdicts, trial)) for trial in sorted(trials)])
+def score_trials(folder: Path, trials: Iterable[str] = ()) -> pd.DataFrame:
+    """A row a trial (docs/blind.md) from the files ``sealed/{trial}.json`` and ``verdicts/{trial}.json``; by default
+    of all that have a verdict."""
+    names = sorted(trials or (path.stem for path in (folder / "verdicts").glob("*.json")))
+    return pd.DataFrame(
+        [score_trial(*(_read(folder / part / f"{name}.json") for part in ("sealed", "verdicts"))) for name in names]
+    )
 
 
-def _read(folder: Path, trial: str) -> dict[str, Any]:
-    path = folder / f"{trial}.json"
+def _read(path: Path) -> dict[str, Any]:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({error}); run `make blind` again, which writes it") from error
 
 
+def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[str, Any]:
+    """One trial."""
+    verdict, damaged = analysis.get("verdict"), truth.get("damage")
+    hidden = labels(truth["effects"])
+    told = damaged is not None and _told(damaged["channels"], analysis)
+    foreseen = verdict is not None and bool(hidden & set(verdict["preflight"]["undetectable"]))
+    smallest = min(truth["gaps"], default=math.nan)
+    outcome = _outcome(truth, verdict, hidden, told)
+    row = {
+        "id": truth["id"],
+        "kind": truth["kind"],
+        "base": truth["base"],
+        "drive": truth["drive"],
+        "hidden": f"{damaged['what']}: {' + '.join(damaged['channels'])}" if damaged else _joined(hidden),
+        "verdict": "failed",
+        "named": "",
+        "outcome": outcome,
+        "size": truth["size"],
+        "gap_caused": smallest,
+        "numerics_gap": math.nan if truth["numerics_gap"] is None else truth["numerics_gap"],
+        "detectable": bool(hidden) and not foreseen and not (verdict and smallest < LEAST_GAP),
+        "foreseen": foreseen,
+        "told": told,
+        "seconds": analysis.get("seconds", math.nan),
+        "reason": analysis.get("error", ""),
+    }
+    row |= {one: _baseline_outcome(truth, hidden, analysis.get(one)) for one in BASELINES}
+    row |= dict.fromkeys(_NUMBERS, math.nan)
+    if verdict is None:
+        return row
+    row["verdict"] = verdict["verdict"]
+    row["named"] = " + ".join(sorted(map(_name_stated, verdict["effects"]))) or verdict["verdict"]
+    row["reason"] = " or ".join(sorted(map(_joined, _equivalent(verdict)))) or verdict["because"]
+    if damaged:
+        return row
+    if outcome == "right" and verdict["verdict"] != "ambiguous":
+        row |= _nuisances_covered(truth, verdict)
+    if outcome == "right" and verdict["verdict"] in NAMED and not _is_off_list(truth):
+        row |= _size_errors(truth, verdict)
+    return row | _held_out_gaps(verdict)
+
+
 def effect_label(effect: Mapping[str, Any]) -> str:
     """Name of an effect, with its site where there is a choice."""
     return f"{effect['name']}:{effect['site']}" if effect["name"] in WITH_SITE else effect["name"]
+
+
+def labels(effects: Iterable[Mapping[str, Any]]) -> frozenset[str]:
+    """Labels of several effects."""
+    return frozenset(map(effect_label, effects))
 
 
 def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -> frozenset[str]:
@@ -63,61 +118,21 @@ def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -
     An effect lies in it where the interval of the shape holds the one at which the law is that effect.
     """
 
-    def holds(effect: Mapping[str, Any], family: Mapping[str, Any], label: str) -> bool:
-        name, _, site = label.partition(":")
-        low, high = family["interval_99"]
-        return site in ("", effect["site"]) and low <= SHAPES.get((family["law"], name), math.nan) <= high
-
     def label(effect: Mapping[str, Any]) -> str:
-        inside = {name for family in _families_named(effect) for name in hidden if holds(effect, family, name)}
+        inside = [
+            one
+            for family in _families_named(effect)
+            for one, (name, _, site) in ((one, one.partition(":")) for one in hidden)
+            if site in ("", effect["site"]) and _within(SHAPES[family["law"]].get(name), family["interval_99"])
+        ]
         return min(inside, default=_name_stated(effect))
 
     return frozenset(map(label, effects))
 
 
-def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[str, Any]:
-    """One trial."""
-    verdict, damaged = analysis.get("verdict"), truth.get("damage")
-    hidden = frozenset(effect_label(effect) for effect in truth["effects"])
-    idle = any(effect["idle"] for effect in truth["effects"])
-    told = damaged is not None and _told(damaged["channels"], analysis)
-    foreseen = verdict is not None and bool(hidden & set(verdict["preflight"]["undetectable"]))
-    smallest = min(truth["gaps"], default=math.nan)
-    row = {
-        "id": truth["id"],
-        "kind": truth["kind"],
-        "base": truth["base"],
-        "drive": truth.get("drive", "constant_speed"),
-        "hidden": f"{damaged['what']}: {' + '.join(damaged['channels'])}" if damaged else _joined(hidden),
-        "verdict": verdict["verdict"] if verdict else "failed",
-        "named": "",
-        "outcome": _outcome(truth, verdict, hidden, told),
-        "size": truth["size"],
-        "gap_caused": smallest,
-        "numerics_gap": math.nan if truth["numerics_gap"] is None else truth["numerics_gap"],
-        "detectable": bool(hidden) and not foreseen and not idle and not (verdict and smallest < LEAST_GAP),
-        "idle": idle,
-        "foreseen": foreseen,
-        "told": told,
-        "seconds": analysis.get("seconds", math.nan),
-        "reason": analysis.get("error", ""),
-    }
-    for baseline in BASELINES:
-        row[baseline] = _baseline_outcome(truth, hidden, analysis.get(baseline))
-    numbers = ["error", *(f"covered_{level}" for level in LEVELS)]
-    numbers += ["nuisances", *(f"nuisances_covered_{level}" for level in LEVELS), "gap_before", "gap_after", "closed"]
-    row |= dict.fromkeys(numbers, math.nan)
-    if verdict is None:
-        return row
-    row["named"] = " + ".join(sorted(map(_name_stated, verdict["effects"]))) or verdict["verdict"]
-    row["reason"] = " or ".join(sorted(map(_joined, _equivalent(verdict)))) or verdict["because"]
-    if damaged:
-        return row
-    if row["outcome"] == "right":
-        row |= _size_errors(truth, verdict)
-        if verdict["verdict"] != "ambiguous":
-            row |= _nuisances_covered(truth, verdict)
-    return row | _held_out_gaps(verdict)
+def _within(value: float | None, interval: Sequence[float | None] | None) -> bool:
+    low, high = interval or (None, None)
+    return None not in (value, low, high) and low <= value <= high
 
 
 def _joined(names: Iterable[str]) -> str:
@@ -146,7 +161,7 @@ def _told(damaged: Sequence[str], analysis: Mapping[str, Any]) -> bool:
     verdict, error = analysis.get("verdict"), analysis.get("error", "")
     doubted = {name for doubt in analysis.get("doubts", ()) for name in (doubt["channel"], doubt["other"])}
     named = [*verdict["effects"], *verdict["certain"]] if verdict else ()
-    words = {word for name in damaged for word in (("time", "speed") if name == "time" else (name,))}
+    words = [*damaged, *(("speed",) if "time" in damaged else ())]
     refused = error.startswith("InputError") and any(word in error for word in words)
     return refused or bool(doubted & {*damaged}) or any(_is_fault_of(effect, damaged) for effect in named)
 
@@ -169,10 +184,10 @@ def _outcome(truth: Mapping, verdict: Mapping | None, hidden: frozenset[str], to
     if kind == "unexplained":
         return "unexplained"
     if kind == "ambiguous":
-        if not {effect_label(effect) for effect in verdict["certain"]} <= hidden:
+        if not labels(verdict["certain"]) <= hidden:
             return "wrong"
         explanations = _equivalent(verdict)
-        merged = [frozenset(group) for group in verdict["preflight"]["merged"]]
+        merged = [set(group) for group in verdict["preflight"]["merged"]]
         foreseen = hidden in explanations and all(_inseparable(own, hidden, merged) for own in explanations)
         return "right" if foreseen else "ambiguous"
     named = named_labels(effects, hidden)
@@ -181,7 +196,7 @@ def _outcome(truth: Mapping, verdict: Mapping | None, hidden: frozenset[str], to
     return _outcome_of_names(hidden, named)
 
 
-def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Sequence[str] | None) -> str:
+def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Collection[str] | None) -> str:
     """The outcome of a baseline method, which names effects or finds nothing; None where it was not asked."""
     if named is None:
         return "not asked"
@@ -191,23 +206,20 @@ def _baseline_outcome(truth: Mapping, hidden: frozenset[str], named: Sequence[st
 
 
 def _is_off_list(truth: Mapping) -> bool:
-    """Whether an effect is hidden that no candidate is; some that were drawn as such have become candidates."""
+    """Whether an effect is hidden that no candidate is."""
     return not all(effect["listed"] for effect in truth["effects"])
 
 
 def _outcome_of_names(hidden: frozenset[str], named: frozenset[str]) -> str:
-    if named == hidden:
-        return "right"
-    return "partly" if named < hidden else "wrong"
+    return "right" if named == hidden else "partly" if named < hidden else "wrong"
 
 
 def _equivalent(verdict: Mapping) -> list[frozenset[str]]:
     """The explanations that an ambiguous verdict holds to be equal; of other verdicts none."""
-    explanations = verdict["equivalent"] if verdict["verdict"] == "ambiguous" else ()
-    return [frozenset(effect_label(effect) for effect in explanation) for explanation in explanations]
+    return [labels(explanation) for explanation in verdict["equivalent"] if verdict["verdict"] == "ambiguous"]
 
 
-def _inseparable(explanation: frozenset[str], hidden: frozenset[str], merged: Sequence[frozenset[str]]) -> bool:
+def _inseparable(explanation: frozenset[str], hidden: frozenset[str], merged: Sequence[set[str]]) -> bool:
     """Whether an explanation differs from the truth only by effects that preflight could not separate."""
     extra, absent = explanation - hidden, hidden - explanation
     return len(extra) == len(absent) and any(
@@ -219,12 +231,10 @@ def _inseparable(explanation: frozenset[str], hidden: frozenset[str], merged: Se
 def _is_the_force(truth: Mapping, verdict: Mapping) -> bool:
     """Whether the one effect named is a discovered force within `SAME_FORCE_RMS` of the true one."""
     force = truth["effects"][0].get("force")
-    if force is None or len(verdict["effects"]) != 1 or verdict["effects"][0]["name"] != force["kind"]:
+    if force is None or [effect["name"] for effect in verdict["effects"]] != [force["kind"]]:
         return False
-    parameters = verdict["effects"][0]["parameters"]
-    coefficients = {key: entry["value"] for key, entry in parameters.items() if key != "formula"}
-    program = compile_formula(parameters["formula"]["value"], coefficients)
-    found, true = np.array(formula_values(program, list(force["states"].values()))), np.array(force["value"])
+    values = {key: entry["value"] for key, entry in verdict["effects"][0]["parameters"].items()}
+    found, true = formula_values(values.pop("formula"), values, pd.DataFrame(force["states"])), np.array(force["value"])
     return float(np.sqrt(np.mean((found - true) ** 2))) <= SAME_FORCE_RMS * float(np.sqrt(np.mean(true**2)))
 
 
@@ -234,37 +244,27 @@ def _size_errors(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     The size of an effect is its first parameter in the seal. One whose estimate has no interval, since it came to a
     bound, is not covered.
     """
-    if verdict["verdict"] not in NAMED or _is_off_list(truth):
-        return {}
     named = {effect_label(effect): effect["parameters"] for effect in verdict["effects"]}
-    found: dict[str, list[float]] = {}
+    rows = []
     for effect in truth["effects"]:
         key, true = next(iter(effect["parameters"].items()))
         estimate = named.get(effect_label(effect), {}).get(key)  # none where its family is named by another member
-        if estimate is None or not true:
-            continue
-        found.setdefault("error", []).append(abs(estimate["value"] - true) / abs(true))
-        for level in LEVELS:
-            found.setdefault(f"covered_{level}", []).append(_holds(estimate, level, true) or 0.0)
-    return {key: float(np.mean(values)) for key, values in found.items()}
+        if estimate is not None and true:
+            covered = {f"covered_{level}": _within(true, estimate.get(f"interval_{level}")) for level in LEVELS}
+            rows.append({"error": abs(estimate["value"] / true - 1), **covered})
+    return pd.DataFrame(rows).mean().to_dict()
 
 
 def _nuisances_covered(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     """How many nuisances have intervals, and how many true values lie in them."""
-    known = truth.get("nuisances", {})
-    stated = [(estimate, known[key]) for key, estimate in verdict.get("nuisances", {}).items() if key in known]
-    counts = {}
+    known, counts = truth.get("nuisances", {}), {}
+    stated = [(known[key], estimate) for key, estimate in verdict.get("nuisances", {}).items() if key in known]
     for level in LEVELS:
-        inside = [held for estimate, true in stated if (held := _holds(estimate, level, true)) is not None]
+        ends = [(true, estimate.get(f"interval_{level}") or (None,)) for true, estimate in stated]
+        inside = [_within(true, interval) for true, interval in ends if None not in interval]
         if inside:
-            counts |= {"nuisances": float(len(inside)), f"nuisances_covered_{level}": sum(inside)}
+            counts |= {"nuisances": float(len(inside)), f"nuisances_covered_{level}": float(sum(inside))}
     return counts
-
-
-def _holds(estimate: Mapping, level: int, true: float) -> float | None:
-    """Whether the interval of an estimate holds the true value, 1 or 0; None where none is stated."""
-    low, high = estimate.get(f"interval_{level}") or (None, None)
-    return None if low is None or high is None else float(low <= true <= high)
 
 
 def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
@@ -275,3 +275,63 @@ def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
     if before > CLOSED_FROM_GAP:
         closed = 0.0 if math.isnan(after) else share_closed(before, after)
     return {"gap_before": before, "gap_after": after, "closed": closed}
+
+
+def rates(trials: pd.DataFrame) -> pd.DataFrame:
+    """The rates and medians of a set, one a row: what, group, count, value, low, high.
+
+    Shares have the 95 % interval of Clopper and Pearson (Biometrika 26 (1934) 404-413), medians that of order
+    statistics.
+    """
+    one = trials["kind"].isin(["single", "exudyn", "clearance"]) & (trials["hidden"] != "nothing")
+    trials = trials.assign(one=one, loosened=trials["hidden"].isin(CLEARANCES))
+    rows = []
+    for what, rate in RECIPE["rates"].items():
+        for group, part in _groups(trials.query(RECIPE["parts"][rate["of"]]), rate.get("by", ["all"])).items():
+            part = part.query(rate.get("where", "index == index"))
+            if "quantile" in rate:
+                row = _quantile(part[rate["quantile"]], rate.get("share", 0.5))
+            elif "covered" in rate:
+                row = _share(part[rate["covered"]].sum(), int(part["nuisances"].sum()))
+            else:
+                row = _share(part.eval(rate["is"]).sum(), len(part))
+            rows.append({"what": what, "group": group, **row})
+    return pd.DataFrame([row for row in rows if row["count"]])
+
+
+def _groups(trials: pd.DataFrame, by: Collection[str]) -> dict[str, pd.DataFrame]:
+    """All, by base, by drive, by gap, those from Exudyn, and by what was damaged."""
+    if trials.empty:
+        return {}
+    larger = trials["gap_caused"] > (1 + GAP_TOLERANCE) * trials["size"]
+    gap = "gap " + trials["size"].map("{:g}".format)
+    gap = gap.mask(larger, "gap larger than asked for").where(trials["size"] > 0)
+    loose = ((trials["base"] == "loose") | trials["loosened"]).map({True: "loose", False: "ideal"})
+    keys = {
+        "all": trials["kind"].where(trials["kind"].isna(), "all"),
+        "base": "base " + trials["base"],
+        "drive": "drive " + trials["drive"],
+        "gap": gap,
+        "simulator": ("from Exudyn, joints " + loose).where(trials["kind"] == "exudyn"),
+        "damage": trials["hidden"].str.split(":").str[0].where(trials["kind"] == "wiring"),
+    }
+    told_apart = [key for key in by if key != "drive" or trials["drive"].nunique() > 1]
+    return {name: part for key in told_apart for name, part in trials.groupby(keys[key])}
+
+
+def _share(hits: float, count: int) -> dict[str, float]:
+    """A share, of which a trial may count a half."""
+    if not count:
+        return {"count": 0}
+    low, high = binomtest(round(hits), count).proportion_ci(0.95, "exact")
+    return {"count": count, "value": round(hits) / count, "low": float(low), "high": float(high)}
+
+
+def _quantile(values: pd.Series, share: float) -> dict[str, float]:
+    """The value below which a share of all lies, between two of the sorted values; the outermost where few are."""
+    known = values.dropna().to_numpy(float)
+    if not known.size:
+        return {"count": 0}
+    low, high = quantile_test(known, p=share).confidence_interval(0.95)
+    low, high = np.nan_to_num(low, nan=known.min()), np.nan_to_num(high, nan=known.max())
+    return {"count": known.size, "value": np.quantile(known, share), "low": float(low), "high": float(high)}

@@ -69,7 +69,7 @@ FIT = """
 import math
 import numpy as np
 from jointgap.rig.model import build_model
-from validation.effects import LISTED
+from validation.rig import LISTED
 from jointgap.campaign.sentences import effect_in_words
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 

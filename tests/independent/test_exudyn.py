@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 
 from tests.independent.cases import JOURNALS, SPEED, friction, mechanism, positions
-from validation.exudyn import NativeContacts
+from validation.exudyn import SliderCrank
 
 QUARTERS = (90, 180, 270, 360)
 SUBSETS = [
@@ -25,7 +25,7 @@ ON_THE_OTHER_BODY = {"crank_pivot": "crank", "crank_pin": "rod", "piston_pin": "
 def differences(made, tolerance, **start) -> dict[int, float]:
     """Largest difference [m, rad] of the two codes' positions at quarters of the first revolution, by degrees."""
     ours = positions(made, start.get("start_angle", 0.0), _in_a_row(start.get("perturbation")))
-    peer = NativeContacts(made, SPEED, **start)
+    peer = SliderCrank(made, SPEED, **start)
     return {
         degrees: float(np.abs(peer.advance(math.radians(degrees) / SPEED, tolerance) - ours[degrees]).max())
         for degrees in QUARTERS

@@ -14,7 +14,7 @@ pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
 from jointgap.core.joints import PINS
 from jointgap.dynamics.simulation import simulate
 from tests.independent.cases import SPEED, mechanism, options
-from validation.exudyn import NativeContacts
+from validation.exudyn import SliderCrank
 
 RUNS, REVOLUTIONS = 24, 2  # after a first revolution, in which all runs are still alike
 STEP = math.radians(5)
@@ -56,7 +56,7 @@ def ours(perturbation) -> dict[str, float]:
 
 def exudyns(perturbation) -> dict[str, float]:
     start = {"crank_pin": perturbation[:2], "piston_pin": perturbation[2:]}
-    peer = NativeContacts(mechanism(), SPEED, perturbation=start, recorded=True)
+    peer = SliderCrank(mechanism(), SPEED, perturbation=start, recorded=True)
     peer.advance(2 * math.pi / SPEED, 1e-8)
     angles = 2 * math.pi + STEP * np.arange(round(2 * math.pi * REVOLUTIONS / STEP) + 1)
     rod_angles, records = [peer.positions()[2]], []

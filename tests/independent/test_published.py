@@ -98,9 +98,9 @@ def test_exudyn_gives_the_same_motion():
     from jointgap.config import Simulate
     from jointgap.dynamics.simulation import simulate
     from tests.independent.cases import POSITIONS
-    from validation.exudyn import NativeContacts
+    from validation.exudyn import SliderCrank
 
-    made, peer = mechanism(), NativeContacts(mechanism(), SPEED)
+    made, peer = mechanism(), SliderCrank(mechanism(), SPEED)
     options = Simulate(speed=SPEED, revolutions=1, samples_per_revolution=4, tolerance=1e-15)
     ours = simulate(made, options).samples[POSITIONS].to_numpy()
     for quarter, bound in ((1, 1e-11), (2, 1e-10)):

@@ -11,8 +11,8 @@ pytest.importorskip("pysindy", reason="needs pysindy: scripts/set-up peers")
 from jointgap.config.load import load_campaign
 from jointgap.rig.read_files import read_measurements
 from validation.analyse import sparse_names
-from validation.hide import make_trial
-from validation.plan import TrialPlan
+from validation.kinds import Trial
+from validation.trial import make_trial
 
 
 def residuals(folder, missing) -> pd.DataFrame:
@@ -40,7 +40,7 @@ def residuals(folder, missing) -> pd.DataFrame:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("campaign")
-    make_trial(TrialPlan("0123456789ab", 3, "nothing", "ideal", 0.0, ()), 5, place)
+    make_trial(Trial("nothing", "ideal", id="0123456789ab"), 5, place)
     return place
 
 

@@ -42,7 +42,7 @@ def rules() -> dict[str, Files]:
 def test_a_part_of_a_set_says_so_in_its_score():
     printed = dry_run("trials=2").stdout
     assert printed.count("validation conceal") == 2
-    assert "score --set 'small, the first 2 of 6 trials' " in printed
+    assert "score 'small, the first 2 of 6 trials' " in printed
     refused = dry_run("batches=1")
     assert "give `--config trials=N` for the first N trials" in refused.stdout + refused.stderr
 
@@ -54,7 +54,7 @@ def dry_run(choice: str) -> subprocess.CompletedProcess:
 
 
 def test_the_rules_are_those_we_think_of(rules):
-    assert set(rules) == {"conceal", "analyse", "score", "track", "blind"}
+    assert set(rules) == {"conceal", "analyse", "score", "blind"}
 
 
 def test_only_the_scoring_takes_the_sealed_truth(rules):

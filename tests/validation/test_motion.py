@@ -1,54 +1,35 @@
-"""Data of blind trials come from another integrator; where the motion repeats it agrees with the package's."""
+"""Motion and effects of blind trials, by the package's simulation and by Exudyn, and what sensors make of it."""
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from jointgap.config import Simulate
-from jointgap.dynamics.simulation import simulate
-from tests.independent.cases import mechanism
-from validation.rig import CrankRun, Numerics, simulate_signals
+from jointgap.config import Mechanism, Simulate
+from jointgap.dynamics.simulation import simulate as package_motion
+from jointgap.rig.sensors import FAULTS
+from tests.independent.cases import friction, mechanism
+from validation import exudyn
+from validation.rig import RECIPE, UNLISTED_FAULTS, Hidden, Numerics, Run, read, simulate
 
 ROOT = Path(__file__).parents[2]
 SPEED = 40.0
-SEEN = ("slider_position", "slider_acceleration", "crank_torque", "guide_force", "frame_force_x")
+REVOLUTION = np.linspace(0.0, 2 * math.pi / SPEED, 61)
 
 
-def content(loose=(), **contact) -> dict:
-    made = mechanism(loose, friction=0.1).model_dump()
-    steel = {"law": "lankarani_nikravesh", "youngs_modulus": 207e9, "poisson_ratio": 0.3, "restitution": 0.46}
-    made["contacts"] = {"steel": steel | {"friction": 0.1, **contact}}
-    made["joints"] = {name: joint | {"contact": "steel"} for name, joint in made["joints"].items()}
-    return made
-
-
-@pytest.mark.parametrize("loose", [(), ("piston_pin",), ("crank_pin", "piston_pin")], ids=["ideal", "one pin", "both"])
-def test_both_integrators_give_the_same_motion(loose):
-    ours = simulate(
-        mechanism(loose, friction=0.1, memory="fading"),
-        Simulate(speed=SPEED, revolutions=2, samples_per_revolution=60, tolerance=1e-13),
-    ).samples.iloc[60:]
-    times = ours["time"].to_numpy() - 2 * math.pi / SPEED
-    other = simulate_signals(content(loose), CrankRun(SPEED, 0.0, times, settling=1), Numerics(1e-12))
-    for name in SEEN:
-        spread = float(ours[name].std())
-        assert np.abs(other[name] - ours[name]).max() < 2e-3 * spread, name
-    assert other["crank_angle"] == pytest.approx(ours["crank_angle"] - 2 * math.pi, abs=1e-9)
-
-
-def test_a_smaller_tolerance_changes_the_motion_less():
-    times = np.linspace(0.0, 2 * math.pi / SPEED, 60)
-
-    def slider_velocity(tolerance: float) -> np.ndarray:
-        run = CrankRun(SPEED, 0.0, times, settling=0)
-        return simulate_signals(content(("piston_pin",)), run, Numerics(tolerance))["slider_velocity"]
-
-    exact = slider_velocity(1e-13)
-    off = [np.abs(slider_velocity(tolerance) - exact).max() for tolerance in (1e-8, 1e-10, 1e-12)]
-    assert off[0] > off[1] > off[2]
+def test_a_run_is_the_package_s_motion_whose_phase_is_passed_at_time_zero():
+    pin = mechanism(("piston_pin",), friction=0.1, memory="fading")
+    options = Simulate(speed=SPEED, revolutions=2, samples_per_revolution=60, tolerance=1e-13)
+    ours = package_motion(pin, options).samples.iloc[60:]
+    seen = simulate(pin, Run(SPEED, 0.0, REVOLUTION, settling=1), Numerics(1e-13))
+    for name in ("slider_position", "slider_acceleration", "crank_torque", "guide_force", "frame_force_x"):
+        assert np.abs(seen[name] - ours[name]).max() < 1e-4 * ours[name].std(), name
+    for angle, settling in ((0.0, 4), (5.0, 4), (2.0, 6)):
+        late = simulate(pin, Run(SPEED, 1.0, REVOLUTION, angle, settling), Numerics())
+        assert late["crank_angle"] == pytest.approx(1.0 + SPEED * REVOLUTION, abs=1e-9)
 
 
 EFFECTS = [
@@ -63,49 +44,33 @@ EFFECTS = [
     {"name": "added_slider_mass", "parameters": {"mass_kg": 0.05}},
     {"name": "link_length_error", "parameters": {"crank_m": 0.002, "rod_m": -0.001}},
 ]
+LOOSER = {"name": "piston_pin_clearance", "parameters": {"clearance_m": 5e-4, "restitution": 0.7, "friction": 0.2}}
 
 
-def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for():
+# The slider's dry friction turns over 1 mm/s there, over 10 mm/s here: where pins are loose the motion shows it.
+@pytest.mark.parametrize(
+    ("loose", "effects", "bound"),
+    [
+        ((), EFFECTS, 2e-4),
+        (("crank_pin",), [], 1e-4),
+        (("piston_pin",), [], 2e-4),
+        (("crank_pin", "piston_pin"), [], 1e-3),
+        (("crank_pin",), [*EFFECTS[:1], *EFFECTS[2:], LOOSER], 2e-3),
+        (("crank_pin",), [EFFECTS[1], LOOSER], 5e-3),
+    ],
+    ids=["ideal", "crank pin", "piston pin", "both pins", "effects and a clearance", "dry friction"],
+)
+def test_exudyn_gives_the_same_readings_with_every_effect_that_it_is_asked_for(loose, effects, bound):
     pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
-    from validation.exudyn import readings
-    from validation.plan import EXUDYN_EFFECTS
-
-    assert {effect["name"] for effect in EFFECTS} == set(EXUDYN_EFFECTS)
-    made = content() | {"effects": EFFECTS}
-    times = np.linspace(0.0, 2 * math.pi / SPEED, 61)
-    run = CrankRun(SPEED, 1.0, times, settling=1)
-    ours = simulate_signals(made, run, Numerics())
-    for name, values in readings(made, run)[0].items():
-        assert np.abs(values - ours[name]).max() < 1e-4 * ours[name].std(), name
-
-
-def of_loose_pins(made) -> dict[str, float]:
-    """RMS difference of Exudyn's readings from ours with the same friction law, over their standard deviation."""
-    pytest.importorskip("exudyn", reason="needs Exudyn: scripts/set-up peers")
-    from validation.exudyn import FRICTION_SPEED, readings
-
-    run = CrankRun(SPEED, 1.0, np.linspace(0.0, 2 * math.pi / SPEED, 61), start_angle=2.0, settling=2)
-    straight = {"steel": made["contacts"]["steel"] | {"dead_band_speed": 0.0}}
-    ours = simulate_signals(made | {"contacts": straight}, run, Numerics(1e-11, "ambrosio", FRICTION_SPEED))
-    return {
-        name: float(np.sqrt(np.mean((values - ours[name]) ** 2)) / ours[name].std())
-        for name, values in readings(made, run)[0].items()
-    }
-
-
-@pytest.mark.parametrize("loose", [("crank_pin",), ("piston_pin",), ("crank_pin", "piston_pin")], ids=" ".join)
-def test_exudyn_moves_loose_pins_alike_with_contacts_of_its_own(loose):
-    assert max(of_loose_pins(content(loose, reference_approach_speed=0.1)).values()) < 1e-4
-
-
-# The slider's dry friction turns over a speed of 1 mm/s there, of 10 mm/s here: the motion shows it.
-@pytest.mark.parametrize(("dry", "bound"), [(False, 1e-3), (True, 3e-3)], ids=["all but dry friction", "dry friction"])
-def test_loose_pins_move_alike_with_every_effect_too(dry, bound):
-    contact = {"restitution": 0.7, "friction": 0.2, "stiffness_factor": 0.5, "damping_factor": 2.0}
-    clearance = {"name": "piston_pin_clearance", "parameters": {"clearance_m": 5e-4, **contact}}
-    effects = [effect for effect in EFFECTS if (effect["name"] == "slider_coulomb_friction") == dry]
-    made = content(("crank_pin",)) | {"effects": [*effects, clearance]}
-    assert max(of_loose_pins(made).values()) < bound
+    assert {effect["name"] for effect in EFFECTS} == set(RECIPE["exudyn"])
+    given = mechanism(loose, **friction(speed=1e-3)).model_dump() | {"effects": effects}
+    made = Mechanism.model_validate(given)
+    run = Run(SPEED, 1.0, REVOLUTION, start_angle=2.0, settling=2)
+    ours = simulate(made, run, Numerics(1e-11, "ambrosio"))
+    model = exudyn.SliderCrank(made, SPEED, run.start_angle)
+    for name, values in model.readings(run.times + run.lead).items():
+        if name != "crank_angle":
+            assert np.sqrt(np.mean((values - ours[name]) ** 2)) < bound * ours[name].std(), name
 
 
 def test_the_second_models_share_no_code_with_the_dynamics():
@@ -116,3 +81,33 @@ def test_the_second_models_share_no_code_with_the_dynamics():
     ):
         imported = re.findall(r"^\s*(?:from|import) (\S+)", (ROOT / path).read_text(encoding="utf-8"), re.M)
         assert [name for name in imported if name.startswith(("jointgap.dynamics", "validation"))] == shared
+
+
+def faulty(name: str, value: float, channel="slider_position", speed=20.0):
+    """What a sensor reads of a slow motion with a fault, and without."""
+    run = Run(speed, 1.0, np.linspace(0.0, 0.3, 301), settling=1)
+    effect = Hidden(name, channel, lambda size: {"value": size}, value, value, sensor=channel)
+    seen, true = (read(mechanism(()), run, Numerics(), effects)[channel] for effects in ([(effect, value)], []))
+    return seen, true, run
+
+
+def test_sensors_err_as_their_faults_say():
+    seen, true, _ = faulty("sensor_bias", 2.0)
+    assert seen == pytest.approx(true + 2.0)
+    seen, true, _ = faulty("sensor_gain", 0.1)
+    assert seen == pytest.approx(1.1 * true)
+    seen, true, _ = faulty("encoder_offset", 0.2, "crank_angle")
+    assert seen == pytest.approx(true + 0.2)
+    seen, true, _ = faulty("saturation", 0.3)
+    assert np.ptp(seen) == pytest.approx(0.7 * np.ptp(true))
+    assert {"saturation"} < set(UNLISTED_FAULTS)
+    assert not set(UNLISTED_FAULTS) & set(FAULTS)
+
+
+def test_a_late_logger_stores_what_was_true_earlier_and_a_slow_sensor_lags_behind_a_slow_signal_by_its_time():
+    seen, true, _ = faulty("sensor_delay", 2e-3)
+    assert seen[2:] == pytest.approx(true[:-2], rel=1e-6, abs=1e-6)
+    late = 1e-4  # the lag of a signal much slower than it is a delay, to the second order
+    seen, true, run = faulty("sensor_lag", late)
+    delayed = simulate(mechanism(()), replace(run, times=run.times - late), Numerics())["slider_position"]
+    assert np.abs(seen - delayed).max() < 0.02 * np.abs(seen - true).max()

@@ -11,10 +11,10 @@ from scipy.stats import binom
 from jointgap.core.errors import InputError
 from jointgap.identification.fit import LEVELS
 from validation.analyse import greedy_names
-from validation.report import rates, write_score
-from validation.score import BASELINES, LEAST_GAP, effect_label, named_labels, score_trial, score_trials
+from validation.report import write_score
+from validation.score import BASELINES, LEAST_GAP, effect_label, named_labels, rates, score_trial, score_trials
 
-SHOWN = {"listed": True, "idle": False}
+SHOWN = {"listed": True}
 DRAG = {"name": "slider_quadratic_drag", "site": "slider", **SHOWN, "parameters": {"drag_N_s2_m2": 2.0}}
 SPRING = {"name": "slider_spring", "site": "slider", **SHOWN, "parameters": {"stiffness_N_m": 100.0}}
 LAG = {"name": "sensor_lag", "site": "crank_torque", **SHOWN, "parameters": {"lag_s": 1e-3}}
@@ -23,7 +23,7 @@ LAG = {"name": "sensor_lag", "site": "crank_torque", **SHOWN, "parameters": {"la
 def truth(*effects, kind="single", gap=5.0, name="a") -> dict:
     return {
         "id": name, "kind": kind, "base": "ideal", "size": 5.0 if effects else 0.0, "effects": list(effects),
-        "gaps": [gap] * len(effects), "numerics_gap": 1.0,
+        "gaps": [gap] * len(effects), "numerics_gap": 1.0, "drive": "constant_speed",
     }  # fmt: skip
 
 
@@ -129,7 +129,7 @@ def test_a_family_is_right_where_the_true_law_lies_in_it_and_its_interval_holds_
 
 
 def test_a_law_off_the_list_is_right_as_its_family_and_wrong_as_another_law():
-    fifth = {"name": "fifth_power_drag", "site": "slider", "listed": False, "idle": False, "parameters": {"s": 3.0}}
+    fifth = {"name": "fifth_power_drag", "site": "slider", "listed": False, "parameters": {"s": 3.0}}
     stribeck = fifth | {"name": "stribeck_friction"}
     assert outcome(fifth, kind="off_list", effects=[drag_family("slider_power_drag", 4.7, 5.2)]) == "right"
     assert outcome(fifth, kind="off_list", effects=[drag_family("slider_power_drag", 2.7, 3.2)]) == "wrong"
@@ -171,7 +171,6 @@ def test_a_discovered_force_is_right_within_a_tenth_of_the_true_one(off, found):
         "name": "cubic_drag",
         "site": "slider",
         "listed": False,
-        "idle": False,
         "parameters": {"s": 3.0},
         "force": force,
     }
@@ -187,14 +186,6 @@ def test_what_preflight_calls_undetectable_is_apart_and_so_is_what_could_not_be_
     assert not score_trial(truth(DRAG, gap=1.1), analysis())["detectable"]
     assert score_trial(truth(DRAG), analysis(undetectable=["slider_quadratic_drag"]))["foreseen"]
     assert not score_trial(truth(DRAG, gap=1.1), analysis())["foreseen"]
-
-
-def test_an_effect_that_is_within_a_stated_range_is_none_and_so_is_a_pair_with_it():
-    row = score_trial(truth(DRAG | {"idle": True}), analysis("parameters_only"))
-    assert (row["idle"], row["detectable"], row["outcome"]) == (True, False, "missed")
-    pair = score_trial(truth(DRAG, SPRING | {"idle": True}, kind="pair"), analysis(effects=[named(DRAG)]))
-    assert (pair["idle"], pair["detectable"]) == (True, False)
-    assert not score_trial(truth(DRAG), analysis())["idle"]
 
 
 def test_error_coverage_and_the_share_of_the_excess_closed():
@@ -277,15 +268,15 @@ def set_of_trials(tmp_path) -> pd.DataFrame:
 
 def scored(folder, sealed, found) -> pd.DataFrame:
     for name, records in (("sealed", sealed), ("verdicts", found)):
-        (folder / name).mkdir()
+        (folder / name).mkdir(parents=True)
         for record in records:
             (folder / name / f"{record['id']}.json").write_text(json.dumps(record))
-    return score_trials(folder / "sealed", folder / "verdicts", [record["id"] for record in sealed])
+    return score_trials(folder)
 
 
 def test_a_verdict_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"sealed/a\.json: cannot be read .*run `make blind` again"):
-        score_trials(tmp_path / "sealed", tmp_path / "verdicts", ["a"])
+        score_trials(tmp_path, ["a"])
 
 
 def test_a_set_becomes_a_table_a_page_numbers_and_figures(set_of_trials, tmp_path):
@@ -329,7 +320,7 @@ def rows_of(*rows) -> pd.DataFrame:
     hidden[frame["size"] == 0.0] = "nothing"
     baselines = dict.fromkeys(BASELINES, "not asked") | {"greedy": "wrong"}
     words = {"named": "gravity", "drive": "constant_speed"}
-    return frame.assign(hidden=hidden, told=False, idle=False, **words, **baselines, **numbers)
+    return frame.assign(hidden=hidden, told=False, **words, **baselines, **numbers)
 
 
 def test_names_are_counted_by_drive_where_some_cranks_follow_the_angle_read():
@@ -389,7 +380,6 @@ def test_every_rate_counts_the_trials_that_it_says():
         "wrong name, two effects": (1, 2),
         "undetectable": (2, 9),
         "undetectable, as preflight says": (1, 9),
-        "undetectable, within a stated range or overwritten": (0, 9),
         "failed": (1, 15),
         "size within the 90 % interval": (2, 5),  # five halves, to the even number
         "size within the 50 % interval": (0, 5),

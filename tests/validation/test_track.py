@@ -4,13 +4,14 @@ import json
 
 import numpy as np
 import pandas as pd
-from click.testing import CliRunner
 from mlflow.tracking import MlflowClient
 
 from jointgap.app.dashboard import addresses
-from validation.__main__ import cli
-from validation.report import mlflow_records, rates, write_score
-from validation.score import BASELINES
+from jointgap.core.publish import publish_records
+from tests.validation.test_score import analysis, scored, truth
+from validation.__main__ import score
+from validation.report import DESCRIPTION, mlflow_records, write_score
+from validation.score import BASELINES, rates
 
 
 def made_up(right: int, count: int = 4) -> pd.DataFrame:
@@ -21,7 +22,7 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
     numbers += [f"{name}covered_{level}" for name in ("", "nuisances_") for level in (50, 90, 99)]
     text = dict.fromkeys(("verdict", "named", "reason", *BASELINES), "-") | {"drive": "constant_speed"}
     frame = pd.DataFrame([text | dict.fromkeys(numbers, 1.0) | {"numerics_gap": np.nan} | row for row in rows])
-    flags = {"told": False, "foreseen": False, "idle": False, "detectable": frame["kind"] == "single"}
+    flags = {"told": False, "foreseen": False, "detectable": frame["kind"] == "single"}
     names = [f"trial{i}" for i in frame.index]
     return frame.assign(id=names, base="ideal", size=5.0, seconds=2.0, **flags)
 
@@ -29,10 +30,15 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
 def published(results, name: str, right: int) -> dict:
     folder = results / "blind" / name / "score"
     write_score(name, made_up(right), folder)
-    file = folder / "published.json"
-    given = ["--set", name, "--folder", folder, "--store", results, "--published", file]
-    CliRunner().invoke(cli, ["track", *map(str, given)], catch_exceptions=False)
-    return json.loads(file.read_text())
+    return publish_records(name, DESCRIPTION, mlflow_records(folder), None, results)
+
+
+def test_the_command_scores_the_trials_of_a_folder_and_publishes_them(tmp_path):
+    folder = tmp_path / "blind" / "small"
+    scored(folder, [truth(name="a", kind="nothing")], [{**analysis(verdict="no_disagreement"), "id": "a"}])
+    score("small", str(folder), "a")
+    assert pd.read_csv(folder / "score/trials.csv")["outcome"].tolist() == ["right"]
+    assert json.loads((folder / "score/published.json").read_text())["runs"]["blind"]["run_id"]
 
 
 def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(tmp_path):

@@ -108,10 +108,10 @@ def cli() -> None:
 
 cli.removed = {
     **dict.fromkeys(("study", "study-points"), "use `jointgap sweep` with sweep.design: grid"),
-    **{
-        f"blind-{verb}": f"use `make blind`, or in a clone `python -m validation {verb}`"
-        for verb in ("conceal", "analyse", "score", "track")
-    },
+    **dict.fromkeys(
+        ("blind-conceal", "blind-analyse", "blind-score", "blind-track"),
+        "use `make blind`, or in a clone `python -m validation`",
+    ),
     **dict.fromkeys(
         ("design-networks", "compare-searches"),
         "use sweep.best_lengths: the frozen motion is as good (docs/how_to/sweep.md)",

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
@@ -77,7 +77,6 @@ class SensorFault:
     words: str  # What a verdict calls it; they may hold ``{site}``
     bounds: Callable[[Reading], tuple[float, float, float]]
     law: str = ""  # What the sensor reads, y, of what is true, u
-    trial: Callable[[Any, str], tuple[float, float]] | None = None
     of_each_run: bool = False  # Whether each run has a parameter of its own
     steady: bool = False  # Whether a reading that does not change shows it too
     before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
@@ -136,7 +135,6 @@ FAULTS = {
             "an offset of the encoder",
             bounds=lambda reading: (2e-3, -math.pi, math.pi),
             law="y = u + offset_rad",
-            trial=lambda rig, channel: (0.005, 0.5),
         ),
         SensorFault(
             ENCODER_ZEROS,
@@ -163,7 +161,6 @@ FAULTS = {
             "a bias of the sensor of {site}",
             law="y = u + bias",
             bounds=lambda reading: (DETECTABLE_SHARE * (reading.spread or 1.0), -math.inf, math.inf),
-            trial=lambda rig, channel: (0.1 * rig.spread[channel], math.inf),
             steady=True,
             after_filter=lambda values, bias: values + bias,
             undone=lambda values, bias, times: values - bias,
@@ -175,7 +172,6 @@ FAULTS = {
             "a wrong gain of the sensor of {site}",
             law="y = (1 + gain_error) u",
             bounds=lambda reading: (DETECTABLE_SHARE, -0.9, 9.0),
-            trial=lambda rig, channel: (0.05, 1.0),
             before_filter=lambda values, error: (1.0 + error) * values,
             undone=lambda values, error, times: values / (1.0 + error),
         ),
@@ -187,7 +183,6 @@ FAULTS = {
             bounds=_late,
             law="lag_s dy/dt + y = u, first order, as of a filter or a slow transducer: a fast change comes late and "
             "smaller",
-            trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
             over_time=lambda values, interval, lag: lagged(values, interval, lag) if lag else values,
             undone=lambda values, lag, times: values + lag * np.gradient(values, times),
         ),
@@ -198,7 +193,6 @@ FAULTS = {
             "a delay of the sensor of {site}",
             bounds=_late,
             law="y(t) = u(t - delay_s), a pure delay, as of a logger, a bus or USB: all comes late and nothing smaller",
-            trial=lambda rig, channel: (0.02 / rig.speed, 0.02),
             delays=True,
             undone=lambda values, delay, times: np.interp(times + delay, times, values),
         ),
