@@ -92,7 +92,7 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     def dead_centre(lengths: ArrayLike, side: float) -> np.ndarray:
         return np.sqrt(reach(lengths, side) ** 2 - offset**2)
 
-    def dead_centre_angle(lengths: ArrayLike, side: float) -> np.ndarray:
+    def angle(lengths: ArrayLike, side: float) -> np.ndarray:
         return np.arcsin(offset / reach(lengths, side)) + (0.0 if side > 0 else np.pi)
 
     properties = {
@@ -100,16 +100,8 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
         "stroke": ("stroke", "mm", lambda at: dead_centre(at, 1.0) - dead_centre(at, -1.0)),
         "outer_dead_centre": ("outer dead centre", "mm", partial(dead_centre, side=1.0)),
         "inner_dead_centre": ("inner dead centre", "mm", partial(dead_centre, side=-1.0)),
-        "outer_dead_centre_angle": (
-            "crank angle of the outer dead centre",
-            "deg",
-            partial(dead_centre_angle, side=1.0),
-        ),
-        "inner_dead_centre_angle": (
-            "crank angle of the inner dead centre",
-            "deg",
-            partial(dead_centre_angle, side=-1.0),
-        ),
+        "outer_dead_centre_angle": ("crank angle of the outer dead centre", "deg", partial(angle, side=1.0)),
+        "inner_dead_centre_angle": ("crank angle of the inner dead centre", "deg", partial(angle, side=-1.0)),
         # from the crank pin at its farthest on the other side to the outer dead centre
         "length_along": ("length along the slide", "mm", lambda at: dead_centre(at, 1.0) + crank(at)),
         # the crank's circle, and the slide where it lies outside it
