@@ -84,8 +84,10 @@ _COUNTED = {"counts_per_turn": ("turn", ""), "rate": ("s", "Hz")}
 """Keys that make a column of whole numbers one of parts of a unit: that unit, and the unit of the key."""
 
 _AMOUNT = [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}]
-_BY_RUN = {"type": "object", "additionalProperties": {"anyOf": _AMOUNT}}
-_NULL = {"type": "null"}
+_AMOUNTS = [*_AMOUNT, {"type": "null"}, {"type": "object", "additionalProperties": {"anyOf": _AMOUNT}}]
+Scale = Annotated[str | None, WithJsonSchema({"anyOf": _AMOUNTS[:3]})]
+Step = Annotated[float | None, WithJsonSchema({"anyOf": _AMOUNTS[:3]})]
+Noise = Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": _AMOUNTS})]
 
 
 class Channel(Section):
@@ -93,28 +95,16 @@ class Channel(Section):
 
     column: Name = Field(description="heading of the column in every run's file")
     unit: str = Field(description="pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate")
-    scale: Annotated[str | None, WithJsonSchema({"anyOf": [*_AMOUNT, _NULL]})] = Field(
-        None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A; null: none"
-    )
+    scale: Scale = Field(None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A")
     counts_per_turn: quantity("", gt=0) | None = Field(None, description="of an angle in an encoder's counts")
     rate: quantity("Hz", gt=0) | None = Field(None, description="of time in sample numbers: how many a second, 2 kHz")
-    noise: Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": [*_AMOUNT, _NULL, _BY_RUN]})] = Field(
-        None, description="standard deviation of the noise in the column's unit, one or by run; null: estimated"
-    )
-    resolution: Annotated[float | None, WithJsonSchema({"anyOf": [*_AMOUNT, _NULL]})] = Field(
-        None, description="step of an encoder in the column's unit; null: not known"
-    )
-    bandwidth: quantity("Hz", gt=0) | None = Field(
-        None, description="corner of the fourth-order low-pass that the samples went through; null: instantaneous"
-    )
+    noise: Noise = Field(None, description="standard deviation in the column's unit, one or by run; null: estimated")
+    resolution: Step = Field(None, description="step of an encoder in the column's unit; null: not known")
+    bandwidth: quantity("Hz", gt=0) | None = Field(None, description="corner of the samples' fourth-order low-pass")
     filter: Literal["zero_phase", "causal"] = Field("zero_phase", description="whether that low-pass delays")
     sign: Literal[1, -1] = Field(1, description="-1: the sensor reads the opposite of what the axes say")
-    jitter: quantity("s", gt=0) | None = Field(
-        None, description="of time: standard deviation of its stamps; null: estimated where samples tell"
-    )
-    repeated: Literal["first", "last"] | None = Field(
-        None, description="of time: which of several rows of one time is kept; null: they must be the same"
-    )
+    jitter: PositiveTime | None = Field(None, description="of time: standard deviation of its stamps; null: estimated")
+    repeated: Literal["first", "last"] | None = Field(None, description="of time: which of rows of one time is kept")
     reads_gravity: bool = Field(False, description="whether an accelerometer's reading has gravity in it")
 
     @model_validator(mode="before")
@@ -331,10 +321,7 @@ class Start(Section):
     It began as in the paper, with coincident joint centres and the velocities of the ideal mechanism.
     """
 
-    angle: Angle | None = Field(
-        None,
-        description="crank angle at which the motion began: where it was passed nearest to turned or ran, or last",
-    )
+    angle: Angle | None = Field(None, description="crank angle, passed nearest to turned or ran, else last")
     turned: PositiveAngle | None = Field(None, description="how far the crank had turned by the first sample: 3 turn")
     ran: PositiveTime | None = Field(None, description="how long it had run by the first sample: 0.5 s")
 
@@ -354,16 +341,10 @@ class CampaignRun(Section):
     id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
     file: str = Field(min_length=1, description="table of samples, CSV or Parquet, from the campaign file's folder")
     speed: PositiveAngularSpeed = Field(description="nominal speed of the crank")
-    role: Literal["identify", "confirm", "split"] = Field(
-        description="identify: for fitting and choosing; confirm: for neither; split: its last third for neither"
-    )
+    role: Literal["identify", "confirm", "split"] = Field(description="split: the last third confirms")
     start: Literal[_STARTS] | Start = Field("settled", description="how the motion began, or where and how long before")
-    first_angle: Angle | None = Field(
-        None, description="crank angle at the first sample, where no channel has it; null: found with the nuisances"
-    )
-    direction: Literal["counter_clockwise", "clockwise"] = Field(
-        "counter_clockwise", description="how the crank turns; a clockwise crank's falling angle is mirrored"
-    )
+    first_angle: Angle | None = Field(None, description="crank angle at the first sample, if no channel has it")
+    direction: Literal["counter_clockwise", "clockwise"] = "counter_clockwise"
 
     @field_validator("speed", mode="before")
     @classmethod
@@ -388,30 +369,25 @@ class CampaignRun(Section):
 
 def _day(given: Any) -> Any:
     try:
-        return given if given is None or type(given) is Date else Date.fromisoformat(given)
+        return given if type(given) is Date else Date.fromisoformat(given)
     except (TypeError, ValueError):
         raise ValueError("is no day; write year, month and day, such as 2026-03-01") from None
+
+
+Day = Annotated[Date, BeforeValidator(_day)]
 
 
 class Campaign(Section):
     """Everything that the naming of effects knows of a rig but the samples."""
 
     name: Word = Field(description="name of the campaign, and of its folder of results")
-    date: Annotated[Date | None, BeforeValidator(_day)] = Field(
-        None, description="day of the measurement, for trends: 2026-03-01"
-    )
+    date: Day | None = Field(None, description="day of the measurement, for trends: 2026-03-01")
     mechanism: Mechanism = Field(description="the mechanism as it is simulated so far")
-    drive: Literal["constant_speed", "measured_angle", "motor"] = Field(
-        "constant_speed", description="what turns the crank: a constant speed, the measured angle, or a motor"
-    )
+    drive: Literal["constant_speed", "measured_angle", "motor"] = Field("constant_speed", description="of the crank")
     motor: MotorDrive | None = Field(None, description="torque-speed line of the motor")
-    runs: Annotated[tuple[CampaignRun, ...], Field(min_length=1)] = Field(description="the runs, a file each")
-    channels: Annotated[dict[Literal[tuple(CHANNELS)], Channel], Field(min_length=1)] = Field(
-        description="what was measured, by the channel's name"
-    )
-    nuisance: dict[str, float | tuple[float, float]] = Field(
-        {}, description="what is known within bounds only: a percentage of nominal, an amount, or [low, high]"
-    )
+    runs: tuple[CampaignRun, ...] = Field(min_length=1, description="the runs, a file each")
+    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(min_length=1, description="what was measured")
+    nuisance: dict[str, float | tuple[float, float]] = Field({}, description="what is known within bounds only")
     csv: Csv = Field(Csv(), description="how text files are written")
     folder: Path = Field(Path(), description="folder of the runs' files, from the campaign file's own")
 
@@ -461,10 +437,7 @@ class Campaign(Section):
                 if other.id == run.id:
                     yield f"runs: two have the id '{run.id}'; give each its own"
                 if other.file == run.file:
-                    yield (
-                        f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or one run with role "
-                        "split"
-                    )
+                    yield f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or role split"
         roles = {run.role for run in self.runs}
         for needed, purpose in (("identify", "fitting"), ("confirm", "confirming what is found")):
             if not roles & {needed, "split"}:
@@ -486,10 +459,7 @@ class Campaign(Section):
             yield "channels: there is nothing to compare; add a channel such as crank_torque"
         for run in self.runs:
             if self.drive == "measured_angle" and isinstance(run.start, Start):
-                yield (
-                    f"runs: '{run.id}' starts before its record, where no angle was measured; give settled or "
-                    "dead_centre, or drive constant_speed"
-                )
+                yield f"runs: '{run.id}' starts where no angle was measured; give start: settled or dead_centre"
             if run.first_angle is not None and "crank_angle" in has:
                 yield f"runs: '{run.id}' has a first_angle, which the channel crank_angle gives; remove it"
 

@@ -11,6 +11,7 @@ from jointgap.core.section import Section, Seed, distinct, whole_number
 from jointgap.core.units import Angle, OpenFraction, quantity
 
 ALL_MEASURES = (*MEASURES.columns, *BEST_LENGTHS.columns, *PRINTED_OPTIMA.columns)
+Measure = Literal[tuple(column.name for column in ALL_MEASURES)]
 
 
 def measured(best_lengths: bool, printed_numbers: bool) -> tuple[Column, ...]:
@@ -87,9 +88,9 @@ class Values(Section):
     """A list of values, each as likely as the others; numbers, or words such as crank and rod."""
 
     distribution: Literal["values"] = "values"
-    values: Annotated[
-        tuple[bool | float | int | str, ...], Field(min_length=1, max_length=MOST_VALUES), AfterValidator(distinct)
-    ] = Field(description="the list")
+    values: Annotated[tuple[bool | float | int | str, ...], AfterValidator(distinct)] = Field(
+        min_length=1, max_length=MOST_VALUES, description="the list"
+    )
 
 
 def _with_distribution(spec: Any) -> Any:
@@ -111,27 +112,13 @@ Distribution = Annotated[
 class Sweep(Section):
     """Many designs, each simulated and measured: what varies, how, and how many."""
 
-    parameters: dict[str, Distribution] = Field(
-        {},
-        description="what varies, by a word (speed; clearance, friction, restitution, stiffness: of all loose joints) "
-        "or by the path of a key such as mechanism.crank.length: a list of values, or from and to with a distribution",
-    )
-    design: Literal["sobol", "latin_hypercube", "grid"] = Field(
-        "sobol", description="sobol: fills the ranges evenly and can be grown; grid: every combination"
-    )
+    parameters: dict[str, Distribution] = Field({}, description="what varies, by a word or by the path of a key")
+    design: Literal["sobol", "latin_hypercube", "grid"] = Field("sobol", description="grid: every combination")
     number: whole_number(ge=1, le=MOST_DESIGNS) = Field(1024, description="designs; of a grid all combinations")
     seed: Seed = Field(0, description="seed of the drawing")
-    window: Window = Field(
-        (0.0, 2 * math.pi), description="crank angles over which the error of the transmission angle is measured"
-    )
-    best_lengths: bool = Field(
-        False, description="measure the best lengths by the paper's method too, with the motion in the joints unchanged"
-    )
-    printed_numbers: bool = Field(
-        False,
-        description="of the paper's mechanism alone: measure what its printed optima come out as; parameters may be "
-        "window_start, window_end, error_measure and revolution too",
-    )
+    window: Window = Field((0.0, 2 * math.pi), description="crank angles over which the error is measured")
+    best_lengths: bool = Field(False, description="measure the best lengths too, with unchanged joint motion")
+    printed_numbers: bool = Field(False, description="of the paper's mechanism: measure what it prints of its optima")
     designs_per_job: whole_number(ge=1, le=100_000) = Field(5000, description="designs of one job and one file")
 
     def errors(self) -> Iterator[str]:
@@ -153,9 +140,7 @@ class Sweep(Section):
 class Sensitivity(Section):
     """Sobol indices of the measures of a sweep, from a surrogate of each."""
 
-    measures: Annotated[
-        tuple[Literal[tuple(column.name for column in ALL_MEASURES)], ...], AfterValidator(distinct)
-    ] = Field((), description="columns of the sweep's designs such as piston_pin_peak_force; every measure when empty")
+    measures: Annotated[tuple[Measure, ...], AfterValidator(distinct)] = Field((), description="all when empty")
     seed: Seed = Field(0, description="seed of which designs are held out, and of the intervals")
 
 
@@ -165,27 +150,15 @@ class InferSettings(Section):
     removed: ClassVar = dict.fromkeys(
         ("deviation", "trained", "iterations", "seed"), "designs are accepted by `within` alone; leave it out"
     )
-    within: OpenFraction = Field(
-        0.05,
-        description="share of a printed number within which it is reproduced; of the ratio of the lengths, share of "
-        "its change from the original one",
-    )
+    within: OpenFraction = Field(0.05, description="share of a printed number within which it is reproduced")
 
 
 class OptimiseRobust(Section):
     """Lengths of crank and rod that keep the transmission angle best whatever is uncertain turns out to be."""
 
-    uncertain: dict[str, Distribution] = Field(
-        {}, description="as in sweep.parameters; crank_length and rod_length are tolerances of the searched lengths"
-    )
-    revolution: Literal["first", "settled"] = Field(
-        "settled",
-        description="where the RMS of the error is taken: first, over optimise.window of it; settled, over "
-        "optimise.ensemble.settled_revolution",
-    )
-    measure: Literal["mean_plus_deviations", "quantile"] = Field(
-        "mean_plus_deviations", description="what of the errors of all draws is minimised"
-    )
+    uncertain: dict[str, Distribution] = Field({}, description="as in sweep.parameters; of lengths their tolerances")
+    revolution: Literal["first", "settled"] = Field("settled", description="of which the error is taken")
+    measure: Literal["mean_plus_deviations", "quantile"] = Field("mean_plus_deviations", description="is minimised")
     deviations: quantity("", ge=0, le=100) = Field(2.0, description="standard deviations added to the mean")
     quantile: OpenFraction = Field(0.95, description="of quantile: the share of the draws that lie below it")
     probability: OpenFraction = Field(0.95, description="share of the draws in which each constraint has to hold")
@@ -194,7 +167,5 @@ class OptimiseRobust(Section):
     population: Population = Field(16, description="candidates of a generation")
     generations: Generations = Field(12, description="generations of each search after the first")
     fresh_draws: whole_number(ge=16, le=1_000_000) = Field(512, description="further draws, to validate the lengths")
-    resamples: whole_number(ge=100, le=100_000) = Field(
-        2000, description="bootstrap samples of the fresh draws, for the intervals"
-    )
+    resamples: whole_number(ge=100, le=100_000) = Field(2000, description="bootstrap samples, for the intervals")
     seed: Seed = Field(0, description="seed of the draws, the search and the intervals")

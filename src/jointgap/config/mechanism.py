@@ -53,10 +53,7 @@ class Contact(Section):
     restitution: quantity("", ge=1e-3, lt=1) | None = Field(None, description="asked for; law penalty has none")
     least_approach_speed: PositiveSpeed = Field(0.001, description="a slower impact is damped as one at this speed")
     memory: Literal["fading", "published"] | None = Field(
-        None,
-        description="damping of a lasting contact; fading: from that of its own impact to that of one at "
-        "reference_approach_speed, once a free impact would be over; published: that of its own impact for good. "
-        "null: fading",
+        None, description="damping of a lasting contact: fading to that at reference_approach_speed, or as published"
     )
     reference_approach_speed: PositiveSpeed | None = Field(None, description="of memory: fading; null: 0.05 m/s")
     penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(None, description="law penalty: largest damping")

@@ -155,7 +155,7 @@ class Surrogate(Section):
     regularised_neurons: whole_number(ge=4, le=500) = Field(100, description="neurons of a regularised network")
     regularised_iterations: Iterations = Field(100, description="iterations at most of regularised networks")
     clearance_sampling: whole_number(ge=4, le=MOST_SAMPLES) = Field(
-        100, description="samples that the second surrogate chooses its points from, as a multiple of the simulation's"
+        100, description="samples for the second surrogate, as a multiple of the simulation's"
     )
 
     def errors(self) -> Iterator[str]:
@@ -256,9 +256,7 @@ class Optimise(Section):
     boxes: dict[Word, Box] = Field({}, description="bounds by name, the main ones first; none: the rod within 5 %")
     ratio_limit: OpenFraction | None = Field(None, description="of the crank's length to the rod's; null: no limit")
     constraints: Constraints = Field(Constraints(), description="what lengths have to meet besides their bounds")
-    rod_tolerance: PositiveLength | None = Field(
-        None, description="width of the tolerance of the rod's length as made; null: IT7 of ISO 286 for that length"
-    )
+    rod_tolerance: PositiveLength | None = Field(None, description="width, as made; null: IT7 of ISO 286")
     local_tolerance: PositiveNumber = Field(1e-8, description="stopping tolerance of the local optimiser")
     genetic: Genetic = Genetic()
     ensemble: Ensemble = Ensemble()
@@ -274,9 +272,7 @@ class Figures(Section):
     """What the figures show."""
 
     animation_frames: whole_number(ge=1, le=600) = Field(120, description="frames of the first revolution")
-    magnification: PositiveNumber | None = Field(
-        None, description="how much the animation magnifies the clearances; null: the largest to a quarter of the crank"
-    )
+    magnification: PositiveNumber | None = Field(None, description="of the clearances in the animation; null: fitting")
 
 
 def _spread(values: Any) -> Any:
@@ -309,11 +305,7 @@ VariedValues = Annotated[
 class Runs(Section):
     """What the runs of an ensemble differ in: every combination of values, each from several starts."""
 
-    vary: dict[str, VariedValues] = Field(
-        {},
-        description="lists of values (or from, to, number) by what they set: speed, clearance, friction, restitution, "
-        "stiffness, or the path of a key such as mechanism.slider.mass",
-    )
+    vary: dict[str, VariedValues] = Field({}, description="lists of values, or from, to, number, by what they set")
     members: whole_number(ge=1, le=10_000) = Field(10, description="starts of each combination, one not perturbed")
     perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
     seed: Seed = Field(0, description="seed of the perturbations")

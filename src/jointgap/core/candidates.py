@@ -3,11 +3,9 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-
-Role = Literal["identify", "confirm"]
 
 FAST = -1
 """The numerics of `Model.simulate` for a search: they tell where impacts come and how hard they are, not more."""
@@ -261,25 +259,11 @@ Effects = Sequence[tuple[Candidate, Mapping[str, float]]]
 class Model(Protocol):
     """A simulation, and the measured data in the form in which it is compared with them."""
 
-    @property
-    def name(self) -> str:
-        """What it is, for titles."""
-
-    @property
-    def series(self) -> Sequence[Series]:
-        """All that was measured."""
-
-    @property
-    def nuisances(self) -> Sequence[Parameter]:
-        """Parameters known within bounds only; re-fitted with every explanation."""
-
-    @property
-    def candidates(self) -> Sequence[Candidate]:
-        """The effects that could be missing."""
-
-    @property
-    def numerics(self) -> Sequence[str]:
-        """Other numerics that are as good as the usual ones, in words; `simulate` takes their index from 1."""
+    name: str  # what it is, for titles
+    series: Sequence[Series]  # all that was measured
+    nuisances: Sequence[Parameter]  # parameters known within bounds only; re-fitted with every explanation
+    candidates: Sequence[Candidate]  # the effects that could be missing
+    numerics: Sequence[str]  # others that are as good as the usual ones, in words; `simulate` takes their index from 1
 
     def simulate(
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0

@@ -4,7 +4,6 @@ import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -112,21 +111,43 @@ def _csv(
     if above and form.skip_rows is None:
         skipped = "1 line" if above == 1 else f"{above} lines"
         remarks = (f"{path}: the headings are in row {header_row}; {skipped} above them skipped",)
-    below = {number: line for number, line in lines.items() if number > header_row}
-    table = _table(path, below, separator, headings, header_row)[list(wanted)].apply(lambda texts: texts.str.strip())
+    rows = {number: _cells(line, separator) for number, line in lines.items() if number > header_row}
+    for number, cells in rows.items():
+        if lines[number].count('"') % 2:
+            raise InputError(f"{path}, row {number}: a quotation mark is not closed; correct the row")
+        if len(cells) < len(headings) or any(map(str.strip, cells[len(headings) :])):
+            fix = _fix_of_length(len(cells), len(headings), separator, all(len(r) == len(cells) for r in rows.values()))
+            raise InputError(
+                f"{path}, row {number}: has {len(cells)} cells, but there are {len(headings)} headings in row "
+                f"{header_row} (separator {separator!r}); {fix}, or give csv.skip_rows, csv.separator and csv.decimal"
+            )
+    places = {column: headings.index(column) for column in wanted}
+    texts = {column: [cells[n].strip() for cells in rows.values()] for column, n in places.items()}
+    table = pd.DataFrame(texts, index=list(rows), dtype=str)
     first = [] if table.empty else [text.strip("[]() ") for text in table.iloc[0]]
     if not any(first) or any(_is_number(text) or len(text) > _MAX_UNIT_LENGTH for text in first):
         return table, {}, remarks
     return table.iloc[1:], dict(zip(wanted, first, strict=True)), remarks
 
 
+def _fix_of_length(length: int, width: int, separator: str, all_alike: bool) -> str:
+    if length < width and all_alike:
+        return "all rows have as many; remove the heading too many"
+    if separator == "," and length == 2 * width:
+        return "where decimals have a comma too, write another separator between the columns, such as ';'"
+    return "correct the row"
+
+
 def _split(line: str, separator: str) -> list[str]:
+    return [cell.strip() for cell in _cells(line, separator)]
+
+
+def _cells(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return line.split()
-    return [
-        cell.strip()
-        for cell in next(csv.reader([line[: csv.field_size_limit()]], delimiter=separator, skipinitialspace=True))
-    ]
+        return line.replace('"', "").split()
+    if '"' not in line:
+        return line.split(separator)
+    return next(csv.reader([line[: csv.field_size_limit()]], delimiter=separator, skipinitialspace=True))
 
 
 def _place_of_headings(lines: dict[int, str], wanted: Sequence[str], form: Csv) -> tuple[int, str]:
@@ -149,43 +170,7 @@ def _check_headings(where: str, headings: Sequence[str], wanted: Sequence[str], 
             hint = fix or did_you_mean(column, (_shortened(heading) for heading in headings if heading)) + also
             raise InputError(f"{where}: has no column '{column}' among its headings; {hint}")
         if list(headings).count(column) > 1:
-            raise InputError(f"{where}: has the column '{column}' twice; name each column differently")
-
-
-def _table(path: Path, lines: dict[int, str], separator: str, headings: list[str], header_row: int) -> pd.DataFrame:
-    """Texts below the headings by line of the file; every row must be as long as the headings."""
-    width = len(headings)
-    if separator == " ":
-        lines = {row: " ".join(line.split()) for row, line in lines.items()}
-    for row, line in lines.items():
-        if line.count('"') % 2:
-            raise InputError(f"{path}, row {row}: a quotation mark is not closed; correct the row")
-    cells = {row: _split(line, separator) for row, line in lines.items() if '"' in line}
-    lengths = {row: len(cells[row]) if row in cells else line.count(separator) + 1 for row, line in lines.items()}
-    for row, length in lengths.items():
-        if length != width and (length < width or any(_split(lines[row], separator)[width:])):
-            fix = "correct the row"
-            if length < width and set(lengths.values()) == {length}:
-                fix = "all rows have as many; remove the heading too many"
-            elif separator == "," and length == 2 * width:
-                fix = "where decimals have a comma too, write another separator between the columns, such as ';'"
-            raise InputError(
-                f"{path}, row {row}: has {length} cells, but there are {width} headings in row {header_row} (separator "
-                f"{separator!r}); {fix}, or give csv.skip_rows, csv.separator and csv.decimal"
-            )
-    names = range(max([width, *lengths.values()]))
-    text = StringIO("\n".join(lines.values()))
-    if not lines:
-        return pd.DataFrame(columns=headings, dtype=str)
-    try:
-        table = pd.read_csv(
-            text, sep=separator, header=None, names=names, dtype=str, na_filter=False, skipinitialspace=True
-        )
-        table.index = list(lines)
-    except ValueError as error:  # also where quotation marks join rows, so that there are fewer
-        row = next(iter(cells), header_row)
-        raise InputError(f"{path}, row {row}: quotation marks from here on join rows; remove them") from error
-    return table.iloc[:, :width].set_axis(headings, axis=1)
+            raise InputError(f"{where}: has the column '{column}' twice; give each its own heading")
 
 
 def _is_number(text: str) -> bool:

@@ -1,6 +1,7 @@
 """Tables as CSV, for spreadsheets and other programs: the unit stands behind the name of each column."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ def export(source: Path, to: Path | None = None, units: Sequence[str] = (), forc
     root = source if source.is_dir() else source.parent
     files = [source]
     if source.is_dir():
-        files = sorted(path for path in source.rglob("*.parquet") if not _hidden(path, source))
+        files = sorted(path for path in source.rglob("[!.]*.parquet") if "/." not in f"/{path.relative_to(source)}")
     if not files:
         raise InputError(f"{source}: holds no Parquet file; give a folder of results, or a file")
     targets = [((to or root) / path.relative_to(root)).with_suffix(".csv") for path in files]
@@ -37,12 +38,8 @@ def export(source: Path, to: Path | None = None, units: Sequence[str] = (), forc
     columns = [_columns(path, units) for path in files]  # so that a mistake is found before anything is written
     check_writable(*targets)
     for path, target, converted in zip(files, targets, columns, strict=True):
-        write_atomically(target, _saving(path, converted))
+        write_atomically(target, partial(_save, path, converted))
     return targets
-
-
-def _hidden(path: Path, folder: Path) -> bool:
-    return any(part.startswith(".") for part in path.relative_to(folder).parts)
 
 
 def _columns(path: Path, units: Sequence[str]) -> dict[str, tuple[str, float]]:
@@ -65,15 +62,11 @@ def _converted(unit: str, wanted: str) -> tuple[str, float] | None:
         return None
 
 
-def _saving(path: Path, columns: Mapping[str, tuple[str, float]]) -> Callable[[str], None]:
-    def save(temporary: str) -> None:
-        with open(temporary, "w", encoding="utf-8", newline="") as file:
-            head = pd.DataFrame(columns=[name for name, _ in columns.values()])
-            head.to_csv(file, index=False, lineterminator="\n")
-            for frame in batches(path):
-                for name, (_, factor) in columns.items():
-                    if factor != 1.0:
-                        frame[name] = np.asarray(frame[name], dtype=float) * factor
-                frame.to_csv(file, index=False, header=False, lineterminator="\n")
-
-    return save
+def _save(path: Path, columns: Mapping[str, tuple[str, float]], temporary: str) -> None:
+    with open(temporary, "w", encoding="utf-8", newline="") as file:
+        pd.DataFrame(columns=[name for name, _ in columns.values()]).to_csv(file, index=False, lineterminator="\n")
+        for frame in batches(path):
+            for name, (_, factor) in columns.items():
+                if factor != 1.0:
+                    frame[name] = np.asarray(frame[name], dtype=float) * factor
+            frame.to_csv(file, index=False, header=False, lineterminator="\n")
