@@ -15,13 +15,12 @@ from jointgap.config import (
     Box,
     Scenario,
     check_whole,
-    json_schema,
     load_mechanism,
     parse_options,
     resolve,
     stands_alone,
 )
-from jointgap.config.load import sources_of
+from jointgap.config.load import json_schema, sources_of
 from jointgap.config.yaml_files import Layer, merge, merged, sources
 from jointgap.core.errors import InputError
 from jointgap.designs.stages import DESIGN_STAGES

@@ -566,8 +566,7 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
 @click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
 def schema(path: Path | None, campaign: bool) -> None:
     """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
-    from jointgap.config import json_schema
-    from jointgap.config.load import campaign_json_schema
+    from jointgap.config.load import campaign_json_schema, json_schema
 
     text = json.dumps(campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False) + "\n"
     if path is None:

@@ -23,18 +23,7 @@ from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
 from jointgap.core.section import Name, Section, Word, checked, text_of
-from jointgap.core.units import (
-    Angle,
-    PositiveAngle,
-    PositiveAngularSpeed,
-    PositiveTime,
-    quantity,
-    scaled_unit_factor,
-    split_quantity,
-    split_share,
-    to_si,
-    unit_factor,
-)
+from jointgap.core.units import Angle, quantity, scaled_unit_factor, split_quantity, split_share, to_si, unit_factor
 from jointgap.effects.clearance import LEAST_CLEARANCE
 
 CHANNELS = {
@@ -103,7 +92,9 @@ class Channel(Section):
     bandwidth: quantity("Hz", gt=0) | None = Field(None, description="corner of the samples' fourth-order low-pass")
     filter: Literal["zero_phase", "causal"] = Field("zero_phase", description="whether that low-pass delays")
     sign: Literal[1, -1] = Field(1, description="-1: the sensor reads the opposite of what the axes say")
-    jitter: PositiveTime | None = Field(None, description="of time: standard deviation of its stamps; null: estimated")
+    jitter: quantity("s", gt=0) | None = Field(
+        None, description="of time: standard deviation of its stamps; null: estimated"
+    )
     repeated: Literal["first", "last"] | None = Field(None, description="of time: which of rows of one time is kept")
     reads_gravity: bool = Field(False, description="whether an accelerometer's reading has gravity in it")
 
@@ -172,14 +163,12 @@ def _amount(value: Any, unit: str, where: str = "") -> float:
 def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
     """How much of the SI unit of the channel `name` one `unit` of its column is."""
     base = CHANNELS[name]
-    factor = f"such as scale: 1 {base}/{unit}"
     try:
         return unit_factor(unit, base) if scale is None else scaled_unit_factor(scale, unit, base)
     except ValueError as error:
-        if scale is not None:
-            raise ValueError(f"{name}.scale = '{scale}' of a column in {unit} {error}; give it {factor}") from error
-        hint = _UNIT_HINTS.get(unit, f"of a sensor's signal give the factor, {factor}")
-        raise ValueError(f"{name}.unit = '{unit}' {error}; {hint}") from error
+        key = f"unit = '{unit}'" if scale is None else f"scale = '{scale}' of a column in {unit}"
+        hint = _UNIT_HINTS.get(unit, f"of a sensor's signal give the factor, such as scale: 1 {base}/{unit}")
+        raise ValueError(f"{name}.{key} {error}; {hint}") from error
 
 
 _ANGLES = {"crank_angle", "rod_angle"}
@@ -322,8 +311,10 @@ class Start(Section):
     """
 
     angle: Angle | None = Field(None, description="crank angle, passed nearest to turned or ran, else last")
-    turned: PositiveAngle | None = Field(None, description="how far the crank had turned by the first sample: 3 turn")
-    ran: PositiveTime | None = Field(None, description="how long it had run by the first sample: 0.5 s")
+    turned: quantity("rad", gt=0) | None = Field(
+        None, description="how far the crank had turned by the first sample: 3 turn"
+    )
+    ran: quantity("s", gt=0) | None = Field(None, description="how long it had run by the first sample: 0.5 s")
 
     def errors(self) -> Iterator[str]:
         if self.turned is not None and self.ran is not None:
@@ -340,18 +331,11 @@ class CampaignRun(Section):
 
     id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
     file: str = Field(min_length=1, description="table of samples, CSV or Parquet, from the campaign file's folder")
-    speed: PositiveAngularSpeed = Field(description="nominal speed of the crank")
+    speed: quantity("rad/s") = Field(description="nominal speed of the crank")
     role: Literal["identify", "confirm", "split"] = Field(description="split: the last third confirms")
     start: Literal[_STARTS] | Start = Field("settled", description="how the motion began, or where and how long before")
     first_angle: Angle | None = Field(None, description="crank angle at the first sample, if no channel has it")
     direction: Literal["counter_clockwise", "clockwise"] = "counter_clockwise"
-
-    @field_validator("speed", mode="before")
-    @classmethod
-    def _has_no_sign(cls, given: Any) -> Any:
-        if str(given).lstrip().startswith("-"):
-            raise ValueError("must be greater than 0; of a crank that turns clockwise give 'direction: clockwise'")
-        return given
 
     @field_validator("start", mode="before")
     @classmethod
@@ -363,6 +347,8 @@ class CampaignRun(Section):
         return given
 
     def errors(self) -> Iterator[str]:
+        if self.speed <= 0:
+            yield f"speed {self.speed:g} rad/s must be greater than 0; or give 'direction: clockwise'"
         if self.id in RESERVED_IDS:
             yield f"id '{self.id}' would be taken for another result of that name; choose another id"
 

@@ -24,8 +24,6 @@ MOST_DESIGNS = 10_000_000  # of a sweep: at some milliseconds each they take a p
 MOST_VALUES = 1000  # of a list or a span: each is combined with those of others
 
 GridNumber = whole_number(ge=2, le=MOST_VALUES)
-Population = whole_number(ge=4, le=10_000)
-Generations = whole_number(ge=1, le=10_000)
 
 Amount = Annotated[
     FiniteFloat | str,
@@ -164,8 +162,8 @@ class OptimiseRobust(Section):
     probability: OpenFraction = Field(0.95, description="share of the draws in which each constraint has to hold")
     draws: whole_number(ge=2, le=10_000) = Field(32, description="draws, the same for every candidate")
     grid: whole_number(ge=3, le=100) = Field(9, description="points along each length at which the search begins")
-    population: Population = Field(16, description="candidates of a generation")
-    generations: Generations = Field(12, description="generations of each search after the first")
+    population: whole_number(ge=4, le=10_000) = Field(16, description="candidates of a generation")
+    generations: whole_number(ge=1, le=10_000) = Field(12, description="generations of each search after the first")
     fresh_draws: whole_number(ge=16, le=1_000_000) = Field(512, description="further draws, to validate the lengths")
     resamples: whole_number(ge=100, le=100_000) = Field(2000, description="bootstrap samples, for the intervals")
     seed: Seed = Field(0, description="seed of the draws, the search and the intervals")

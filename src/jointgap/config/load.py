@@ -10,17 +10,7 @@ from pydantic import BaseModel, Field, ValidationError
 from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import Scenario
-from jointgap.config.yaml_files import (
-    BASE,
-    Layer,
-    leaves,
-    mechanism_layers,
-    merged,
-    parse_json,
-    read_yaml,
-    sources,
-    with_file,
-)
+from jointgap.config.yaml_files import Layer, leaves, mechanism_layers, merged, read_json, read_yaml, sources, with_file
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import MOST_PARTS
 from jointgap.core.section import Name, Section, Word, complaints, whole_number
@@ -162,13 +152,11 @@ def stands_alone(config: Mapping[str, Any]) -> bool:
     One that does not, such as one that changes a speed, is laid over the shipped one.
     """
     scenarios = config.get("scenarios")
-    if not isinstance(scenarios, Mapping) or not scenarios:
+    try:
+        own = [scenarios[name] for name in config.get("run", scenarios)]
+        return bool(own) and ("mechanism" in config or all("mechanism" in each for each in own))
+    except (KeyError, TypeError):  # a scenario that is not there, or something else than mappings
         return False
-    names = config.get("run", list(scenarios))
-    if not isinstance(names, list | tuple) or not all(isinstance(n, str | int) and n in scenarios for n in names):
-        return False
-    own = [scenarios[name] for name in names]
-    return "mechanism" in config or all(isinstance(each, Mapping) and "mechanism" in each for each in own)
 
 
 def sources_of(
@@ -206,7 +194,7 @@ def mechanism_as_written(path: Path | str) -> Any:
 def parse_options(options: str) -> Scenario:
     """The scenario in an ``--options`` argument: JSON text, or the path of a YAML or JSON file."""
     if options.lstrip().startswith("{"):
-        return validate(Scenario, parse_json(options, "--options"), "--options")
+        return validate(Scenario, read_json(options, "--options"), "--options")
     data = read_yaml(options)
     if "scenarios" in data:
         raise InputError(
@@ -248,6 +236,6 @@ def _schema(model: type[Section]) -> dict[str, Any]:
     schema["$defs"]["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
     path = {"type": "string", "description": "path of a mechanism file, or name of one that comes with jointgap"}
     base = {"type": "string", "description": "path or name of the mechanism over which the other keys are laid"}
-    over = {"type": "object", "required": [BASE], "properties": {BASE: base}}
+    over = {"type": "object", "required": ["base"], "properties": {"base": base}}
     schema["properties"]["mechanism"] = {"anyOf": [path, over, schema["properties"]["mechanism"]]}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

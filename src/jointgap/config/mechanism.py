@@ -11,17 +11,7 @@ from jointgap.config.friction_laws import FRICTION_KEYS, FRICTION_LAWS
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT, REFERENCE_APPROACH_SPEED
 from jointgap.core.section import Section, complaints
-from jointgap.core.units import (
-    Angle,
-    FrictionCoefficient,
-    Length,
-    NonNegativeNumber,
-    PositiveLength,
-    PositiveMass,
-    PositiveNumber,
-    PositiveSpeed,
-    quantity,
-)
+from jointgap.core.units import Angle, Length, PositiveLength, PositiveMass, PositiveNumber, PositiveSpeed, quantity
 from jointgap.effects import AnyEffect
 
 Law = Literal[
@@ -61,7 +51,9 @@ class Contact(Section):
     stiffness: PositiveNumber | None = Field(None, description="in N/m^exponent; null: Hertz, from material and radii")
     exponent: quantity("", ge=1, le=10) = Field(1.5, description="of the penetration; another than 3/2 needs stiffness")
     friction_law: Literal[tuple(FRICTION_LAWS)] = Field("coulomb", description="friction over the sliding speed")
-    friction: FrictionCoefficient = Field(0.0, description="coefficient of kinetic friction; 0: none with any law")
+    friction: quantity("", ge=0, le=0.6) = Field(
+        0.0, description="coefficient of kinetic friction; 0: none with any law"
+    )
     friction_speed: PositiveSpeed = Field(0.001, description="sliding speed over which friction rises from zero")
     dead_band_speed: quantity("m/s", ge=0) | None = Field(
         None, description="ambrosio: no friction below it, all above friction_speed; null: a tenth of friction_speed"
@@ -72,9 +64,9 @@ class Contact(Section):
     stribeck_speed: PositiveSpeed | None = Field(
         None, description="bengisu_akay, lugre: speed over which static friction falls to kinetic; null: 0.01 m/s"
     )
-    viscous_friction: NonNegativeNumber | None = Field(None, description="lugre: sigma_2 in s/m; null: 0")
+    viscous_friction: quantity("", ge=0) | None = Field(None, description="lugre: sigma_2 in s/m; null: 0")
     bristle_stiffness: PositiveNumber | None = Field(None, description="lugre: sigma_0 in 1/m; null: 1e5 1/m")
-    bristle_damping: NonNegativeNumber | None = Field(None, description="lugre: sigma_1 in s/m; null: critical")
+    bristle_damping: quantity("", ge=0) | None = Field(None, description="lugre: sigma_1 in s/m; null: critical")
 
     def errors(self) -> Iterator[str]:
         needed, spare = ("restitution",), ("penalty_damping", "penalty_depth")

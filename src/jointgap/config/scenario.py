@@ -10,33 +10,12 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, field_validator
 
-from jointgap.config.designs import (
-    Generations,
-    InferSettings,
-    OptimiseRobust,
-    Population,
-    Sensitivity,
-    Sweep,
-    Uniform,
-    Window,
-    measured,
-)
+from jointgap.config.designs import InferSettings, OptimiseRobust, Sensitivity, Sweep, Uniform, Window, measured
 from jointgap.config.mechanism import Mechanism
 from jointgap.core.errors import InputError
 from jointgap.core.schema import PRINTED_OPTIMA
 from jointgap.core.section import Section, Seed, Word, checked, distinct, whole_number
-from jointgap.core.units import (
-    Angle,
-    AngularSpeed,
-    OpenFraction,
-    PositiveAngle,
-    PositiveAngularSpeed,
-    PositiveLength,
-    PositiveNumber,
-    quantity,
-    split_quantity,
-    unit_factor,
-)
+from jointgap.core.units import Angle, OpenFraction, PositiveLength, quantity, split_quantity, unit_factor
 
 MOST_SAMPLES = 20_000_000  # of a run: with all columns they take some 10 GB
 MOST_WEIGHTS = 5000  # of a network: the matrices of its training have as many rows or columns, some 200 MB
@@ -67,7 +46,7 @@ class MeasuredDrive(Section):
     time: str = Field("time", description="column of the times in seconds")
     angle: str = Field("crank_angle", description="column of the crank angles")
     angle_unit: str = Field("rad", description="unit of the column of angles, e.g. deg or turn")
-    resolution: PositiveAngle | None = Field(None, description="step of the encoder; null: not known")
+    resolution: quantity("rad", gt=0) | None = Field(None, description="step of the encoder; null: not known")
 
     @property
     def content(self) -> str:
@@ -87,7 +66,7 @@ class MotorDrive(Section):
 
     kind: Literal["motor"] = "motor"
     stall_torque: quantity("N*m", gt=0) = Field(description="torque at standstill")
-    no_load_speed: PositiveAngularSpeed = Field(description="speed at which the torque is zero")
+    no_load_speed: quantity("rad/s", gt=0) = Field(description="speed at which the torque is zero")
     inertia: quantity("kg*m^2", ge=0) = Field(0.0, description="of rotor and flywheel, on the crank's axis")
 
 
@@ -97,7 +76,9 @@ Drive = Annotated[ConstantDrive | MeasuredDrive | MotorDrive, Field(discriminato
 class Simulate(Section):
     """How the mechanism is driven and sampled."""
 
-    speed: AngularSpeed = Field(20 * math.pi, description="of the crank, negative clockwise; a motor starts with it")
+    speed: quantity("rad/s") = Field(
+        20 * math.pi, description="of the crank, negative clockwise; a motor starts with it"
+    )
     drive: Drive = Field(ConstantDrive(), description="what turns the crank: constant speed, measured angle or a motor")
     start_angle: quantity("rad", ge=-1e4, le=1e4) = Field(0.0, description="first crank angle; 0: crank along +x")
     revolutions: SampleCount = Field(4, description="the first starts with coincident joint centres")
@@ -209,8 +190,8 @@ class Box(Section):
 class Genetic(Section):
     """Genetic algorithm with the paper's settings."""
 
-    population: Population = Field(20, description="individuals")
-    generations: Generations = Field(50, description="generations")
+    population: whole_number(ge=4, le=10_000) = Field(20, description="individuals")
+    generations: whole_number(ge=1, le=10_000) = Field(50, description="generations")
     elites: whole_number(ge=0, le=10_000) = Field(2, description="best individuals that live on unchanged")
     crossover_fraction: OpenFraction = Field(0.8, description="share of the other children; the rest mutate")
     seed: Seed = Field(0, description="seed")
@@ -257,7 +238,7 @@ class Optimise(Section):
     ratio_limit: OpenFraction | None = Field(None, description="of the crank's length to the rod's; null: no limit")
     constraints: Constraints = Field(Constraints(), description="what lengths have to meet besides their bounds")
     rod_tolerance: PositiveLength | None = Field(None, description="width, as made; null: IT7 of ISO 286")
-    local_tolerance: PositiveNumber = Field(1e-8, description="stopping tolerance of the local optimiser")
+    local_tolerance: quantity("", gt=0) = Field(1e-8, description="stopping tolerance of the local optimiser")
     genetic: Genetic = Genetic()
     ensemble: Ensemble = Ensemble()
 
@@ -272,7 +253,9 @@ class Figures(Section):
     """What the figures show."""
 
     animation_frames: whole_number(ge=1, le=600) = Field(120, description="frames of the first revolution")
-    magnification: PositiveNumber | None = Field(None, description="of the clearances in the animation; null: fitting")
+    magnification: quantity("", gt=0) | None = Field(
+        None, description="of the clearances in the animation; null: fitting"
+    )
 
 
 def _spread(values: Any) -> Any:

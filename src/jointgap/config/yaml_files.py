@@ -74,7 +74,7 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not text in UTF-8 (byte {error.start}); save the file as UTF-8") from error
     # YAML would take 1e-9 for a text
-    content = parse_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
+    content = read_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
     if isinstance(content, dict):
         return content
     what = "is empty" if content is None else "holds no keys"
@@ -93,24 +93,17 @@ def _parse_yaml(text: str, source: str) -> Any:
         raise InputError(f"{source}: is not YAML: {error}") from error
 
 
-def parse_json(text: str, source: str) -> Any:
+def read_json(text: str, source: str) -> Any:
     """What a JSON `text` holds."""
 
-    def refuse(constant: str) -> float:
-        raise InputError(f"{source}: holds {constant}, which is not a number; remove it")
-
     def without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        content: dict[str, Any] = {}
-        for key, value in pairs:
-            if key in content:
-                raise InputError(f"{source}: the key '{key}' is given twice in one mapping; remove one")
-            content[key] = value
-        return content
+        keys = [key for key, _ in pairs]
+        if double := next((key for key in keys if keys.count(key) > 1), None):
+            raise ValueError(f"the key '{double}' is given twice in one mapping; remove one")
+        return dict(pairs)
 
     try:
-        return json.loads(text, parse_constant=refuse, object_pairs_hook=without_doubles)
-    except InputError:
-        raise
+        return json.loads(text, object_pairs_hook=without_doubles)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{source}: is not JSON: {error}") from error
 

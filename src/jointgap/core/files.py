@@ -1,25 +1,33 @@
 """Files are written whole or not at all."""
 
 import os
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from jointgap.core.errors import InputError
 
 
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """The place of a temporary file in the folder of `path`, which is made if need be; gone in the end."""
+    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+    except OSError as error:
+        why = error.strerror or error
+        raise InputError(f"{path}: cannot be written ({why}); check permission and space") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
 def write_atomically(path: Path | str, save: Callable[[str], object]) -> None:
     """Let `save(temporary_path)` write a file beside `path`, then rename it: nothing half-written stays behind."""
-    path = Path(path)
-    temporary = _temporary_file(path)
-    try:
-        save(temporary)
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, path)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    finally:
-        Path(temporary).unlink(missing_ok=True)  # still there where something failed
+    with _beside(Path(path)) as temporary:
+        save(str(temporary))
+        temporary.replace(path)
 
 
 def write_text(path: Path | str, text: str) -> None:
@@ -36,25 +44,5 @@ def check_writable(*paths: Path | str) -> None:
         taken.add(path.resolve())
         if path.is_dir():
             raise InputError(f"{path}: is a folder, not a file; give another name")
-        Path(_temporary_file(path)).unlink()
-
-
-def _temporary_file(path: Path) -> str:
-    """An empty temporary file in the folder of `path`, which is made if need be."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
-        os.close(handle)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    return temporary
-
-
-def _unwritable(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written ({error.strerror or error}); check permission and space")
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
+        with _beside(path) as temporary:
+            temporary.touch()

@@ -49,11 +49,5 @@ MOST_PARTS = 100
 
 def parts(number: int, per_job: int) -> dict[str, tuple[int, int]]:
     """The parts of `number` pieces of work, where a job does `per_job` of them and the last job what is left."""
-    return {
-        part_name(part): (first, min(per_job, number - first)) for part, first in enumerate(range(0, number, per_job))
-    }
-
-
-def part_name(part: int) -> str:
-    """Name of a `part`, counted from 0; names sort as numbers do."""
-    return f"part_{part:06d}"
+    firsts = range(0, number, per_job)
+    return {f"part_{part:06d}": (first, min(per_job, number - first)) for part, first in enumerate(firsts)}

@@ -13,7 +13,6 @@ import re
 import subprocess
 import tempfile
 import warnings
-from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -121,16 +120,9 @@ def sha256(source: Path | bytes) -> str:
 
 def thinned(curve: pd.Series, points: int = CURVE_POINTS) -> pd.Series:
     """At most `points` of a curve, evenly spaced on a logarithmic axis, with the first and the last."""
-    count = len(curve)
-    if count <= points:
+    if len(curve) <= points:
         return curve
-
-    def spaced(number: int) -> np.ndarray:
-        return np.unique(np.geomspace(1, count, number).round().astype(int)) - 1
-
-    # early places coincide after rounding, so more are asked for than wanted
-    numbers = range(points, int(points * np.log(count)) + 2)
-    return curve.iloc[spaced(numbers[bisect_right(numbers, points, key=lambda number: len(spaced(number))) - 1])]
+    return curve.iloc[np.unique(np.geomspace(1, len(curve), points).round().astype(int)) - 1]
 
 
 def configuration(options: "BaseModel", sections: set[str]) -> dict[str, Any]:
