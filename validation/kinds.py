@@ -12,7 +12,7 @@ from jointgap.config import EFFECTS, read_yaml, validate
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.core.section import Section, Seed, Word, whole_number
-from jointgap.core.units import Fraction
+from jointgap.core.units import quantity
 from jointgap.rig.sensors import ENCODER_OFFSET
 from validation.rig import LISTED, OFF_LIST, RECIPE
 from validation.wiring import DAMAGES
@@ -33,7 +33,7 @@ TrialSet = create_model(
     "TrialSet",
     __base__=Section,
     seed=(Seed, ...),
-    measured_angle=(Fraction, 0.0),
+    measured_angle=(quantity("", ge=0, le=1), 0.0),
     **{key: (whole_number(ge=0, le=10_000), 0) for key in RECIPE["kinds"]},
 )
 
