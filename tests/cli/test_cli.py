@@ -143,7 +143,7 @@ def test_a_trajectory_of_other_options_is_refused_by_every_stage_that_reads_it(s
         ("kinematics", "--results", str(folder)),
         ("optimise", "--results", str(folder)),
         ("compare", "--results", str(folder)),
-        ("figures", "--results", str(folder), "--folder", str(tmp_path), "--figure", "orbits"),
+        ("figures", "--results", str(folder), "--figure", "orbits"),
         ("surrogate", "--trajectory", trajectory, "--output-name", "r2")
         + tuple(itertools.chain(*zip(("--fit", "--history", "--errors"), fitted, strict=True))),
         ("clearance", "--trajectory", trajectory, "--fit", fitted[0], "--errors", fitted[2]),

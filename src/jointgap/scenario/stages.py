@@ -251,11 +251,12 @@ def compare(
     from jointgap.paper.compare import NEEDED, comparison_page, variant_optimum
     from jointgap.paper.compare import compare as compared
 
+    frames = results.read_all(NEEDED)  # first: a trajectory of other options is refused
     variants = [
         variant_optimum(name, each.scenario, each.read("optimise_resimulated"))
         for name, each in {results.path.name: results, **siblings}.items()
     ]
-    result = compared(results.read_all(NEEDED), results.scenario, variants)
+    result = compared(frames, results.scenario, variants)
     write_page(results.path / "comparison", comparison_page(result, results.scenario))
     results.write("comparison", result)
 
