@@ -9,7 +9,11 @@ from nbclient import NotebookClient
 pytestmark = pytest.mark.integration
 
 FOLDER = Path(__file__).parents[2] / "docs/notebooks"
-NAMES = ["first_simulation", "own_mechanism", "own_data", "sweep"]
+# The others run where the site is built too.
+NAMES = [
+    "first_simulation",
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("own_mechanism", "own_data", "sweep")),
+]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -40,6 +40,7 @@ def test_cubic_drag_is_named_as_drag_with_an_exponent_whose_interval_holds_three
     assert written["parameters"]["exponent"] == pytest.approx(found["parameters"]["exponent"]["value"])
 
 
+@pytest.mark.slow
 def test_quadratic_drag_that_shows_well_keeps_its_name(tmp_path):
     hidden = {"name": "slider_quadratic_drag", "parameters": {"drag_N_s2_m2": 0.5}}
     verdict, effects = analysed(tmp_path, hidden)
@@ -65,6 +66,7 @@ def test_a_cubic_spring_is_named_as_a_spring_whose_cubic_share_is_one(tmp_path):
     assert written["rest_position_m"] == pytest.approx(0.5, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_linear_spring_that_shows_well_keeps_its_name(tmp_path):
     hidden = {"name": "slider_spring", "parameters": {"stiffness_N_m": 200.0, "rest_position_m": 0.52}}
     verdict, _ = analysed(tmp_path, hidden)
@@ -88,7 +90,7 @@ def test_stribeck_friction_is_named_as_dry_friction_with_the_share_that_falls_an
     assert written["stribeck_speed_m_s"] == pytest.approx(0.8, rel=0.3)
 
 
-@pytest.mark.parametrize(("place", "share"), [(0.56, 1.0), (0.67, 0.6)])
+@pytest.mark.parametrize(("place", "share"), [pytest.param(0.56, 1.0, marks=pytest.mark.slow), (0.67, 0.6)])
 def test_friction_that_is_largest_at_one_place_of_the_stroke_is_named_with_the_share_that_varies_and_where(
     tmp_path, place, share
 ):
