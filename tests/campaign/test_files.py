@@ -67,7 +67,7 @@ def test_stages_follow_each_other_in_one_process_on_the_same_case(tmp_path, monk
     ("paths", "message"),
     [
         ("mine.yaml", "must be a list"),
-        (["mine.yaml"], "no file 'mine.yaml' in "),
+        (["mine.yaml"], r"no file 'mine.yaml' \(looked in "),
         (["config/campaigns"], "no file 'config/campaigns' .*; give the path of a campaign file"),
         ([DEMONSTRATION, DEMONSTRATION], "both called 'demonstration'"),
     ],

@@ -15,19 +15,8 @@ from jointgap.campaign import sentences as say
 from jointgap.campaign.campaign_files import MECHANISM, VERDICT
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.state import FALSE_ALARM_RATE
-from jointgap.config import (
-    Mechanism,
-    Optimise,
-    Runs,
-    Scenario,
-    Simulate,
-    Surrogate,
-    load_mechanism,
-    read_yaml,
-    validate,
-)
+from jointgap.config import Mechanism, Optimise, Runs, Scenario, Simulate, Surrogate, load, read_yaml
 from jointgap.config.designs import ALL_MEASURES, Sweep
-from jointgap.config.load import load_campaign
 from jointgap.config.variations import change
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError, did_you_mean
@@ -596,7 +585,7 @@ def sweep(
     scenario = Scenario(
         mechanism=checked_mechanism(mechanism),
         simulate=simulate_options(options, keys),
-        sweep=validate(Sweep, given, "sweep"),
+        sweep=load.validate(Sweep, given, "sweep"),
     )
     DESIGN_STAGES["sweep"].function(scenario, Path(folder), workers)
     return SweptDesigns(Path(folder), designs_of(scenario))
@@ -875,7 +864,7 @@ class Verdict(Result):
     @cached_property
     def mechanism(self) -> Mechanism:
         """The mechanism with what was found, to simulate or optimise with."""
-        return load_mechanism(self.folder / MECHANISM)
+        return load.load_mechanism(self.folder / MECHANISM)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -944,7 +933,7 @@ def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool
     from jointgap.campaign.analyse import analyse as run
 
     campaign = campaign_file(campaign)
-    folder = Path(folder or Path("results/campaigns") / load_campaign(campaign).name)
+    folder = Path(folder or Path("results/campaigns") / load.load_campaign(campaign).name)
     return Verdict(folder, run(campaign, folder, anyway=anyway))
 
 
@@ -1084,6 +1073,6 @@ def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
     >>> plan = jg.preflight("config/campaigns/demonstration.yaml", advice=False)
     >>> plan.plot("detectable").save("detectable.png")
     """
-    planned = load_campaign(campaign_file(campaign))
+    planned = load.load_campaign(campaign_file(campaign))
     frames = plan.preflight_tables(planned, FALSE_ALARM_RATE, advice=advice)
     return Preflight(planned.name, **{name: with_units(schema.TABLES[name], own) for name, own in frames.items()})

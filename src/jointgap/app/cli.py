@@ -581,53 +581,39 @@ _SECONDS_BETWEEN_LINES = 60.0
 
 @contextmanager
 def progress_shown() -> Iterator[None]:
-    """Show how far long work has come until the block ends."""
+    """Show how far long work has come until the block ends: bars on a terminal, else a line now and then."""
     terminal = sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
-    display = _Bars() if terminal else _Lines()
-    with heard_by(display.hear):
+    last, bars, tasks = time.monotonic(), None, {}
+
+    def hear(what: str, done: int, total: int | None) -> None:
+        nonlocal last, bars
+        now = time.monotonic()
+        if not terminal and now - last >= _SECONDS_BETWEEN_LINES:
+            last = now
+            print(f"jointgap: {what}: {done}{f' of {total}' if total else ''}", file=sys.stderr, flush=True)
+        elif terminal and now - last >= _SECONDS_OF_SILENCE:
+            bars = bars or _started()
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=total)
+            bars.update(tasks[what], completed=done, total=total, visible=done != total)
+
+    with heard_by(hear):
         try:
             yield
         finally:
-            display.end()
+            if bars is not None:
+                bars.stop()
 
 
-class _Lines:
-    def __init__(self) -> None:
-        self._last = time.monotonic()
+def _started() -> Any:
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    def hear(self, what: str, done: int, total: int | None) -> None:
-        now = time.monotonic()
-        if now - self._last >= _SECONDS_BETWEEN_LINES:
-            self._last = now
-            print(f"jointgap: {what}: {done}{f' of {total}' if total else ''}", file=sys.stderr, flush=True)
-
-    def end(self) -> None:
-        pass
-
-
-class _Bars:
-    def __init__(self) -> None:
-        self._start, self._tasks, self._bars = time.monotonic(), {}, None
-
-    def hear(self, what: str, done: int, total: int | None) -> None:
-        if time.monotonic() - self._start < _SECONDS_OF_SILENCE:
-            return
-        if self._bars is None:
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-            # what the command answers goes where it was sent, not to the terminal of the bars
-            streams = {"console": Console(stderr=True), "redirect_stdout": sys.stdout.isatty()}
-            self._bars = Progress(*columns, transient=True, **streams)
-            self._bars.start()
-        if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(what, total=total)
-        self._bars.update(self._tasks[what], completed=done, total=total, visible=done != total)
-
-    def end(self) -> None:
-        if self._bars is not None:
-            self._bars.stop()
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    # what the command answers goes where it was sent, not to the terminal of the bars
+    bars = Progress(*columns, transient=True, console=Console(stderr=True), redirect_stdout=sys.stdout.isatty())
+    bars.start()
+    return bars
 
 
 def main() -> None:
