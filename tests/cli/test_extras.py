@@ -39,5 +39,5 @@ def test_without_the_extras_all_can_be_imported_but_training_and_optimising_whic
     install = "pip install 'jointgap[learn]' (in a clone: scripts/set-up)"
     torch, pymoo = f"training networks needs torch: {install}", f"optimising link lengths needs pymoo: {install}"
     openturns = f"what decides a sweep needs openturns: {install}"
-    assert (said["train"], said["robust"], said["sensitivity"]) == (torch, pymoo, openturns)
+    assert (said["train"], said["optimise_robust"], said["sensitivity"]) == (torch, pymoo, openturns)
     assert set(said.values()) == {torch, pymoo, openturns}  # the others are imported when needed
