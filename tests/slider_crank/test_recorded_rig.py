@@ -261,7 +261,7 @@ def test_a_sensor_that_reads_backwards_needs_no_other_file_but_a_sign(tmp_path):
     [
         ("time", {"sign": -1}, "time.sign has no meaning"),
         ("slider_position", {"sign": 2}, "sign = 2"),
-        ("slider_position", {"jitter": "1 ms"}, "slider_position.jitter has no meaning, for time alone"),
+        ("slider_position", {"jitter": "1 ms"}, "slider_position.jitter has no meaning"),
     ],
 )
 def test_signs_and_jitter_that_mean_nothing_are_refused(tmp_path, channel, over, words):
@@ -277,7 +277,7 @@ def test_an_amount_is_a_nuisances_bounds_either_way(tmp_path):
     assert own.bounds("encoder_zero", 0.0) == pytest.approx((-math.radians(6), math.radians(6)))
     assert own.bounds("crank_length", 0.05) == pytest.approx((0.0485, 0.0515))
     assert own.idle_nuisances == ()
-    with pytest.raises(InputError, match="encoder_zero = '-3 deg' must be more than 0 rad either way"):
+    with pytest.raises(InputError, match="encoder_zero = '-3 deg': must be greater than 0"):
         recorded_rig.campaign(tmp_path, QUIET, {"nuisance": {"encoder_zero": "-3 deg"}})
 
 
