@@ -122,7 +122,11 @@ def thinned(curve: pd.Series, points: int = CURVE_POINTS) -> pd.Series:
     """At most `points` of a curve, evenly spaced on a logarithmic axis, with the first and the last."""
     if len(curve) <= points:
         return curve
-    return curve.iloc[np.unique(np.geomspace(1, len(curve), points).round().astype(int)) - 1]
+    for number in range(4 * points, 0, -4):  # of places some fall on the same point, where points are few
+        places = np.unique(np.geomspace(1, len(curve), number).round().astype(int)) - 1
+        if len(places) <= points:
+            break
+    return curve.iloc[places]
 
 
 def configuration(options: "BaseModel", sections: set[str]) -> dict[str, Any]:
