@@ -1,5 +1,7 @@
 # What the rules share: the scenarios and campaigns of the configuration, typed and checked, and what each stage reads of them.
 
+import json
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
@@ -9,8 +11,9 @@ from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.config import Constraints, check_whole, resolve
 from jointgap.core.files import write_text
 from jointgap.core.joints import JOINT_NUMBERS, outputs
+from jointgap.core.progress import parts
 from jointgap.core.schema import OPTIMISE_RESIMULATED as RESIMULATED
-from jointgap.designs.stages import DESIGN_STAGES
+from jointgap.designs.stages import DESIGN_STAGES, studies_of
 from jointgap.paper.compare import looseness_variants
 from jointgap.scenario.stages import SCENARIO_STAGES, drawn, stages_of
 
@@ -116,7 +119,9 @@ def of_campaign(name, patterns):
 def read_by_scenario(stage):
     """For input: what a stage of a scenario reads, of the stages that the scenario goes through."""
     if stage.name in DESIGN_STAGES:
-        read = made_of_designs if stage.publishes else datasets if "sweep" in stage.sections else lambda name: []
+        read = (
+            made_of_designs if stage.publishes else datasets if "sweep" in stage.sections else lambda name: []
+        )
         return lambda wildcards: read(wildcards.scenario)
 
     def files(wildcards):
@@ -161,7 +166,9 @@ def command_of_scenario(stage):
         more = ["--results", f"results/{scenario}"]
         if "folder" in stage.command_options:
             more = ["--folder", f"results/{scenario}/{name.replace('-', '_')}"]
-        more += ["--designs", f"results/{scenario}/sweep/designs"] if "designs" in stage.command_options else []
+        more += (
+            ["--designs", f"results/{scenario}/sweep/designs"] if "designs" in stage.command_options else []
+        )
         more += ["--output-name", wildcards.output] if name == "surrogate" else []
         more += ["--workers", stage.threads] if stage.threads > 1 else []
         more += named_options("--beside", siblings(scenario), name) if name == "compare" else []
@@ -202,3 +209,71 @@ def every_campaign(wildcards=None):
     """Every file of every campaign."""
     stages = [stage for job in CAMPAIGN_STAGES.jobs().values() for stage in job]
     return [path for name in CAMPAIGNS for path in of_campaign(name, made_by(stages, CAMPAIGN))]
+
+
+def digest_of_report(wildcards):
+    """Changes with the code of the report."""
+    from jointgap.app.report import write_report
+    from jointgap.core.stage import code_digest
+
+    return code_digest(write_report)
+
+
+@cache
+def designs_of_sweep(name):
+    """First design and number of designs of each job of a scenario's sweep; none where it names no parameters."""
+    sweep = SCENARIOS[name].sweep
+    if not sweep.parameters:
+        return {}
+    from jointgap.designs.run import check_folder  # loads scipy
+    from jointgap.designs.sampling import designs_of
+
+    check_folder(designs_of(SCENARIOS[name]), Path("results", name, "sweep/designs"), sweep.designs_per_job)
+    return parts(sweep.designs, sweep.designs_per_job)
+
+
+def datasets(name):
+    return [f"results/{name}/sweep/designs/{part}.parquet" for part in designs_of_sweep(name)]
+
+
+@cache
+def asked(name):
+    """The stages on many designs that a scenario asks for; what is asked has to be possible, before anything runs."""
+    try:
+        designs_of_sweep(name)
+        return studies_of(SCENARIOS[name], checked=True)
+    except InputError as error:
+        refuse(f"scenario {name}: {error}")
+
+
+def made_of_designs(name):
+    """Every file that a scenario asks of many designs."""
+    stages = [DESIGN_STAGES[stage] for stage in asked(name)]
+    return [*datasets(name), *of_scenario(name, made_by(stages, SCENARIO))]
+
+
+def part_options(wildcards):
+    """What a job depends on, as a file: how many designs there are is no part of it where a sequence can be grown."""
+    options = json.loads(DESIGN_STAGES["sweep-designs"].options(SCENARIOS[wildcards.scenario]))
+    options["sweep"].pop("designs_per_job")
+    if options["sweep"]["design"] == "sobol":
+        options["sweep"].pop("number")
+    return kept_options(wildcards.scenario, json.dumps(options))
+
+
+def published_options(name):
+    """What is published of a scenario's configuration, as a file: sections that nothing was made of need not go with the others."""
+    sections = {
+        "description",
+        *(one for stage in asked(name) for one in DESIGN_STAGES[stage].sections),
+    }
+    return kept_options(name, SCENARIOS[name].model_dump_json(include=sections, by_alias=True))
+
+
+def made_of_sweeps(wildcards):
+    """Every file that the scenarios ask of many designs, and what says that it is published; one at least has to ask for some."""
+    asking = [name for name in SCENARIOS if asked(name)]
+    if not asking:
+        refuse("sweep.parameters: no scenario names any; give them ranges or lists, as in config/sweep.yaml")
+    published = [f"results/{name}/track_sweep/published.json" for name in asking]
+    return [*(file for name in asking for file in made_of_designs(name)), *published]

@@ -5,14 +5,6 @@ from snakemake.logging import logger
 from jointgap.core.results_folder import ResultsFolder
 
 
-def digest_of_report(wildcards):
-    """Changes with the code of the report."""
-    from jointgap.app.report import write_report
-    from jointgap.core.stage import code_digest
-
-    return code_digest(write_report)
-
-
 rule overview:
     input:
         lambda wildcards: [
