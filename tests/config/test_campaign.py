@@ -220,7 +220,7 @@ def test_nuisances_that_have_nothing_to_act_on_are_named(write):
             {"channels": {"crank_angle": None}, "drive": "measured_angle"},
             ["measured_angle needs", "crank_angle; add it"],
         ),
-        ({"channels": {"crank_torque": {"unit": "N"}}}, ["crank_torque.unit = 'N'", "not a 'N*m'"]),
+        ({"channels": {"crank_torque": {"unit": "N"}}}, ["crank_torque.unit = 'N'", "needs N*m"]),
         ({"channels": {"crank_torque": {"unit": "A"}}}, ["crank_torque.unit = 'A'", "such as scale: 1 N*m/A"]),
         (
             {"channels": {"crank_torque": {"unit": "A", "scale": "0.35 N*m/V"}}},
@@ -274,7 +274,7 @@ def test_nuisances_that_have_nothing_to_act_on_are_named(write):
         ({"nuisance": {"slider_offset": "5"}}, ["slider_offset = '5'", "'5 %' or an amount such as '1 mm' or bounds"]),
         (
             {"nuisance": {"encoder_zero": "5 kg"}},
-            ["encoder_zero = '5 kg'", "not a 'rad'; give an amount such as '5 deg'"],
+            ["encoder_zero = '5 kg'", "needs rad or a unit that converts to it; give an amount such as '5 deg'"],
         ),
         (
             {"nuisance": {"encoder_zero": "5 dge"}},
@@ -288,7 +288,7 @@ def test_nuisances_that_have_nothing_to_act_on_are_named(write):
         ({"nuisance": {"slider_mass": "120 %"}}, ["less than 100 %"]),
         ({"nuisance": {"slider_mass": "nan %"}}, ["slider_mass"]),
         ({"nuisance": {"slider_mass": [0.5, 0.4]}}, ["upside down", "lower bound first"]),
-        ({"nuisance": {"slider_mass": ["400 mm", 0.5]}}, ["slider_mass", "not a 'kg'"]),
+        ({"nuisance": {"slider_mass": ["400 mm", 0.5]}}, ["slider_mass", "needs kg"]),
         ({"nuisance": {"slider_mass": [0.5, 0.6]}}, ["slider_mass is 0.4482", "outside of [0.5, 0.6]"]),
         ({"nuisance": {"restitution": [0.3, 1.2]}}, ["restitution = [0.3, 1.2]", "must be less than 1"]),
         ({"nuisance": {"restitution_crank_pin": [0.3, 0.9]}}, ["restitution of both pins", "give one of them"]),

@@ -72,7 +72,7 @@ def test_a_drive_that_makes_no_sense_is_refused(drive, words):
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize(("unit", "words"), [("mm", "not a 'rad'"), ("degg", "not a number with a unit")])
+@pytest.mark.parametrize(("unit", "words"), [("mm", "needs rad"), ("degg", "not a number with a unit")])
 def test_the_angles_unit_must_be_one(tmp_path, unit, words):
     (tmp_path / "a.csv").touch()
     with pytest.raises(InputError, match=words):

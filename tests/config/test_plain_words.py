@@ -67,7 +67,7 @@ def test_a_value_of_the_wrong_kind_is_told_what_is_expected(over, words):
 
 def test_the_only_run_is_not_called_absent_where_one_of_its_keys_is_wrong():
     assert told(runs=[RUN | {"speed": "3 m"}]) == [
-        "rig.yaml: runs.0.speed = '3 m': has the unit 'meter', which is not a 'rad/s'"
+        "rig.yaml: runs.0.speed = '3 m': has the unit 'meter' and needs rad/s or a unit that converts to it"
     ]
 
 

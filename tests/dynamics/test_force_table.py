@@ -161,8 +161,8 @@ WAVE = 30.0 * np.cos(np.radians(DEGREES))
         ({"theta": DEGREES[::-1], "F": WAVE}, {}, ["row 3: does not rise"]),
         ({"theta": DEGREES[:5], "F": WAVE[:5]}, {}, ["5 rows; give 8 to 4096"]),
         ({"angle": DEGREES, "F": WAVE}, {"angle": {"column": "theta", "unit": "deg"}}, ["no column 'theta'"]),
-        ({"theta": DEGREES, "F": WAVE}, {"angle": {"column": "theta", "unit": "mm"}}, ["unit = 'mm'", "not a 'rad'"]),
-        ({"theta": DEGREES, "F": WAVE}, {"force": {"column": "F", "unit": "bar"}}, ["unit = 'bar'", "not a 'N'"]),
+        ({"theta": DEGREES, "F": WAVE}, {"angle": {"column": "theta", "unit": "mm"}}, ["unit = 'mm'", "needs rad"]),
+        ({"theta": DEGREES, "F": WAVE}, {"force": {"column": "F", "unit": "bar"}}, ["unit = 'bar'", "needs N"]),
         ({"theta": DEGREES, "F": WAVE}, {"period": 1.0}, ["it is 360 or 720 deg; remove it"]),
         ({"theta": DEGREES, "F": WAVE}, {"bore": 0.07}, ["pressure and bore go together"]),
         (

@@ -209,14 +209,14 @@ def opened(address: str) -> Iterator["MlflowClient"]:
         if not (isinstance(error, OSError | ImportError) or kinds & {"mlflow", "sqlalchemy", "alembic", "sqlite3"}):
             raise
         said = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
-        mend = "check the file, permission and space, or move it away to publish from nothing"
+        fix = "check the file, permission and space, or move it away to publish from nothing"
         if sqlite_file(address) is None:
-            mend = (
+            fix = (
                 "start the server, correct its address, user or password, install its driver (pip install "
                 "'jointgap[cluster]'), or unset MLFLOW_TRACKING_URI to use the store in the results folder"
             )
         raise InputError(
-            f"MLflow store {without_password(address)} cannot be reached or used ({said}); {mend}"
+            f"MLflow store {without_password(address)} cannot be reached or used ({said}); {fix}"
         ) from error
 
 

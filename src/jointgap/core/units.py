@@ -100,7 +100,8 @@ def _converted(number: float, own: str, unit: str) -> float:
     try:
         converted = quantity.to(_unit_for_pint(unit) or "dimensionless")
     except pint.DimensionalityError as error:
-        raise ValueError(f"has the unit '{quantity.units}', which is not a '{unit or 'pure number'}'") from error
+        wanted = f"{unit} or a unit that converts to it" if unit else "a pure number"
+        raise ValueError(f"has the unit '{quantity.units}' and needs {wanted}") from error
     if unit in _RATES and quantity.to_root_units().units != converted.to_root_units().units:
         raise ValueError(f"has the unit '{quantity.units}', which may or may not mean turns; write {_RATES[unit]}")
     return float(converted.magnitude)

@@ -182,7 +182,7 @@ def _is_stuck(file: RunFile, name: str, written: np.ndarray, values: np.ndarray,
     if still is not None:
         text = (
             f"is stuck: {still.stop - still.start} of {values.size} samples in a row are "
-            f"{file.as_written(name, written[still.start])} while the crank turns; mend the sensor, or leave these "
+            f"{file.as_written(name, written[still.start])} while the crank turns; repair the sensor, or leave these "
             "cells empty"
         )
         file.doubt("stuck", name, text, still.start)
@@ -280,7 +280,7 @@ def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
     if finite.size < MIN_SAMPLES:
         raise file.error(name, f"has {finite.size} values, too few of {MIN_SAMPLES}; give the measurement, {fix}")
     if np.ptp(finite) == 0.0:
-        raise file.error(name, f"is constant, so the sensor told nothing; mend it, {fix}")
+        raise file.error(name, f"is constant, so the sensor measured nothing; repair it, {fix}")
 
 
 # The crank's rotation
@@ -404,7 +404,7 @@ def _check_turns_on(file: RunFile, time: np.ndarray, angle: np.ndarray) -> None:
         raise UnusableRun(
             "step",
             f"{place}: the angle steps by {size:.3g} deg at {time[row]:.6g} s and stays there: pulses that were lost "
-            "or counted twice, or a counter that overflowed; cut the record there, or mend the angle",
+            "or counted twice, or a counter that overflowed; cut the record there, or correct the angle",
         )
     if still is None:
         return
