@@ -53,6 +53,19 @@ def test_tables_beside_the_pictures_of_the_runs_have_names_that_no_run_may_have(
     assert {found[1] for found in beside} | {"all"} == set(RESERVED_IDS)
 
 
+@pytest.mark.parametrize("command", ["measure", "analyse"])
+def test_data_that_are_refused_leave_no_folder_of_results(tmp_path, command):
+    (tmp_path / "slow.csv").write_text("time [s],nothing\n0,1\n1,2\n")
+    (tmp_path / "plan.yaml").write_text(
+        "name: mine\nmechanism: ideal_joints\ndrive: constant_speed\nchannels:\n"
+        "  time: {column: t, unit: s}\n  crank_torque: {column: torque, unit: N*m}\n"
+        "runs: [{id: slow, file: slow.csv, speed: 90 rpm, role: split}]\n"
+    )
+    with pytest.raises(InputError, match="no column"):
+        asked(command, tmp_path / "plan.yaml", "--folder", tmp_path / "results")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plan.yaml", "slow.csv"]
+
+
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     """The demonstration in a folder of its own, with the data read."""

@@ -162,6 +162,9 @@ def test_a_disk_that_fills_up_is_one_clear_error_and_leaves_nothing_behind(tmp_p
 
 
 def test_whether_a_file_can_be_written_is_found_out_without_writing_it(tmp_path):
+    parquet.check_writable(tmp_path / "new" / "deep" / "file.parquet")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "new").mkdir()
     parquet.check_writable(tmp_path / "new" / "file.parquet")
     assert list((tmp_path / "new").iterdir()) == []
     (tmp_path / "taken").touch()

@@ -56,16 +56,17 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     read = read_measurements(state.campaign)
     odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)]
     state.measurements = replace(read, remarks=(*read.remarks, *odd))
+    if pictures:  # before anything is written: what stops here leaves nothing behind
+        from jointgap.core import plot
+        from jointgap.rig.inspection import inspect
+
+        numbers, drawings = inspect(state.campaign, state.measurements)
     folder.write(schema.CONFIG_SNAPSHOT, config_snapshot(state.campaign))
     folder.write(schema.REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
     contradictions = pd.DataFrame(state.measurements.contradictions, columns=schema.CONTRADICTIONS.names)
     folder.write(schema.CONTRADICTIONS, contradictions)
     folder.write(schema.MEASURED, to_frame(state.measurements))
     if pictures:
-        from jointgap.core import plot
-        from jointgap.rig.inspection import inspect
-
-        numbers, drawings = inspect(state.campaign, state.measurements)
         folder.write(schema.LOOK, numbers)
         for run, drawing in drawings.items():
             plot.save(drawing, folder.path / "measure" / run)

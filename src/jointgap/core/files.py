@@ -44,5 +44,11 @@ def check_writable(*paths: Path | str) -> None:
         taken.add(path.resolve())
         if path.is_dir():
             raise InputError(f"{path}: is a folder, not a file; give another name")
-        with _beside(path) as temporary:
-            temporary.touch()
+        made = [folder for folder in path.parents if not folder.exists()]
+        try:
+            with _beside(path) as temporary:
+                temporary.touch()
+        finally:  # work that fails leaves no empty folders
+            with suppress(OSError):  # not there, or in use by now
+                for folder in made:
+                    folder.rmdir()

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from jointgap.core.schema import Table
+from jointgap.core.schema import TABLES, Table
 
 if TYPE_CHECKING:
     from jointgap.config import Scenario
@@ -19,19 +19,31 @@ _ROOT = Path(__file__).parent.parent
 
 
 @cache
-def code_digest(function: Callable[..., Any]) -> str:
+def code_digest(function: Callable[..., Any], *tables: Table) -> str:
     """Twelve hexadecimal digits over what a function of this package runs (jointgap's own code, not its
-    dependencies).
+    dependencies), and over `tables` and those that this code names.
     """
     own, modules = code_of(function)
-    digest = hashlib.sha256(own.encode())
+    digest, named = hashlib.sha256(own.encode()), {*tables, *_tables_in(own)}
     for name in sorted(modules):
         source = source_of(name)
+        named |= _tables_of(name)
         digest.update(name.encode() + source.read_bytes())
         data = source.parent.glob("templates/*" if source.name == "__init__.py" else f"{source.stem}.yaml")
         for file in sorted(data):  # templates, and the data of a module, are code too
             digest.update(file.name.encode() + file.read_bytes())
+    for table in sorted(map(repr, named)):
+        digest.update(table.encode())
     return digest.hexdigest()[:12]
+
+
+def _tables_in(code: str) -> frozenset[Table]:
+    return frozenset(TABLES[word.lower()] for word in re.findall("[A-Z_]+", code) if word.lower() in TABLES)
+
+
+@cache
+def _tables_of(module: str) -> frozenset[Table]:
+    return _tables_in(source_of(module).read_text(encoding="utf-8"))
 
 
 def code_of(function: Callable[..., Any]) -> tuple[str, frozenset[str]]:
@@ -65,12 +77,16 @@ def _imports_of(module: str) -> frozenset[str]:
 
 
 def _imported(nodes: Iterable[ast.AST]) -> frozenset[str]:
-    """Modules of the package that the code in `nodes` imports."""
+    """Modules of the package that the code in `nodes` imports; all of a room from which one is taken by its name."""
     names: set[str] = set()
-    for node in (inner for root in nodes for inner in ast.walk(root) if isinstance(inner, ast.ImportFrom)):
-        package, _, base = (node.module or "").partition(".")
-        if package == "jointgap":
-            names |= {base, *(f"{base}.{alias.name}".strip(".") for alias in node.names)}
+    for node in (inner for root in nodes for inner in ast.walk(root)):
+        if isinstance(node, ast.ImportFrom):
+            package, _, base = (node.module or "").partition(".")
+            if package == "jointgap":
+                names |= {base, *(f"{base}.{alias.name}".strip(".") for alias in node.names)}
+        elif isinstance(node, ast.JoinedStr) and isinstance(start := node.values[0], ast.Constant):
+            if room := re.fullmatch(r"jointgap\.(\w+)\.", start.value):  # f"jointgap.designs.{name}"
+                names |= {f"{room[1]}.{file.stem}" for file in (_ROOT / room[1]).glob("[!_]*.py")}
     return frozenset(name for name in names if name and source_of(name).is_file())
 
 
@@ -161,8 +177,8 @@ class Stage:
 
     @property
     def digest(self) -> str:
-        """Twelve digits that change with the code that the stage runs."""
-        return code_digest(self.function)
+        """Twelve digits that change with the code that the stage runs, and with the tables that it reads and writes."""
+        return code_digest(self.function, *self.reads, *self.writes)
 
     def options(self, scenario: "Scenario") -> str:
         """What it reads of a scenario, as JSON text in SI: the value of its ``--options``."""

@@ -223,7 +223,8 @@ def _networks(outcome: Outcome) -> Iterator[str]:
     if overfit := int((factor > OVERFIT).sum()):
         used = outcome.chosen["source"] == "networks"
         sentence = (
-            f"{overfit} of {len(own)} networks overfit: test error up to {factor.max():.0f} times the training error. "
+            f"{overfit} of {len(own)} networks overfit: between their training points the error is up to "
+            f"{factor.max():.2g} times as large. "
             f"The {'gain is simulated' if used else 'lengths were found'} without them."
         )
         if len(regularised):
