@@ -18,7 +18,7 @@ snakemake_options = --workflow-profile workflow/profiles/$(PROFILE) $(if $(CORES
 	$(if $(CONFIG),--configfile "$$CONFIG") $(ARGS)
 
 help: ## this list
-	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*## ' $(firstword $(MAKEFILE_LIST)) | sed -E 's/:.*## /\t/' | expand -t 18
 	@echo "variables: CORES=2 (default: all), CAMPAIGN=file, CONFIG=file, PROFILE=local|slurm|ci, ARGS='more options of the tool'"
 
 set-up: ## what running needs into .venv, once; the other targets do it by themselves
