@@ -32,7 +32,7 @@ from jointgap.designs.statistics import contacts, time_shares
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulation import simulate as simulated
 from jointgap.scenario.figures import FIGURES
-from jointgap.scenario.outcome import Outcome, outcome, remarks
+from jointgap.scenario.outcome import outcome, remarks
 from jointgap.scenario.stages import SCENARIO_STAGES
 
 if TYPE_CHECKING:
@@ -612,7 +612,7 @@ class Optimum(Result):
     mechanism: Mechanism
     original: Motion
     tables: Mapping[str, pd.DataFrame]
-    _outcome: Outcome
+    _outcome: Any  # jointgap.scenario.outcome.Outcome, which the documentation has no page of
 
     _HEADLINE = "Link lengths with the smallest error of the transmission angle"
 
