@@ -195,4 +195,6 @@ def test_a_job_for_which_no_node_has_the_cores_is_refused(slurm, project):
 def test_more_jobs_than_an_array_takes_are_refused(slurm, project):
     few = (project / "sweep.yaml").read_text()
     (project / "sweep.yaml").write_text(few.replace("number: 30", "number: 1001").replace("per_job: 8", "per_job: 1"))
-    assert "1001 jobs of sweep_designs are more than the 1000" in refused(slurm.environment, project)
+    said = refused(slurm.environment, project)
+    assert "1001 jobs of sweep_designs" in said and "MaxArraySize of SLURM allows 1000" in said
+    assert "sweep.designs_per_job" in said
