@@ -3,12 +3,9 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-
-FAST = -1
-"""The numerics of `Model.simulate` for a search: they tell where impacts come and how hard they are, not more."""
 
 
 @dataclass(frozen=True)
@@ -104,8 +101,6 @@ class Candidate:
         Of an effect with one amplitude on which the motion depends so roughly that a fit converges from near by alone:
         between which values it is searched, evenly in its logarithm; () of others. Of the perturbation of a known
         quantity evenly in the logarithm of what is left of that.
-    unsearched : tuple of str
-        Shape parameters that such a search leaves as they are at its best point, at first at nominal: fits find them.
     families : tuple of LawFamily
         Laws of which the effect is one shape.
     """
@@ -122,7 +117,6 @@ class Candidate:
     steady_counterpart: str = ""
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
-    unsearched: tuple[str, ...] = ()
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
@@ -278,7 +272,7 @@ class Model(Protocol):
         effects : sequence
             Sensor faults among them are applied to what is read.
         numerics : int
-            0 for the usual numerics, i for `self.numerics[i - 1]`, `FAST` for faster ones, where a model has such.
+            0 for the usual numerics, i for `self.numerics[i - 1]`.
 
         Returns
         -------
@@ -311,6 +305,56 @@ class Driven(Protocol):
             By channel [unit of the channel]: by one standard deviation of each of k independent errors. Channels that
             are absent do not answer to them.
         """
+
+
+@dataclass(frozen=True)
+class FoundStates:
+    """What a filter found of a run in windows."""
+
+    states: Any  # with `slow`, the states of the windows (k, d), and whatever else the model needs
+    deviance: float  # minus twice the logarithm of the marginal likelihood of the readings, but for a constant
+    readings: float  # how many there are
+
+
+class WindowedRun(Protocol):
+    """A run with values put in, cut in windows of which each has a state of its own.
+
+    A state is made of pairs: an angle [rad] and its rate, in units of about 1.
+    """
+
+    size: int  # d, how many numbers a state has
+    turns: float  # how many turns the record has
+    channels: Sequence[str]  # that tell states
+
+    def find(
+        self,
+        measured: Mapping[str, np.ndarray],
+        noise: Mapping[str, np.ndarray],
+        per_turn: int,
+        jump: float,
+        turns: float,
+    ) -> FoundStates:
+        """States of the windows, `per_turn` of them, of the record's first `turns`, by a filter.
+
+        `measured` and `noise`: readings and their standard deviations at the series' samples, NaN where there are none;
+        `jump`: standard deviation of a state beyond where the window before ends.
+        """
+
+    def simulate(self, states: Any) -> tuple[Mapping[str, np.ndarray], np.ndarray, Any, np.ndarray]:
+        """What is read in windows from their states, by channel, NaN where a window cannot be simulated; states at the
+        windows' ends (k, d), a tuple of arrays (k, ...) of what else they hand on, and which (k,) were simulated.
+        """
+
+    def window_of(self, time: np.ndarray, states: Any) -> np.ndarray:
+        """In which window each of the times [s] of a series lies, (n,)."""
+
+
+@runtime_checkable
+class Windowed(Protocol):
+    """A model whose state a record does not tell, such as that of pins in their bearings."""
+
+    def windows(self, run: str, values: Mapping[str, float], effects: Effects = ()) -> WindowedRun | None:
+        """A run in windows, `values` and `effects` as of `Model.simulate`; None where its motion has no such state."""
 
 
 def runs_of(model: Model) -> tuple[str, ...]:

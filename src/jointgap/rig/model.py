@@ -35,6 +35,7 @@ from jointgap.rig.simulate_run import (
     with_nuisances,
 )
 from jointgap.rig.statistics import BINS, chaotic_channels, chaotic_run, measured_statistics, simulated_statistics
+from jointgap.rig.windows import RunInWindows, run_in_windows
 
 STEP_SHARE_OF_BOUNDS = 0.02  # [1] Typical change of a nuisance over the width of its bounds (experience)
 # [1] Friction may be regularised over a sliding speed lower or higher by this factor than the contact says: nobody
@@ -262,6 +263,12 @@ class SliderCrankModel:
             # the same for the samples for fitting and for those held out
             read |= {name: np.tile(bins, sizes[name] // bins.size) for name, bins in statistics.items()}
         return read
+
+    def windows(self, run: str, values: Values, effects: Effects = ()) -> RunInWindows | None:
+        """Parameters as of `jointgap.core.candidates.Windowed.windows`."""
+        plan = replace(self.plans[run], channels=self._sampled(run))
+        rows = {channel: self._rows[run, channel] for channel in plan.channels}
+        return run_in_windows(self.campaign, plan, values, effects, rows)
 
     def _read(self, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
         """What the sensors read, each at its own rows."""

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from math import tau
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -13,7 +13,7 @@ from jointgap.config.campaign import Campaign
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.load import validate
 from jointgap.config.scenario import TOLERANCE_SHARE
-from jointgap.core.candidates import FAST, Candidate, Effects
+from jointgap.core.candidates import Candidate, Effects
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.dynamics.drive import crank_times
@@ -29,15 +29,10 @@ from jointgap.rig.sensors import Faults
 
 Columns = Mapping[str, np.ndarray]  # Channels of a motion (n,), by column
 
-FAST_TOLERANCE = 1e-8  # [m] The same for a search, which needs the energy of impacts, not their phase
-FILM_TOLERANCE = 1e-11  # [m] The same where a joint is lubricated: films are stiff, steps are short anyway
-# Limit of a search: plain motions take 1000 to 4000, whirling journals ten times as many. With 6000 the truth itself
-# was given up in trials with a hidden clearance
-FAST_STEPS_PER_REVOLUTION = 12_000
+FILM_TOLERANCE = 1e-11  # [m] Local error where a joint is lubricated: films are stiff, steps are short anyway
 # [1] A revolution stands for all later ones if what is read changed by less than this, over the noise and all samples
 SETTLED_LENGTH = 1.0
 SETTLED_AFTER = (3, 12)  # Least and most revolutions dropped before the one that is kept
-FAST_SETTLED_AFTER = (3, 6)  # The same for a search: of the points that settle 87 to 92 % do so with six
 COMPARED_SAMPLES = 120  # Samples of a revolution that are compared: each costs about as much as a step
 TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier than this after the start is simulated in full
 # From so many starts the motion of a run is simulated of which nobody knows where it began. In blind trials a motion
@@ -46,8 +41,6 @@ STARTS = 8
 # How much earlier the motion begins for each further start: one, and the part of the next that meets no symmetry of a
 # slider-crank (the golden section); after two revolutions starts count from the usual one on again
 OTHER_START_REVOLUTIONS, MOST_START_REVOLUTIONS = 1.382, 2.0
-# [1, of the noise] Root of the mean square of the changes at which a search takes a motion as settled
-FAST_SETTLED = 0.3
 UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise where it is not stated
 
 
@@ -196,11 +189,24 @@ def channels_read(
     return read
 
 
-def _read_at_limit(
-    campaign: Campaign, plan: RunPlan, values: Values, effects: Effects, numerics: int, perturbation
-) -> dict[str, np.ndarray]:
-    """`channels_read` of a rod that is no stiffer than can be simulated."""
-    clockwise, fast = plan.run.direction == "clockwise", numerics == FAST
+class Prepared(NamedTuple):
+    """A run with values put in, ready to be simulated."""
+
+    driven: drives.DrivenRun
+    faults: Faults
+    tolerance: float  # [m]
+
+
+def prepared(
+    campaign: Campaign,
+    plan: RunPlan,
+    values: Values,
+    effects: Effects,
+    numerics: int = 0,
+    tolerance: float | None = None,
+) -> Prepared:
+    """A run ready to be simulated, to a local error of `tolerance` [m], or to that of its plan."""
+    clockwise = plan.run.direction == "clockwise"
     faults, nuisances = Faults(effects, clockwise, values), dict(values)
     for candidate, own in effects:  # a nuisance that an effect took over in part, such as the other pin's friction
         nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
@@ -208,7 +214,7 @@ def _read_at_limit(
     if clockwise:
         mechanism = mechanism.mirrored()
     finer, change = other_numerics(numerics)
-    tolerance = finer * tolerance_for(mechanism, FAST_TOLERANCE if fast else plan.tolerance)
+    tolerance = finer * tolerance_for(mechanism, tolerance or plan.tolerance)
     start = sum(round(own.get(START, 0.0)) for _, own in effects)  # of two joints it is one of the same starts
     if numerics == len(NUMERICS) and drives.began_anywhere(plan.run):
         start += 1
@@ -218,7 +224,21 @@ def _read_at_limit(
     harmonic = driven.numbers.effects
     # phases of forces count from the record's time 0, that of the simulation is earlier
     harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
-    return _read(campaign, plan, driven, faults, tolerance, perturbation, fast)
+    return Prepared(driven, faults, tolerance)
+
+
+def _read_at_limit(
+    campaign: Campaign, plan: RunPlan, values: Values, effects: Effects, numerics: int, perturbation
+) -> dict[str, np.ndarray]:
+    """`channels_read` of a rod that is no stiffer than can be simulated."""
+    run = prepared(campaign, plan, values, effects, numerics)
+    count = run.driven.angles.size
+    change = _change_over_noise(campaign, plan, count) if drives.began_anywhere(plan.run) else None
+
+    def motion(angles: np.ndarray) -> Columns:
+        return channels_at(run.driven.numbers, angles, run.tolerance, perturbation, change, count)
+
+    return read(campaign, plan, run, motion)
 
 
 def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
@@ -256,8 +276,11 @@ def _driven_run(
     return driven
 
 
-def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -> dict[str, np.ndarray]:
-    """What the sensors make of the motion at the samples."""
+def read(
+    campaign: Campaign, plan: RunPlan, run: Prepared, motion: Callable[[np.ndarray], Columns]
+) -> dict[str, np.ndarray]:
+    """What the sensors make, at the samples, of a `motion`: its channels at crank angles (m,) [rad], in any order."""
+    driven, faults = run.driven, run.faults
     channels = {name: campaign.channels[name] for name in plan.channels}
     samples, delay = plan.samples, faults.lag if plan.measured is None else 0.0
     late = driven.at(samples.elapsed - delay) if delay else driven.angles
@@ -274,8 +297,7 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
     delays = list(dict.fromkeys([0.0, *map(faults.delay, channels)]))
     earlier = [driven.at(np.maximum(samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
     angles = np.concatenate([driven.angles, *earlier, driven.at(grid)])
-    change = _change_over_noise(campaign, plan, count, fast) if drives.began_anywhere(plan.run) else None
-    true = channels_at(driven.numbers, angles, tolerance, perturbation, change, count, fast)
+    true = motion(angles)
     elapsed = true["time"][:count] - driven.begin
     readings = {}
     for name, channel in channels.items():
@@ -302,9 +324,8 @@ def _read(campaign, plan, driven, faults, tolerance, perturbation, fast: bool) -
     return readings
 
 
-def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int, fast: bool) -> Callable:
-    """Length of the change of what is read at `count` samples, over its noise, by those that are compared; if `fast`,
-    over what a search need not see of each sample.
+def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callable:
+    """Length of the change of what is read at `count` samples, over its noise, by those that are compared.
 
     Where the noise is not stated, it is taken for a share of what the channel varies by. Filters and faults are left
     out: they make it no larger.
@@ -317,7 +338,7 @@ def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int, fast: bool
         for name in channels:
             sd = stated.get(name) or UNSTATED_NOISE_SHARE * float(np.std(other[name])) or 1e-300
             squares += float(np.mean(((one[name] - other[name]) / sd) ** 2))
-        return math.sqrt(squares / len(channels)) / FAST_SETTLED if fast else math.sqrt(count * squares)
+        return math.sqrt(count * squares)
 
     return change
 
@@ -354,17 +375,15 @@ def channels_at(
     perturbation: np.ndarray | None = None,
     change: Callable[[Columns, Columns], float] | None = None,
     read: int | None = None,
-    fast: bool = False,
 ) -> dict[str, np.ndarray]:
     """All channels at crank angles, by column of `jointgap.dynamics.sampling`, with the ``time`` [s]."""
     if _is_kinematic(p):
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
-    most_steps = FAST_STEPS_PER_REVOLUTION if fast else None
     progress = beginning(p, *start_state(p, perturbation), 0.0)
 
     def integrate(sorted_angles: np.ndarray) -> IntegrationResult:
         nonlocal progress
-        motion, progress = integrate_on(p, progress, sorted_angles, tolerance, most_steps)
+        motion, progress = integrate_on(p, progress, sorted_angles, tolerance)
         return motion
 
     back = (angles.min() - p.drive.start_angle) / tau
@@ -373,8 +392,7 @@ def channels_at(
     # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
     whole_record = {"crank_angle": angles, "time": _times(p, angles)}
-    dropped_revolutions = FAST_SETTLED_AFTER if fast else SETTLED_AFTER
-    first, last = (max(dropped, round(back)) for dropped in dropped_revolutions)
+    first, last = (max(dropped, round(back)) for dropped in SETTLED_AFTER)
     compared = _spread(within[:read], COMPARED_SAMPLES)
     earlier = _sampled(p, within[compared] + (first - 2) * tau, integrate)
     before = _sampled(p, within[compared] + (first - 1) * tau, integrate)

@@ -1,0 +1,616 @@
+"""A motion in windows: the full contact model over short pieces of a record, each from a state of its own.
+
+The state of a loose joint in a window is the angle of its pin on the clearance circle and that angle's rate. All else
+follows: in contact the depth at which the pin stays on its circle, plus by how much the window before said it is off;
+in flight the share of the clearance. A record whose windows join is one trajectory, from a start that was estimated."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from jointgap.core.joints import JOINTS
+from jointgap.dynamics.drive import crank_times
+from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
+from jointgap.dynamics.integrate import DONE, EPISODE, EVENT, Progress, integrate, longest_step
+from jointgap.dynamics.joints import CONTACT, FLIGHT, clearances
+from jointgap.dynamics.numba_cache import compiled
+from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.runge_kutta import LINEAR, instant, room_for_stages
+from jointgap.dynamics.sampling import SAMPLE, fill_samples
+from jointgap.dynamics.simulation import IntegrationResult
+
+STEPS_PER_REVOLUTION = 30_000
+"""Most steps of a window, by the revolution: a state that needs more is far from any motion that is there."""
+
+_LONG_AGO = -1e6  # [s] when a contact began whose beginning nobody knows: nothing of its impact is left
+_NEWTON, _CLOSE = 6, 1e-6  # most steps to the balance, and the change of the forces [1] at which it is reached
+_LOST = 100.0  # [1] squared residual of each reading in a window that is lost
+_NEGLIGIBLE = 0.3  # [1] decrease of a window's squares that is not worth a step
+_LEAST_FORCE = 1e-4  # [N] of a contact in balance, where nothing presses it together
+
+
+class Carried(NamedTuple):
+    """What each of k windows takes over from the one before, beside its state."""
+
+    auxiliary: np.ndarray  # (k, 11) states of a bending rod, of bristles, and of a crank that is free
+    modes: np.ndarray  # (k, 3)
+    approaches: np.ndarray  # (k, 3) [m/s]
+    begins: np.ndarray  # (k, 3) [s]
+    off: np.ndarray  # (k, 3) in contact the depth beyond that of the balance [m], in flight the share of the clearance
+    radial: np.ndarray  # (k, 3) radial speeds [m/s]
+
+
+@dataclass(frozen=True)
+class WindowStates:
+    """Where the motion of a record is at the beginning of each of k windows.
+
+    `slow` (k, d) holds angle [rad] and rate over the crank's speed [1] of each loose joint.
+    """
+
+    edges: np.ndarray  # (k + 1,) times since the record's first sample [s]
+    slow: np.ndarray
+    carried: Carried
+
+
+def loose_joints(p: Parameters) -> np.ndarray:
+    """Places of the loose joints."""
+    return np.flatnonzero([getattr(p, name).loose for name in JOINTS])
+
+
+def resting(p: Parameters, count: int) -> Carried:
+    """What windows take over of which nothing is known: joints that have been in contact for long, in balance."""
+    least = [getattr(p, name).least_approach for name in JOINTS]
+    loose = np.zeros(3, bool)
+    loose[loose_joints(p)] = True
+    return Carried(
+        np.zeros((count, AUXILIARY_STATES)),
+        np.tile(np.where(loose, CONTACT, FLIGHT), (count, 1)),
+        np.tile(np.where(loose, least, math.inf), (count, 1)),
+        np.tile(np.where(loose, _LONG_AGO, math.inf), (count, 1)),
+        np.zeros((count, 3)),
+        np.zeros((count, 3)),
+    )
+
+
+@compiled
+def _joint(p, j):
+    return p.crank_pin if j == 0 else (p.piston_pin if j == 1 else p.crank_pivot)
+
+
+@compiled
+def _placed(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins):
+    """The instant at which the loose joints are at `angle` (3,) with `rate`, `depth` and `radial` speed."""
+    y = np.zeros(STATES)
+    x = auxiliary.copy()
+    for j in range(3):
+        ex = ey = vx = vy = 0.0
+        joint = _joint(p, j)
+        if joint.loose:
+            r, c, s = joint.clearance + depth[j], math.cos(angle[j]), math.sin(angle[j])
+            ex, ey = r * c, r * s
+            vx, vy = radial[j] * c - rate[j] * ey, radial[j] * s + rate[j] * ex
+        if j < 2:
+            y[2 * j], y[2 * j + 1], y[2 * j + 4], y[2 * j + 5] = ex, ey, vx, vy
+        else:
+            x[0], x[1], x[4], x[5] = ex, ey, vx, vy
+    y_now = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+    x_now = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+    return instant(p, time, y_now, x_now, modes, approaches, begins)
+
+
+@compiled
+def _leaving(p, here, angle, rate, depth, out):
+    """Second rate [m/s^2] of each loose joint's distance of centres."""
+    a, b = here.clearance_rates, here.auxiliary_rates
+    for j in range(3):
+        joint = _joint(p, j)
+        out[j] = 0.0
+        if joint.loose:
+            ax = a[4] if j == 0 else (a[6] if j == 1 else b[4])
+            ay = a[5] if j == 0 else (a[7] if j == 1 else b[5])
+            out[j] = ax * math.cos(angle[j]) + ay * math.sin(angle[j]) + (joint.clearance + depth[j]) * rate[j] ** 2
+
+
+@compiled
+def _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins):
+    """The `depth` [m] (3,), that of joints in contact replaced by the one at which they stay on their circles.
+
+    Newton's method for the forces, of which accelerations are a linear function but for friction.
+    """
+    force, depth, still = np.zeros(3), depth.copy(), radial.copy()
+    out, moved = np.zeros(3), np.zeros(3)
+    touching = np.zeros(3, np.bool_)
+    for j in range(3):
+        joint = _joint(p, j)
+        touching[j] = joint.loose and modes[j] != FLIGHT
+        if touching[j]:
+            depth[j], still[j] = 1e-9, 0.0
+            force[j] = joint.stiffness * depth[j] ** joint.exponent
+    for _ in range(_NEWTON):
+        here = _placed(p, time, angle, rate, depth, still, auxiliary, modes, approaches, begins)
+        _leaving(p, here, angle, rate, depth, out)
+        matrix, largest = np.eye(3), 0.0
+        for j in range(3):
+            if touching[j]:
+                joint, more = _joint(p, j), max(1e-3 * force[j], 1e-3)
+                before = depth[j]
+                depth[j] = ((force[j] + more) / joint.stiffness) ** (1.0 / joint.exponent)
+                there = _placed(p, time, angle, rate, depth, still, auxiliary, modes, approaches, begins)
+                _leaving(p, there, angle, rate, depth, moved)
+                depth[j] = before
+                for i in range(3):
+                    if touching[i]:
+                        matrix[i, j] = (moved[i] - out[i]) / more
+        for j in range(3):
+            out[j] = -out[j] if touching[j] else 0.0
+        change = np.linalg.solve(matrix, out)
+        for j in range(3):
+            if touching[j]:
+                joint = _joint(p, j)
+                largest = max(largest, abs(change[j]) / (force[j] + 1e-3))
+                force[j] = max(force[j] + change[j], _LEAST_FORCE)
+                depth[j] = (force[j] / joint.stiffness) ** (1.0 / joint.exponent)
+        if largest < _CLOSE:
+            break
+    return depth
+
+
+@compiled
+def _polar(here):
+    """Distance of the centres, its rate, angle and its rate, (3, 4), of each joint."""
+    out = np.zeros((3, 4))
+    motion = clearances(here.clearance_state, here.auxiliary_state)
+    for j in range(3):
+        ex, ey, vx, vy = motion[j]
+        r = math.sqrt(ex * ex + ey * ey)
+        out[j, 0] = r
+        if r > 0.0:
+            out[j, 1], out[j, 2] = (ex * vx + ey * vy) / r, math.atan2(ey, ex)
+            out[j, 3] = (ex * vy - ey * vx) / (r * r)
+    return out
+
+
+@compiled
+def _begin(p, time, k, slow, speed, carried):
+    """The integration at the beginning of window `k` in its state `slow` (d,)."""
+    angle, rate, depth, radial = np.zeros(3), np.zeros(3), np.zeros(3), carried.radial[k].copy()
+    m, a, b = carried.modes[k], carried.approaches[k], carried.begins[k]
+    modes, approaches, begins = (m[0], m[1], m[2]), (a[0], a[1], a[2]), (b[0], b[1], b[2])
+    auxiliary, place = carried.auxiliary[k].copy(), 0
+    for j in range(3):
+        if _joint(p, j).loose:
+            angle[j], rate[j] = slow[place], slow[place + 1] * speed
+            place += 2
+            if modes[j] == FLIGHT:
+                clearance = _joint(p, j).clearance
+                depth[j] = min(carried.off[k, j], 1.0 - 1e-9) * clearance - clearance
+    depth = _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins)
+    for j in range(3):
+        if _joint(p, j).loose and modes[j] != FLIGHT:
+            depth[j] = max(depth[j] + carried.off[k, j], 1e-12)
+    here = _placed(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins)
+    seen = clearances(here.clearance_state, here.auxiliary_state)
+    start = 0.05 * longest_step(p)
+    return Progress(here, seen, here.time, (0.0, 0.0, 0.0), np.zeros((3, EPISODE)), start, LINEAR, 0.0)
+
+
+@compiled
+def _run(p, k, slow, speed, carried, found, angles, bounds, tolerance, limit, room, end, after):
+    """Integrate window `k` from the state `slow` (d,): whether it went well.
+
+    Its samples are rows of `found`, the last one at its end, whose state and what goes with it are row `k` of `end` and
+    `after`.
+    """
+    first, last = bounds[k], bounds[k + 1]
+    part = IntegrationResult(
+        found.times[first:last],
+        found.states[first:last],
+        found.auxiliary_states[first:last],
+        found.modes[first:last],
+        found.approaches[first:last],
+        found.begins[first:last],
+        found.directions[first:last],
+        found.events,
+        0,
+    )
+    progress = _begin(p, part.times[0], k, slow, speed, carried)
+    status, _, _, _ = integrate(p, progress, part, angles[first:last], tolerance, limit, room)
+    if status != DONE:
+        return False
+    y, x, n = part.states[-1], part.auxiliary_states[-1], last - 1
+    y_end = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
+    x_end = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
+    m, a, b = found.modes[n], found.approaches[n], found.begins[n]
+    modes, approaches, begins = (m[0], m[1], m[2]), (a[0], a[1], a[2]), (b[0], b[1], b[2])
+    here = instant(p, found.times[n], y_end, x_end, modes, approaches, begins)
+    polar, depth, place = _polar(here), np.zeros(3), 0
+    for j in range(3):
+        depth[j] = polar[j, 0] - _joint(p, j).clearance
+    angle, rate, radial = polar[:, 2].copy(), polar[:, 3].copy(), polar[:, 1].copy()
+    balance = _balance(p, here.time, angle, rate, depth, radial, x, modes, approaches, begins)
+    for i in range(AUXILIARY_STATES):
+        after.auxiliary[k, i] = x[i]
+    for j in range(3):
+        after.modes[k, j], after.approaches[k, j], after.begins[k, j] = modes[j], approaches[j], begins[j]
+        after.off[k, j], after.radial[k, j] = 0.0, polar[j, 1]
+        joint = _joint(p, j)
+        if joint.loose:
+            end[k, place], end[k, place + 1] = polar[j, 2], polar[j, 3] / speed
+            place += 2
+            flies = modes[j] == FLIGHT
+            after.off[k, j] = polar[j, 0] / joint.clearance if flies else depth[j] - balance[j]
+    return True
+
+
+@compiled
+def _run_all(p, slow, carried, found, angles, bounds, tolerance, limits, room, end, after, done):
+    """`_run` of all windows; `done` (k,) says which went well."""
+    speed = abs(p.drive.speed)
+    for k in range(len(slow)):
+        done[k] = _run(p, k, slow[k], speed, carried, found, angles, bounds, tolerance, limits[k], room, end, after)
+
+
+class Rows(NamedTuple):
+    """Rows of an integration in windows: of each its beginning, its samples, and its end."""
+
+    angles: np.ndarray  # (n,) [rad]
+    bounds: np.ndarray  # (k + 1,) first rows of the windows
+    sample: np.ndarray  # (n,) which sample a row is; -1 of the ends of windows
+    found: IntegrationResult
+    limits: np.ndarray  # (k,) most steps
+
+
+def rows_of(p: Parameters, edges: np.ndarray, angles: np.ndarray) -> Rows:
+    """Rows for samples at sorted crank `angles` [rad] in windows between the crank angles `edges` (k + 1,) [rad]."""
+    count = edges.size - 1
+    window = np.clip(np.searchsorted(edges, angles, side="right") - 1, 0, count - 1)
+    places, turned = np.arange(count), np.clip(angles, edges[0], edges[-1])
+    of = np.concatenate([places, window, places])  # sorted stably: beginning, samples, end
+    order = np.argsort(of, kind="stable")
+    sample = np.concatenate([np.full(count, -1), np.arange(angles.size), np.full(count, -1)])[order]
+    all_angles = np.concatenate([edges[:-1], turned, edges[1:]])[order]
+    n = all_angles.size
+    found = IntegrationResult(
+        crank_times(p, all_angles),
+        np.empty((n, STATES)),
+        np.empty((n, AUXILIARY_STATES)),
+        np.empty((n, 3), np.int64),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((n, 3)),
+        np.empty((0, len(EVENT))),
+        0,
+    )
+    limits = np.ceil(STEPS_PER_REVOLUTION * np.maximum(np.diff(edges) / math.tau, 0.02)).astype(np.int64)
+    return Rows(all_angles, np.searchsorted(of[order], np.arange(count + 1)), sample, found, limits)
+
+
+def simulate_windows(
+    p: Parameters, rows: Rows, slow: np.ndarray, carried: Carried, tolerance: float
+) -> tuple[dict[str, np.ndarray], np.ndarray, Carried, np.ndarray]:
+    """Channels (m,) at the samples of the `rows`, by column of `jointgap.dynamics.sampling.SAMPLE`; states (k, d) at
+    the ends of the windows, what these hand on, and which (k,) could be simulated.
+
+    NaN in windows that could not.
+    """
+    end, after, done = np.full(slow.shape, np.nan), _like(carried), np.zeros(len(slow), bool)
+    room = room_for_stages()
+    _run_all(p, slow, carried, rows.found, rows.angles, rows.bounds, tolerance, rows.limits, room, end, after, done)
+    window = np.repeat(np.arange(done.size), np.diff(rows.bounds))
+    chosen = np.flatnonzero((rows.sample >= 0) & done[window])
+    columns, count = rows.found.part(chosen).observed(p), int(rows.sample.max()) + 1
+    out = {}
+    for name, values in columns.items():
+        out[name] = np.full(count, np.nan)
+        out[name][rows.sample[chosen]] = values
+    return out, end, after, done
+
+
+@compiled
+def _like(carried):
+    return Carried(
+        np.zeros_like(carried.auxiliary),
+        np.zeros_like(carried.modes),
+        np.zeros_like(carried.approaches),
+        np.zeros_like(carried.begins),
+        np.zeros_like(carried.off),
+        np.zeros_like(carried.radial),
+    )
+
+
+@compiled
+def _hand_on(before, k, after, later):
+    """Row `later` of `after` is row `k` of `before`."""
+    after.auxiliary[later] = before.auxiliary[k]
+    after.modes[later] = before.modes[k]
+    after.approaches[later] = before.approaches[k]
+    after.begins[later] = before.begins[k]
+    after.off[later] = before.off[k]
+    after.radial[later] = before.radial[k]
+
+
+class Readings(NamedTuple):
+    """What the filter compares: c channels, by row of an integration in windows."""
+
+    columns: np.ndarray  # (c,) places of the channels in `SAMPLE`
+    factor: np.ndarray  # (c,) what is read over what is true
+    shift: np.ndarray  # (c,) and what is read where that is zero [unit]
+    data: np.ndarray  # (n, c) [unit]
+    weight: np.ndarray  # (n, c) one over the standard deviation of the noise [1/unit]; 0 where nothing was read
+
+
+class FilterSettings(NamedTuple):
+    """How the filter goes on."""
+
+    jump: float  # [rad], [crank's rates] standard deviation of a state beyond where the window before ended
+    first: float = 1.0  # the same of the first state beyond the best of the guesses
+    heavy: float = 9.0  # degrees of freedom of the residuals' heavy tails
+    iterations: int = 6
+    bad: float = 4.0  # mean square of residuals from which on the filter may have lost its way
+    angle_step: float = 1e-4  # [rad] over which derivatives are taken
+    rate_step: float = 2e-4  # [crank's rates]
+
+
+@compiled
+def _misfit(p, found, first, last, samples, numbers, readings, heavy, out):
+    """Residuals of the rows from `first` to `last`, into `out` (c n,): how many, and the sum of their squares."""
+    part = IntegrationResult(
+        found.times[first:last],
+        found.states[first:last],
+        found.auxiliary_states[first:last],
+        found.modes[first:last],
+        found.approaches[first:last],
+        found.begins[first:last],
+        found.directions[first:last],
+        found.events,
+        0,
+    )
+    fill_samples(p, part, samples[first:last])
+    n, total = 0, 0.0
+    for i in range(first, last):
+        for c in range(readings.columns.size):
+            weight = readings.weight[i, c]
+            if weight > 0.0:
+                value = readings.factor[c] * numbers[i, readings.columns[c]] + readings.shift[c]
+                r = (value - readings.data[i, c]) * weight
+                r = math.copysign(math.sqrt(heavy * math.log1p(r * r / heavy)), r) if abs(r) < 1e9 else 1e2
+                out[n] = r
+                total += r * r
+                n += 1
+    return n, total
+
+
+@compiled
+def _turned_by(after, before, out):
+    """Difference of two states, angles by the shorter way round."""
+    for i in range(after.size):
+        out[i] = after[i] - before[i]
+        if i % 2 == 0:
+            out[i] -= 2.0 * math.pi * math.floor(out[i] / (2.0 * math.pi) + 0.5)
+
+
+class _Work(NamedTuple):
+    """Room for one window in the filter."""
+
+    residual: np.ndarray  # (m,) of the state that is kept, and of one that is tried
+    moved: np.ndarray
+    jacobian: np.ndarray  # (m, d)
+    forward: np.ndarray  # (d, d) derivatives of the state at the end
+    sensed: np.ndarray  # (d, d) what the readings say of the state
+    change: np.ndarray  # (d,)
+    end: np.ndarray  # (k, d) states at the ends, of the state that is kept and of one that is tried
+    tried_end: np.ndarray
+
+
+@compiled
+def _tried(p, k, state, into, rows, carried, tolerance, room, samples, numbers, readings, heavy, end, after):
+    """Simulate window `k` from a `state`: how many residuals it leaves, in `into`, and their squares; none and infinity
+    where it cannot be simulated."""
+    speed = abs(p.drive.speed)
+    limit = rows.limits[k]
+    if not _run(p, k, state, speed, carried, rows.found, rows.angles, rows.bounds, tolerance, limit, room, end, after):
+        return 0, math.inf
+    first, last = rows.bounds[k], rows.bounds[k + 1]
+    return _misfit(p, rows.found, first, last, samples, numbers, readings, heavy, into)
+
+
+@compiled
+def _pull(state, mean, precision, change):
+    """Squares by which a `state` is off its `mean`."""
+    _turned_by(state, mean, change)
+    return change @ (precision @ change)
+
+
+@compiled
+def _polished(
+    p, k, state, mean, precision, rows, carried, tolerance, room, samples, numbers, readings, settings, work, after
+):
+    """The state of window `k` that fits best near `state`, by Levenberg-Marquardt steps: it, and its squares of
+    residuals and of how far it is off its `mean`."""
+    d, heavy = state.size, settings.heavy
+    n, total = _tried(
+        p, k, state, work.residual, rows, carried, tolerance, room, samples, numbers, readings, heavy, work.end, after
+    )
+    damping = 1e-3
+    for _ in range(settings.iterations):
+        if n == 0:
+            break
+        here = total + _pull(state, mean, precision, work.change)
+        off = work.change.copy()
+        for i in range(d):
+            step = settings.angle_step if i % 2 == 0 else settings.rate_step
+            other = state.copy()
+            other[i] += step
+            m, _ = _tried(
+                p, k, other, work.moved, rows, carried, tolerance, room, samples, numbers, readings, heavy,
+                work.tried_end, after,
+            )  # fmt: skip
+            _turned_by(work.tried_end[k], work.end[k], work.change)
+            for j in range(n):
+                work.jacobian[j, i] = (work.moved[j] - work.residual[j]) / step if m == n else 0.0
+            for j in range(d):
+                work.forward[j, i] = work.change[j] / step if m == n else (1.0 if i == j else 0.0)
+        jacobian = work.jacobian[:n]
+        work.sensed[:] = jacobian.T @ jacobian
+        hessian, gradient = work.sensed + precision, jacobian.T @ work.residual[:n] + precision @ off
+        if gradient @ np.linalg.solve(hessian, gradient) < _NEGLIGIBLE:
+            break
+        better = False
+        for _ in range(4):
+            damped = hessian.copy()
+            for i in range(d):
+                damped[i, i] *= 1.0 + damping
+            step_to, other = np.linalg.solve(damped, gradient), state.copy()
+            for i in range(d):
+                reach = 0.8 if i % 2 == 0 else 3.0
+                other[i] -= min(max(step_to[i], -reach), reach)
+            m, squares = _tried(
+                p, k, other, work.moved, rows, carried, tolerance, room, samples, numbers, readings, heavy,
+                work.tried_end, after,
+            )  # fmt: skip
+            there = squares + _pull(other, mean, precision, work.change)
+            if there < here:
+                better, state, total = True, other, squares
+                work.residual[:n] = work.moved[:n]
+                work.end[k] = work.tried_end[k]
+                break
+            damping = max(8.0 * damping, 1e-3)
+        if not better or (here - there < 0.02 * here and here - there < 3.0):
+            break
+        damping *= 0.2
+    return state, n, total, _pull(state, mean, precision, work.change)
+
+
+@compiled
+def find_states(
+    p, rows, tolerance, room, samples, numbers, readings, settings, guesses, first_is_known, others, carried, slow
+):
+    """Find the states of all windows one after the other, each from where the one before ended.
+
+    An iterated extended Kalman filter. The first state is near the best of the `guesses`, or near the first of them if
+    that is known and does well. Where a window leaves much, the one of the `others` (k, d) is tried too, unless it is
+    NaN. Fills `slow` (k, d) and `carried`. Returns the sums over the windows of squares of residuals and jumps and of
+    the logarithms of determinants, of which minus twice the logarithm of the marginal likelihood is made; squares (k,)
+    of the residuals alone, and how many there are (k,).
+    """
+    count, d = slow.shape
+    after = _like(carried)
+    squares, sizes = np.zeros(count), np.zeros(count)
+    most = np.max(rows.bounds[1 : count + 1] - rows.bounds[:count]) * readings.columns.size
+    work = _Work(
+        np.zeros(most), np.zeros(most), np.zeros((most, d)), np.eye(d), np.zeros((d, d)), np.zeros(d),
+        np.zeros((count, d)), np.zeros((count, d)),
+    )  # fmt: skip
+    mean, covariance = guesses[0].copy(), np.eye(d) * settings.first**2
+    cost = log_determinant = 0.0
+    for k in range(count):
+        prior = covariance + (settings.jump**2 if k > 0 else 0.0) * np.eye(d)
+        precision, state, least = np.linalg.inv(prior), mean.copy(), math.inf
+        if k == 0:
+            for g in range(guesses.shape[0]):
+                m, total = _tried(
+                    p, k, guesses[g], work.moved, rows, carried, tolerance, room, samples, numbers, readings,
+                    settings.heavy, work.tried_end, after,
+                )  # fmt: skip
+                if total < least and (g == 0 or not first_is_known or least > settings.bad * m):
+                    least, state = total, guesses[g].copy()
+            mean = state.copy()
+        elif not math.isnan(others[k, 0]):
+            for other in (mean, others[k]):
+                m, total = _tried(
+                    p, k, other, work.moved, rows, carried, tolerance, room, samples, numbers, readings,
+                    settings.heavy, work.tried_end, after,
+                )  # fmt: skip
+                if total < (least if least < math.inf else total + 1.0) and least > settings.bad * m:
+                    lost = least < math.inf and total < 0.5 * least
+                    state = other.copy()
+                    if lost:  # where the one before ended is no place to start from
+                        mean, prior = other.copy(), np.eye(d) * settings.first**2
+                        precision = np.linalg.inv(prior)
+                least = min(least, total)
+        state, n, total, pull = _polished(
+            p,
+            k,
+            state,
+            mean,
+            precision,
+            rows,
+            carried,
+            tolerance,
+            room,
+            samples,
+            numbers,
+            readings,
+            settings,
+            work,
+            after,
+        )
+        # what is tried last is no state that is kept
+        n, total = _tried(
+            p, k, state, work.residual, rows, carried, tolerance, room, samples, numbers, readings, settings.heavy,
+            work.end, after,
+        )  # fmt: skip
+        slow[k] = state
+        if n > 0:
+            squares[k], sizes[k] = total, n
+            cost += total + pull
+            log_determinant += np.linalg.slogdet(np.eye(d) + prior @ work.sensed)[1]
+            covariance = work.forward @ np.linalg.inv(work.sensed + precision) @ work.forward.T
+            values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+            for i in range(d):
+                values[i] = min(max(values[i], 1e-12), 10.0)
+            covariance = (vectors * values) @ vectors.T
+            mean = work.end[k].copy()
+            if k + 1 < count:
+                _hand_on(after, k, carried, k + 1)
+        elif rows.bounds[k + 1] - rows.bounds[k] > 2 or total == math.inf:
+            squares[k] = total
+            turned = rows.angles[rows.bounds[k + 1] - 1] - rows.angles[rows.bounds[k]]
+            for i in range(0, d, 2):
+                mean[i], mean[i + 1] = state[i] + state[i + 1] * turned, state[i + 1]
+            covariance = np.eye(d)
+        else:  # nothing was read
+            mean, covariance = work.end[k].copy(), prior
+            if k + 1 < count:
+                _hand_on(after, k, carried, k + 1)
+    return cost, log_determinant, squares, sizes
+
+
+class Found(NamedTuple):
+    """What the filter found."""
+
+    slow: np.ndarray  # (k, d) states
+    carried: Carried
+
+
+class Sums(NamedTuple):
+    """What it sums up on its way."""
+
+    deviance: float  # minus twice the logarithm of the marginal likelihood, but for a constant
+    readings: float
+
+
+def filtered(
+    p: Parameters,
+    rows: Rows,
+    count: int,
+    readings: Readings,
+    settings: FilterSettings,
+    guesses: np.ndarray,
+    first_is_known: bool,
+    others: np.ndarray,
+    tolerance: float,
+) -> tuple[Found, Sums]:
+    """States of the first `count` windows of the `rows`, by `find_states`, of which the arguments are."""
+    slow, carried = np.zeros((count, others.shape[1])), resting(p, count)
+    numbers, room = np.zeros((rows.angles.size, len(SAMPLE.names))), room_for_stages()
+    samples = np.frombuffer(numbers, dtype=SAMPLE)
+    cost, determinant, squares, sizes = find_states(
+        p, rows, tolerance, room, samples, numbers, readings, settings, guesses, first_is_known, others, carried, slow
+    )
+    lost = ~np.isfinite(squares)
+    # a window that cannot be simulated tells as much against it as one that misses all of its readings
+    usual = float(np.mean(sizes[~lost])) if (~lost).any() else float(np.count_nonzero(readings.weight))
+    return Found(slow, carried), Sums(cost + determinant + _LOST * usual * int(lost.sum()), float(sizes.sum()))

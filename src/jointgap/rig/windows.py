@@ -1,0 +1,161 @@
+"""A measured run in windows, each from a state of its own."""
+
+from collections.abc import Mapping
+from itertools import product
+from math import tau
+
+import numpy as np
+
+from jointgap.config.campaign import Campaign
+from jointgap.core.candidates import Effects, FoundStates
+from jointgap.dynamics import windows
+from jointgap.dynamics.parameters import MOTOR
+from jointgap.dynamics.sampling import SAMPLE
+from jointgap.rig import sensors
+from jointgap.rig.drives import RunPlan, Values
+from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulated_effects
+
+TOLERANCE = 1e-10  # [m] Of a step's local error: differences over a window are noise at more
+DIRECTIONS = {1: 12, 2: 8, 3: 6}  # In which each loose joint may be at the beginning, by how many there are
+LEAD = 1e-3  # [revolutions] By which the first window begins before the record
+
+
+def run_in_windows(
+    campaign: Campaign, plan: RunPlan, values: Values, effects: Effects, rows: Mapping[str, np.ndarray]
+) -> "RunInWindows | None":
+    """A run with `values` and `effects` put in; None where it is not cut in windows.
+
+    That is where nothing is compared by samples, all joints are ideal, a motor turns the crank, or a film fills a
+    joint, in which position and speed are one. `rows` (n,) are those of the samples that each channel has.
+    """
+    if not plan.channels:
+        return None
+    run = prepared(campaign, plan, values, simulated_effects(effects)[0], tolerance=TOLERANCE)
+    p = run.driven.numbers
+    films = any(joint.film_viscosity > 0.0 for joint in (p.crank_pin, p.piston_pin, p.crank_pivot))
+    size = 0 if films or p.drive.kind == MOTOR else 2 * windows.loose_joints(p).size
+    return RunInWindows(campaign, plan, run, rows, size) if size else None
+
+
+class RunInWindows:
+    """A `jointgap.core.candidates.WindowedRun` of a slider-crank: of each loose joint the angle of its pin on the
+    clearance circle, and that angle's rate in rates of the crank."""
+
+    def __init__(self, campaign: Campaign, plan: RunPlan, run: Prepared, rows: Mapping[str, np.ndarray], size: int):
+        self._campaign, self._plan, self._run, self._rows_of, self.size = campaign, plan, run, rows, size
+        self.turns = plan.samples.turned / tau
+        self.channels = tuple(name for name in plan.channels if name != "crank_angle")
+
+    def _edges(self, per_turn: int, turns: float) -> np.ndarray:
+        """Edges (k + 1,) of windows in times since the first sample [s], a little or, where sensors remember what was
+        before the record, more before it."""
+        samples, faults = self._plan.samples, self._run.faults
+        last, turn = float(samples.elapsed[-1]), tau / samples.speed
+        count = max(round(last / turn * per_turn), 1)
+        edges = np.linspace(0.0, last, count + 1)
+        edges[0], edges[-1] = -LEAD * turn, last + LEAD * turn
+        names = self._plan.channels
+        remember = any(self._campaign.channels[name].bandwidth or faults.need_grid(name) for name in names)
+        if remember or any(faults.delay(name) for name in names):
+            lead = sensors.PADDING_REVOLUTIONS
+            before = max(round(lead * per_turn), 1)
+            edges = np.concatenate([np.linspace(-lead * turn, -LEAD * turn, before + 1)[:-1], edges])
+        return edges[: max(int(np.searchsorted(edges, min(turns, 1e9) * turn)), 1) + 1]
+
+    def _rows(self, edges: np.ndarray, angles: np.ndarray) -> windows.Rows:
+        at = self._run.driven.at(np.maximum(edges, -self._run.driven.begin))
+        return windows.rows_of(self._run.driven.numbers, at, angles)
+
+    def window_of(self, time: np.ndarray, states: windows.WindowStates) -> np.ndarray:
+        """As of `WindowedRun.window_of`."""
+        place = np.searchsorted(states.edges, time - self._plan.samples.time[0], side="right") - 1
+        return np.clip(place, 0, len(states.slow) - 1)
+
+    def simulate(
+        self, states: windows.WindowStates
+    ) -> tuple[dict[str, np.ndarray], np.ndarray, windows.Carried, np.ndarray]:
+        """As of `WindowedRun.simulate`."""
+        rest = None
+
+        def motion(angles: np.ndarray) -> Columns:
+            nonlocal rest
+            sorted_angles, places = np.unique(angles, return_inverse=True)
+            rows = self._rows(states.edges, sorted_angles)
+            columns, *rest = windows.simulate_windows(
+                self._run.driven.numbers, rows, states.slow, states.carried, self._run.tolerance
+            )
+            return {name: values[places] for name, values in columns.items()}
+
+        readings = read(self._campaign, self._plan, self._run, motion)
+        return {name: value[self._rows_of[name]] for name, value in readings.items()}, *rest
+
+    def find(
+        self,
+        measured: Mapping[str, np.ndarray],
+        noise: Mapping[str, np.ndarray],
+        per_turn: int,
+        jump: float,
+        turns: float,
+    ) -> FoundStates:
+        """As of `WindowedRun.find`. The filter does not know filters, lags and delays of sensors: it finds states to
+        start from.
+
+        A first time it goes over two turns from any direction, then over all windows from where the motion was a turn
+        later, when the first state no longer mattered.
+        """
+        edges = self._edges(per_turn, turns)
+        count, p = edges.size - 1, self._run.driven.numbers
+        angles, places = np.unique(self._run.driven.at(self._plan.samples.elapsed), return_inverse=True)
+        rows = self._rows(edges, angles)
+        readings = self._readings(rows, places, edges[-1], measured, noise)
+        joints = self.size // 2
+        directions = np.linspace(0.0, tau, DIRECTIONS[joints], endpoint=False)
+        guesses = np.zeros((directions.size**joints, self.size))
+        guesses[:, 0::2] = list(product(directions, repeat=joints))
+        others, settings, starts = np.full((count, self.size), np.nan), windows.FilterSettings(jump), guesses
+        if count > 2 * per_turn:
+            before, _ = windows.filtered(
+                p, rows, 2 * per_turn, readings, settings, guesses, False, others, self._run.tolerance
+            )
+            starts = np.vstack([before.slow[[per_turn, 0]], guesses])
+            others = before.slow[per_turn + np.arange(count) % per_turn]
+        found, sums = windows.filtered(
+            p, rows, count, readings, settings, starts, starts is not guesses, others, self._run.tolerance
+        )
+        return FoundStates(windows.WindowStates(edges, found.slow, found.carried), sums.deviance, sums.readings)
+
+    def _readings(
+        self,
+        rows: windows.Rows,
+        places: np.ndarray,
+        last: float,
+        measured: Mapping[str, np.ndarray],
+        noise: Mapping[str, np.ndarray],
+    ) -> windows.Readings:
+        """What the filter compares at the `rows` until a time `last` [s]; `places` (n,) are those of the samples in
+        sorted order."""
+        n, names = rows.angles.size, self.channels
+        data, weight = np.zeros((n, len(names))), np.zeros((n, len(names)))
+        factor, shift = np.ones(len(names)), np.zeros(len(names))
+        at_rows, elapsed = rows.sample >= 0, self._plan.samples.elapsed
+        for c, name in enumerate(names):
+            zero, one = self._reading(name, 0.0), self._reading(name, 1.0)
+            factor[c], shift[c] = one - zero, zero
+            own = np.flatnonzero(self._rows_of[name])
+            kept = np.isfinite(measured[name]) & (elapsed[own] < last)
+            values, weights = np.zeros(places.max() + 1), np.zeros(places.max() + 1)
+            values[places[own[kept]]] = measured[name][kept]
+            weights[places[own[kept]]] = 1.0 / np.broadcast_to(noise[name], kept.shape)[kept]
+            data[at_rows, c], weight[at_rows, c] = values[rows.sample[at_rows]], weights[rows.sample[at_rows]]
+        columns = np.array([SAMPLE.names.index(name) for name in names])
+        return windows.Readings(columns, factor, shift, data, weight)
+
+    def _reading(self, name: str, true: float) -> float:
+        """What the sensor of a channel reads of a value that does not change."""
+        faults, value = self._run.faults, np.array([true])
+        if self._plan.run.direction == "clockwise" and name in sensors.MIRRORED:
+            value = -value
+        if self._campaign.channels[name].reads_gravity:
+            value = value + sensors.gravity_read(name, self._campaign.mechanism.gravity_direction)
+        value = faults.act("before_filter", name, value)
+        return float(faults.act("after_filter", name, value)[0])

@@ -1,0 +1,277 @@
+"""States and parameters together in windows, on an oscillator whose exact solution is linear in its state and forces:
+the marginal likelihood is that of a Gaussian computation, and what a trajectory hides is found."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.optimize import least_squares
+
+from jointgap.core.candidates import Candidate, FoundStates, Parameter, Series
+from jointgap.identification.likelihood import MISSED, Estimate, has_windows
+from jointgap.identification.problem import Noise, Problem, whiten
+from tests.identification.toy import coloured
+
+FREQUENCY, DAMPING = 1.4, 0.05  # rad/s, 1
+SPEEDS, TURNS, PER_TURN, SD, MEMORY = {"slow": 1.0, "fast": 1.7}, 4, 24, 0.02, 0.5
+CHANNELS = ("angle", "rate")
+START = {"slow": (0.4, -0.3), "fast": (-0.5, 0.2)}
+
+
+def force(name: str, low: float = -math.inf) -> Candidate:
+    return Candidate(name, "mass", (Parameter("size", 0.0, low, step=0.01),), ("size",))
+
+
+SWING, WOBBLE, PULL = force("swing"), force("wobble"), force("pull", low=0.0)
+
+
+class Handed(NamedTuple):
+    nothing: np.ndarray
+
+
+@dataclass(frozen=True)
+class States:
+    edges: np.ndarray
+    slow: np.ndarray
+    carried: Handed
+
+
+@dataclass
+class Oscillator:
+    """A `jointgap.core.candidates.Model` of runs that turn at a speed W: x'' + 2 z w x' + w^2 x = drive cos(W t) +
+    (swing - pull) cos(2 W t) + wobble cos(3 W t), of which x, from a zero of each run, and x' are read."""
+
+    nuisances: Sequence[Parameter]
+    series: Sequence[Series] = ()
+    broken: int = -1  # a window that cannot be simulated
+    name: str = "oscillator"
+    candidates: Sequence[Candidate] = (SWING, WOBBLE, PULL)
+    numerics: Sequence[str] = ()
+
+    def windows(self, run, values, effects=()):
+        return Windows(self, run, values, {candidate.name: own["size"] for candidate, own in effects})
+
+
+@dataclass
+class Windows:
+    """A `jointgap.core.candidates.WindowedRun` of it."""
+
+    model: Oscillator
+    run: str
+    values: dict
+    forces: dict
+    size: int = 2
+    turns: float = TURNS
+    channels: Sequence[str] = CHANNELS
+
+    @property
+    def times(self):
+        return np.arange(TURNS * PER_TURN) * math.tau / PER_TURN / SPEEDS[self.run]
+
+    def window_of(self, time, states):
+        return np.clip(np.searchsorted(states.edges, time, side="right") - 1, 0, len(states.slow) - 1)
+
+    def find(self, measured, noise, per_turn, jump, turns):
+        """States at rest: nothing is known of them."""
+        count = round(TURNS * per_turn)
+        edges = np.linspace(0.0, TURNS * math.tau / SPEEDS[self.run], count + 1)
+        return FoundStates(States(edges, np.zeros((count, 2)), Handed(np.zeros((count, 1)))), 0.0, 1.0)
+
+    def _lasting(self, t):
+        w, speed = self.values.get("frequency", FREQUENCY), SPEEDS[self.run]
+        x, v = np.full((2, *t.shape), 0.0)
+        forces, damping = {"swing": 0.0, "pull": 0.0, "wobble": 0.0} | self.forces, self.values.get("damping", DAMPING)
+        for order, size in enumerate((self.values["drive"], forces["swing"] - forces["pull"], forces["wobble"]), 1):
+            at = 1j * order * speed
+            turning = size * np.exp(at * t) / (w**2 + at**2 + 2 * damping * w * at)
+            x, v = x + turning.real, v + (at * turning).real
+        return np.stack([x, v], axis=-1)
+
+    def _decaying(self, t, state):
+        w, damping = self.values.get("frequency", FREQUENCY), self.values.get("damping", DAMPING)
+        at, (x, v) = w * math.sqrt(1 - damping**2), np.moveaxis(state, -1, 0)
+        c, s, falls = np.cos(at * t), np.sin(at * t) / at, np.exp(-damping * w * t)
+        there = c * x + s * (v + damping * w * x), c * v - s * (w**2 * x + damping * w * v)
+        return np.stack([falls * there[0], falls * there[1]], axis=-1)
+
+    def motion(self, t, begin, state):
+        return self._lasting(t) + self._decaying(t - begin, state - self._lasting(begin))
+
+    def simulate(self, states):
+        window = self.window_of(self.times, states)
+        done = np.arange(len(states.slow)) != self.model.broken
+        motion = self.motion(self.times, states.edges[window], states.slow[window])
+        motion[~done[window]] = np.nan
+        ends = np.where(done[:, None], self.motion(states.edges[1:], states.edges[:-1], states.slow), np.nan)
+        readings = {"angle": motion[:, 0] + self.values.get("zero", 0.0), "rate": motion[:, 1]}
+        return readings, ends, states.carried, done
+
+
+def linear(drive=0.3, zero=0.1, bounds=(0.0, 0.6), broken=-1, **hidden) -> Problem:
+    """A problem with forces `hidden` in the truth, and noise that remembers."""
+    own = [Parameter("zero", 0.0, -0.5, 0.5, 0.01, run=run) for run in SPEEDS]
+    model = Oscillator([Parameter("drive", 0.2, *bounds, 0.01), *own], broken=broken)
+    return measured(model, {"drive": drive, "zero": zero}, hidden, MEMORY)
+
+
+def measured(model: Oscillator, values: dict, hidden: dict, memory: float = 0.0) -> Problem:
+    rng, series = np.random.default_rng(5), []
+    for run in dict.fromkeys(p.run for p in model.nuisances if p.run) or ("slow",):
+        truth = Windows(model, run, values, hidden)
+        motion = truth.motion(truth.times, np.zeros(1), np.array([START[run]]))
+        clean = {"angle": motion[:, 0] + values.get("zero", 0.0), "rate": motion[:, 1]}
+        for name in CHANNELS:
+            t = truth.times
+            noisy = clean[name] + SD * coloured(t.size, memory, rng)
+            series.append(Series(run, name, "1", noisy, t, t * SPEEDS[run], np.zeros(t.size, bool)))
+    model.series = series
+    noise = {one.key: Noise(np.full(one.value.size, SD), (memory,) if memory else ()) for one in series}
+    return Problem(model, noise)
+
+
+def exact(problem: Problem, hypothesis, jump: float, per_turn: int) -> tuple[float, np.ndarray, np.ndarray]:
+    """Minus twice the log marginal likelihood but for n log 2 pi, the parameters of most, and their covariance: dense,
+    from the covariance of all readings."""
+    parameters, first = problem.parameters(hypothesis), problem.settings.windows.first_state
+    base = {p.key: 0.0 for p in parameters}
+
+    def read(run, values, slow):
+        own = {p.name: values[p.key] for p in problem.nuisances if p.run in (None, run)}
+        windowed = problem.model.windows(run, own, [(c, {"size": values[f"{c.label}.size"]}) for c in hypothesis])
+        found = windowed.find({}, {}, per_turn, jump, math.inf).states
+        return windowed.simulate(replace(found, slow=found.slow if slow is None else slow))
+
+    covariances, offsets, columns = [], [], []
+    for run in problem.runs:
+        parts = [part for part in problem.parts if part.series.run == run]
+
+        def white(readings, parts=parts):
+            return np.concatenate([whiten(readings[part.series.channel], part.noise) for part in parts])
+
+        readings, ends, _, _ = read(run, base, None)
+        count = len(ends)
+        step, by_state = np.zeros((count, 2, 2)), np.zeros((white(readings).size, 2 * count))
+        for k in range(count):
+            for i in range(2):
+                slow = np.zeros((count, 2))
+                slow[k, i] = 1.0
+                other, other_ends, _, _ = read(run, base, slow)
+                by_state[:, 2 * k + i], step[k, :, i] = white(other) - white(readings), other_ends[k] - ends[k]
+        # states (2 k) as a linear function of the first one, the jumps, and what moves on without them
+        mix = np.eye(2 * count)
+        for k in range(1, count):
+            mix[2 * k : 2 * k + 2, : 2 * k] = step[k - 1] @ mix[2 * k - 2 : 2 * k, : 2 * k]
+        spread = np.concatenate([[first] * 2, [jump] * (2 * count - 2)])
+        covariances.append(np.eye(len(by_state)) + (by_state @ mix * spread**2) @ (by_state @ mix).T)
+
+        def mean(values, run=run, white=white, by_state=by_state, mix=mix):
+            readings, ends, _, _ = read(run, values, None)
+            drift = np.concatenate([np.zeros(2), ends[:-1].ravel()])
+            return white(readings) + by_state @ (mix @ drift)
+
+        at_zero = mean(base)
+        offsets.append(white({part.series.channel: part.series.value for part in parts}) - at_zero)
+        columns.append(np.stack([mean(base | {p.key: 1.0}) - at_zero for p in parameters], axis=1))
+    covariance, offset, by_value = block_diag(*covariances), np.concatenate(offsets), np.concatenate(columns)
+    inverse, width = np.linalg.inv(covariance), np.array([p.high - p.low for p in parameters])
+    prior = np.where([p in problem.nuisances for p in parameters], 2.0 / width, 0.0)
+    nominal = np.array([p.nominal for p in parameters])
+    information = by_value.T @ inverse @ by_value + np.diag(prior**2)
+    at = np.linalg.solve(information, by_value.T @ inverse @ offset + prior**2 * nominal)
+    left = offset - by_value @ at
+    cost = left @ inverse @ left + np.sum((prior * (at - nominal)) ** 2)
+    return cost + np.linalg.slogdet(covariance)[1], at, np.linalg.inv(information)
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    """A problem with a hidden swing, and estimates of the base and with it."""
+    problem = linear(swing=0.03)
+    return problem, Estimate(problem, ()).anneal(), Estimate(problem, (SWING,)).anneal()
+
+
+def test_the_deviance_is_the_marginal_likelihood_of_a_gaussian_computation(hidden):
+    problem, *estimates = hidden
+    compared = 0
+    for estimate in estimates:
+        for stage in estimate.stages:
+            if stage.jump <= problem.settings.windows.held_above:
+                deviance, at, covariance = exact(problem, estimate.hypothesis, stage.jump, 4)
+                assert stage.deviance == pytest.approx(deviance, rel=1e-9)
+                assert stage.values == pytest.approx(at, abs=1e-6 * np.sqrt(np.diag(covariance)).min())
+                assert np.linalg.inv(stage.hessian) == pytest.approx(covariance, rel=1e-6, abs=1e-12)
+                compared += 1
+    assert compared > 6
+
+
+def test_of_two_hypotheses_the_true_one_has_the_larger_likelihood_at_small_jumps(hidden):
+    _, base, true = hidden
+    assert true.best.jump <= 0.003
+    assert true.best.deviance < base.best.deviance - 20.0
+
+
+def test_at_the_smallest_jump_the_estimate_is_the_least_squares_of_one_trajectory(hidden):
+    problem, _, estimate = hidden
+    assert estimate.stages[-1].jump == problem.settings.windows.jumps[-1]
+    _, at, covariance = exact(problem, (SWING,), 1e-7, 4)
+    assert np.abs((estimate.values - at) / np.sqrt(np.diag(covariance))).max() < 0.1
+
+
+def test_scores_rank_the_hidden_force_first_and_tell_its_gain(hidden):
+    _, base, true = hidden
+    (gain, candidate, values), (second, *_), *_ = base.scores([WOBBLE, PULL, SWING])
+    assert candidate is SWING and second < 0.5 * gain
+    jump = base.stages[-1].jump
+    with_it = next(stage for stage in true.stages if stage.jump == jump)
+    assert gain == pytest.approx(base.stages[-1].deviance - with_it.deviance, rel=1e-6)
+    assert values["swing.size"] == pytest.approx(0.03, abs=0.005)
+
+
+def test_bounds_hold():
+    problem = linear(drive=0.3, swing=0.03, bounds=(0.0, 0.25))
+    estimate = Estimate(problem, (PULL,)).anneal()
+    for stage in estimate.stages:
+        at = dict(zip((p.key for p in estimate.parameters), stage.values, strict=True))
+        assert at["drive"] <= 0.25 and at["pull.size"] >= 0.0
+    assert estimate.mapping["drive"] == 0.25 and estimate.mapping["pull.size"] == 0.0
+    ((gain, _, values),) = Estimate(problem, ()).anneal().scores([PULL])
+    assert gain == pytest.approx(0.0, abs=1e-6) and values["pull.size"] == 0.0
+
+
+def test_a_window_that_cannot_be_simulated_costs_and_does_not_end_the_fit():
+    whole, cut = (Estimate(linear(broken=broken), ()).anneal() for broken in (-1, 6))
+    stage = cut.stages[-1]
+    assert stage.jump == whole.stages[-1].jump and stage.lost == 1 / 16
+    # of two runs, two channels and six samples each
+    assert stage.cost - whole.stages[-1].cost == pytest.approx(24 * MISSED**2, rel=0.05)
+    assert cut.values == pytest.approx(whole.values, abs=0.02)
+
+
+def test_what_one_long_trajectory_has_no_slope_to_is_found_in_windows():
+    frequency = Parameter("frequency", 1.0, 0.5, 2.0, 1e-3)
+    steady = {"drive": 0.0, "damping": 0.001}
+    problem = measured(Oscillator([frequency]), steady | {"frequency": FREQUENCY}, {})
+    problem.model.windows = lambda run, values, effects=(): Windows(problem.model, run, steady | values, {})
+
+    def trajectory(at):
+        run = Windows(problem.model, "slow", steady | {"frequency": at[0]}, {})
+        motion = run.motion(run.times, np.zeros(1), at[None, 1:])
+        return np.concatenate([motion[:, i] - problem.parts[i].series.value for i in (0, 1)]) / SD
+
+    stuck = least_squares(trajectory, [1.0, *START["slow"]])
+    assert 2.0 * stuck.cost > 4.0 * problem.size
+    estimate = Estimate(problem, ()).anneal()
+    sd = estimate.stages[-1].hessian[0, 0] ** -0.5
+    assert estimate.mapping["frequency"] == pytest.approx(FREQUENCY, abs=4.0 * sd) and sd < 0.01
+    assert estimate.stages[-1].cost < 1.3 * problem.size
+
+
+def test_what_has_no_windows_is_not_fitted_in_them():
+    problem = linear()
+    assert has_windows(problem, (SWING,), {"swing.size": 0.1})
+    problem.model.windows = lambda *_: None
+    assert not has_windows(problem, (SWING,), {"swing.size": 0.1})

@@ -1,0 +1,80 @@
+"""A measured run of loose joints reads in windows what it does as one settled simulation, whatever its sensors do."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jointgap.rig.model import SliderCrankModel, build_model
+from tests.slider_crank.rigs import campaign, mechanism
+
+PINS = ("crank_pin", "piston_pin")
+CHANNELS = ("time", "crank_angle", "slider_position", "slider_acceleration", "crank_torque", "guide_force")
+FILM = {"name": "lubricated_joint", "site": "crank_pin", "parameters": {"viscosity_Pa_s": 0.05, "length_m": 0.014}}
+MOTOR = {"kind": "motor", "stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}
+FILTER = {"slider_acceleration": {"bandwidth": "500 Hz"}}
+GAIN, LAG, DELAY = (
+    {"sensor_gain:crank_torque": {"gain_error": 0.1}},
+    {"sensor_lag:guide_force": {"lag_s": 2e-4}},
+    {"sensor_delay:crank_torque": {"delay_s": 2e-4}},
+)
+
+
+def rig(loose=PINS, effects=(), **keys) -> SliderCrankModel:
+    return build_model(campaign(mechanism(loose, effects=effects), CHANNELS, speeds=(20.0, 30.0), **keys))
+
+
+@pytest.mark.parametrize(
+    ("direction", "sensors", "faults"),
+    [("counter_clockwise", {}, {}), ("clockwise", FILTER, GAIN), ("clockwise", FILTER, LAG), ("clockwise", {}, DELAY)],
+    ids=["plain", "filter_and_gain", "filter_and_lag", "delay"],
+)
+def test_a_run_reads_in_windows_what_it_does_as_one_simulation(direction, sensors, faults):
+    model = rig(run={"direction": direction}, sensors=sensors)
+    effects = [(one, faults[one.label]) for one in model.candidates if one.label in faults]
+    assert len(effects) == len(faults)
+    values = model.nominal("slow")
+    true, windows = model.simulate("slow", values), model.windows("slow", values)
+    noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in true.items()}
+    # lags and delays are nothing that the filter of states knows
+    states = windows.find(true, noise, 16, 0.01, math.inf).states
+    read, faulty = model.simulate("slow", values, effects), model.windows("slow", values, effects)
+    again, ends, handed, done = faulty.simulate(states)
+    assert done.all() and ends.shape == states.slow.shape == (len(handed.modes), faulty.size)
+    for name, value in read.items():
+        bound = 1e-5 if name == "slider_position" else 1e-9 if name == "crank_angle" else 5e-3
+        apart = np.sqrt(np.mean((again[name] - value) ** 2)) / np.std(value)
+        assert apart < bound, name
+
+
+def test_the_filter_knows_gains_and_signs():
+    model = rig(run={"direction": "clockwise"})
+    effects = [(one, GAIN[one.label]) for one in model.candidates if one.label in GAIN]
+    values = model.nominal("slow")
+    read, windows = model.simulate("slow", values, effects), model.windows("slow", values, effects)
+    noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in read.items()}
+    found, without = (one.find(read, noise, 16, 0.01, math.inf) for one in (windows, model.windows("slow", values)))
+    assert found.readings == sum(read[name].size for name in windows.channels)
+    assert found.deviance + found.readings < without.deviance
+
+
+def test_windows_cover_the_turns_that_are_asked_for_and_each_holds_its_own_samples():
+    model = rig()
+    values, time = model.nominal("slow"), next(one.time for one in model.series if one.run == "slow")
+    read, windows = model.simulate("slow", values), model.windows("slow", values)
+    noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in read.items()}
+    states, turn = windows.find(read, noise, 16, 0.1, 1.0).states, math.tau / 20.0
+    assert turn <= states.edges[-1] < turn * (1 + 1 / 16) and len(states.slow) == states.edges.size - 1
+    since = time[time < time[0] + turn] - time[0]
+    window = windows.window_of(since + time[0], states)
+    assert np.all((states.edges[window] <= since) & (since < states.edges[window + 1]))
+
+
+@pytest.mark.parametrize(
+    ("loose", "effects", "keys"),
+    [((), (), {}), (PINS, (FILM,), {}), (PINS, (), {"drive": "motor", "motor": MOTOR})],
+    ids=["ideal_joints", "a_film", "a_motor"],
+)
+def test_what_has_no_state_on_a_clearance_circle_of_its_own_has_no_windows(loose, effects, keys):
+    model = rig(loose, effects, **keys)
+    assert model.windows("slow", model.nominal("slow")) is None
