@@ -27,7 +27,7 @@ def effect(name: str, site: str, parameter: str, value) -> dict:
 
 def concluded(folder, *effects: dict, explanation: str) -> list:
     """The records of a campaign whose verdict names `effects`."""
-    found = {"schema_version": 1, "verdict": "named", "because": "so it is", "effects": list(effects)}
+    found = {"schema_version": 2, "verdict": "named", "because": "so it is", "effects": list(effects)}
     found |= {"certain": [], "best_known": None}
     found |= {"gap": {"confirm": {"before": 3.0, "after": 1.0}}, "where": [], "equivalent": []}
     (folder / VERDICT).write_text(json.dumps(found))

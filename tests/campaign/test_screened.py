@@ -48,7 +48,7 @@ def test_an_effect_whose_sizes_are_of_other_runs_is_named_too(chain):
         signatures_from_frames(tables | {"signatures": derivatives.assign(name=renamed)}, chain.recalibrated)
 
 
-def test_an_effect_that_is_searched_by_features_is_none_that_derivatives_recommend_when_read_from_files_either():
+def test_an_effect_whose_size_is_searched_is_none_that_derivatives_recommend_when_read_from_files_either():
     model = toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3)
     model = replace(model, candidates=(*model.candidates, RINGING))
     base = recalibrate(model, stated_noise(model))

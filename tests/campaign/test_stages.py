@@ -287,7 +287,7 @@ def test_a_label_of_no_candidate_is_refused(chain):
 
 def test_a_file_that_is_no_verdict_is_refused(tmp_path):
     place = tmp_path / "verdict.json"
-    for text in ("[]", "{", '{"schema_version": 2}'):
+    for text in ("[]", "{", '{"schema_version": 1}'):
         place.write_text(text)
         with pytest.raises(InputError, match=r"verdict\.json"):
             verdict_json.read(place)

@@ -54,13 +54,12 @@ def outcome_of(chosen, base=None, equivalent=(), ranking=()):
     return Outcome("named", chosen, base, list(equivalent), rows, because="it is so")
 
 
-def gaps(after=(1.0, 1.05), fall=(60.0, 64.0), features=(np.nan, np.nan)):
+def gaps(after=(1.0, 1.05), fall=(60.0, 64.0)):
     """Table of gaps of both roles, all channels and runs together."""
     rows = [
         {"role": role, "run": "all", "channel": "all", "before": before, "after": ends}
         | {"fall_low": fall[0], "fall_high": fall[1], "fall_expected": 62.0}
         | {"after_low": ends}
-        | {"features_before": features[0], "features_after": features[1]}
         for role, before, ends in (("identify", 9.0, after[0]), ("confirm", 8.0, after[1]))
     ]
     return pd.DataFrame(rows)
@@ -83,7 +82,7 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
     chosen = fitted([FRICTION], [1.5, 20.0])
     content = document(outcome_of(chosen))
     assert {key: content[key] for key in content if key not in ("effects", "nuisances")} == {
-        "schema_version": 1,
+        "schema_version": 2,
         "campaign": "demonstration",
         "verdict": "named",
         "because": "it is so",
@@ -94,7 +93,6 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "best_known": None,
         "interval_factor": 1.0,
         "held_out_test": "falls",
-        "held_out_features": None,
         "doubted_channels": [],
         "where": [
             {"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350.0, 10.0], "p_adjusted": 1e-9},
@@ -205,24 +203,24 @@ def test_the_text_has_null_for_what_is_no_number_and_plain_numbers_for_arrays_on
 
 def test_a_document_is_read_as_it_was_written(tmp_path):
     path = tmp_path / "verdict.json"
-    path.write_text(verdict_json.text({"schema_version": 1, "campaign": "Prüfstand"}), encoding="utf-8")
-    assert verdict_json.read(path) == {"schema_version": 1, "campaign": "Prüfstand"}
+    path.write_text(verdict_json.text({"schema_version": 2, "campaign": "Prüfstand"}), encoding="utf-8")
+    assert verdict_json.read(path) == {"schema_version": 2, "campaign": "Prüfstand"}
 
 
 def test_a_document_is_read_as_utf_8():
     asked = []
-    path = SimpleNamespace(read_text=lambda encoding: asked.append(encoding) or '{"schema_version": 1}')
+    path = SimpleNamespace(read_text=lambda encoding: asked.append(encoding) or '{"schema_version": 2}')
     verdict_json.read(path)
     assert asked == ["utf-8"]
 
 
-@pytest.mark.parametrize("content", [{"schema_version": 2}, {}, [1]])
+@pytest.mark.parametrize("content", [{"schema_version": 1}, {}, [1]])
 def test_what_is_no_verdict_of_this_version_is_refused(tmp_path, content):
     path = tmp_path / "verdict.json"
     path.write_text(json.dumps(content))
     with pytest.raises(InputError) as refused:
         verdict_json.read(path)
-    assert str(refused.value) == f"{path}: is no verdict of schema_version 1; run the campaign's stages again"
+    assert str(refused.value) == f"{path}: is no verdict of schema_version 2; run the campaign's stages again"
 
 
 def test_a_file_that_is_not_there_or_not_json_is_refused_with_the_reason(tmp_path):
@@ -299,21 +297,6 @@ def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every
     assert outcome.best_known is best
     (row,) = outcome.placed_ranking.to_dict("records")
     assert row["place"] == ("best_known" if shown == "law" else "")
-
-
-def test_what_features_name_and_the_held_out_data_refuse_is_best_known_without_a_rank_among_samples():
-    best = replace(fitted([FRICTION], [1.5, 20.0], chi2=9000.0), status="matched")
-    base = fitted([], [1.0], 900.0)
-    outcome = replace(outcome_of(base, base, ranking=[("spring", 500.0)]), verdict="unexplained", best_known=best)
-    content = document(outcome, gaps=gaps(features=(90.0, 88.0)))
-    assert content["basis"] == "statistics"
-    assert content["held_out_test"] == "stays"
-    assert content["held_out_features"] == {"before": 90.0, "after": 88.0}
-    known = content["best_known"]
-    assert (known["explained_share"], known["rival"]) == (None, None)
-    (effect_,) = known["effects"]
-    assert effect_["delta_bic"] is None
-    assert effect_["parameters"]["force_N"]["value"] == 20.0
 
 
 def test_motion_that_never_repeats_is_decided_on_statistics():

@@ -100,15 +100,6 @@ def test_the_gap_on_held_out_data_where_nothing_was_added():
     assert held_out_in_words(VERDICTS["parameters_only"]) == "On held-out data it is 1.02"
 
 
-def test_a_name_by_features_is_told_as_that_and_samples_as_not_met():
-    features = {"basis": "statistics", "held_out_features": {"before": 210.4, "after": 80.6}}
-    verdict = held_out("named", 3.0, 4.0) | features
-    told = answer(verdict | {"effects": [COULOMB | {"delta_bic": None}]})
-    assert "Single samples differ" in told and "within the noise" not in told
-    assert "Single samples" not in answer(held_out("named", 3.0, 4.0))
-    assert held_out_in_words(verdict).endswith("is met, its misfit falls from 210 to 81")
-
-
 @pytest.mark.parametrize(("before", "told"), [(TOLERATED**0.5 - 1e-6, False), (TOLERATED**0.5 + 1e-6, True)])
 def test_of_a_gap_that_counts_as_a_slight_misfit_no_share_is_told(before, told):
     assert ("of what exceeds the noise is gone" in held_out_in_words(held_out("named", before, 0.99))) == told

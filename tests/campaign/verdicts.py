@@ -14,7 +14,7 @@ BIAS = {
 }
 WEIGHT = {"name": "gravity", "site": "all bodies", "delta_bic": 30.0, "parameters": {}}
 NAMED = {
-    "schema_version": 1,
+    "schema_version": 2,
     "campaign": "rig-a",
     "verdict": "named",
     "basis": "samples",
@@ -23,7 +23,6 @@ NAMED = {
     "certain": [],
     "best_known": None,
     "held_out_test": "falls",
-    "held_out_features": None,
     "doubted_channels": [],
     "nuisances": {"slider_mass": {"value": 0.447, "sd": 0.002}},
     "where": [{"run": "slow", "channel": "crank_torque", "crank_angle_deg": [350, 10], "p_adjusted": 1e-9}],

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
-from jointgap.identification.decide_verdict import certain_effects, decide, decide_rough, rank, reduced_chi2, weigh
+from jointgap.identification.decide_verdict import certain_effects, decide, rank, reduced_chi2, weigh
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.settings import DecisionSettings
 from jointgap.identification.thresholds import Thresholds
@@ -556,47 +556,3 @@ def test_the_best_that_is_not_proven_is_handed_on():
 
 
 # What rings
-
-
-LOOSE = replace(effect("loose", low=0.0), search_range=(0.1, 2.0))
-
-
-def explaining(share):
-    """chi2 of a fit that explains a share of what a great base leaves."""
-    return GREAT - share * (GREAT - NOISE)
-
-
-@pytest.mark.parametrize(
-    ("share", "without", "is_rough", "named"),
-    [
-        (0.81, 0.20, True, True),
-        (0.79, 0.10, True, False),
-        (0.81, 0.21, True, False),
-        (0.81, 0.20, False, False),
-    ],
-)
-def test_a_loose_joint_that_explains_most_of_what_rings_is_named_if_nothing_else_explains_any(
-    share, without, is_rough, named
-):
-    base = fitted(GREAT)
-    found = decided(base, [fitted(explaining(share), LOOSE), fitted(explaining(without), SPRING)])
-    assert found.verdict == "unexplained"
-    final = decide_rough(found, is_rough)
-    assert final.verdict == ("named_with_remaining_misfit" if named else "unexplained")
-    if named:
-        assert final.chosen.label == "loose"
-        assert "81% of what rings" in final.because
-
-
-def test_what_a_second_effect_explains_beside_a_loose_joint_is_not_named_with_it():
-    found = decided(
-        fitted(GREAT),
-        [fitted(explaining(0.84), LOOSE), fitted(explaining(0.94), LOOSE, SPRING), fitted(explaining(0.02), SPRING)],
-    )
-    assert found.best_known.label == "loose + spring"
-    assert decide_rough(found, True).chosen.label == "loose"
-
-
-def test_only_an_effect_on_which_motion_depends_roughly_is_named_for_what_rings():
-    found = decided(fitted(GREAT), [fitted(explaining(0.9), COULOMB)])
-    assert decide_rough(found, True).verdict == "unexplained"

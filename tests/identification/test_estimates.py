@@ -13,7 +13,6 @@ from jointgap.identification.fit import (
     AT_BOUND,
     CHANGES_NOTHING,
     HALF_WIDTHS,
-    MATCHED,
     NOT_ESTIMATED,
     BoundedNormal,
     Fit,
@@ -243,20 +242,3 @@ def test_only_parameters_that_the_data_determine_are_taken_over():
     assert values["restitution"] == 0.5 and values["joint_friction"] == 0.1
     told = {p.name: is_taken_over(p, estimate) for p, estimate in nuisance_estimates(fit)}
     assert told == {"slider_mass": True, "restitution": False, "joint_friction": False}
-
-
-def test_what_is_adapted_to_features_of_the_cycle_is_taken_over_and_told_so():
-    mass = Parameter("slider_mass", 0.5, 0.4, 0.6)
-    force = Candidate("push", "slider", (Parameter("force_N", 0.0, -50.0, 50.0),), ("force_N",))
-    fit = replace(fit_of(force, 0.447, 2.5, nuisances=(mass,)), status=MATCHED)
-    ((_, estimate),) = nuisance_estimates(fit)
-    assert determined_values(fit)["slider_mass"] == 0.447
-    assert is_taken_over(mass, estimate)
-
-
-def test_features_of_the_cycle_tell_sizes_whatever_samples_leave():
-    """Nothing is widened by the rest of samples that are not followed."""
-    force = Candidate("push", "slider", (Parameter("force_N", 0.0, -50.0, 50.0),), ("force_N",))
-    fit = replace(fit_of(force, 2.5), residual=np.full(9, 30.0))
-    assert fit.scale > 30.0
-    assert replace(fit, status=MATCHED).scale == 1.0

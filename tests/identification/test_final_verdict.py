@@ -11,7 +11,7 @@ import pytest
 from jointgap.core.candidates import Candidate, Parameter, Series
 from jointgap.identification.confirmation import Confirmed, HeldOutTest
 from jointgap.identification.decide_verdict import Decision, final_verdict
-from jointgap.identification.fit import MATCHED, Fit
+from jointgap.identification.fit import Fit
 
 SAMPLES = 1000
 COULOMB = Candidate("coulomb", "slider", (Parameter("size", 0.0),), ("size",))
@@ -52,15 +52,11 @@ def confirmed(
     expected=3.0,
     signal=1.0,
     channel="torque",
-    features=(np.nan, np.nan),
-    by_features=False,
     low=1.0,
 ):
     """Gaps of one channel with the effects, the bootstrap's interval of the fall, and the fall that is foretold.
 
-    The noise is 1, the channel varies by `signal`, and the interval of the gap with the effects begins at `low`;
-    `features` are the misfits of the features of the cycle in the held-out data, and where effects are fitted
-    `by_features` in those used for fitting too.
+    The noise is 1, the channel varies by `signal`, and the interval of the gap with the effects begins at `low`.
     """
     frames, gaps = [], []
     for role, gap in (("identify", identify), ("confirm", confirm)):
@@ -80,8 +76,6 @@ def confirmed(
         )
         row = {"role": role, "before": before, "after": gap, "fall_low": fall[0], "fall_high": fall[1]}
         row["after_low"] = low
-        known = features if role == "confirm" or by_features else (np.nan, np.nan)
-        row |= {f"features_{when}": value for when, value in zip(("before", "after"), known, strict=True)}
         gaps += [
             row | {"run": run, "channel": of, "fall_expected": expected} for run, of in ((role, channel), (role, "all"))
         ]
@@ -93,44 +87,6 @@ def confirmed(
 def test_a_name_that_the_held_out_data_bear_out_stands():
     found = decided("named", COULOMB)
     assert final_verdict(found, confirmed()) is found
-
-
-@pytest.mark.parametrize(("misfits", "confirms"), [((90.0, 79.9), True), ((90.0, 80.1), False), ((79.0, 90.0), False)])
-def test_where_samples_do_not_fall_the_features_of_the_cycle_may_bear_a_name_out(misfits, confirms):
-    found = decided("named", COULOMB)
-    data = confirmed(confirm=4.0, before=3.0, fall=(-8.0, -6.0), features=misfits, low=3.9)
-    final = final_verdict(found, data)
-    assert final.verdict == ("named_with_remaining_misfit" if confirms else "unexplained")
-    if confirms:
-        assert "its misfit falls from 90 to 80" in final.because
-        assert (data.test.outcome, data.test.features) == ("falls", misfits)
-
-
-@pytest.mark.parametrize(
-    ("misfits", "outcome", "verdict"),
-    [((90.0, 20.0), "falls", "named"), ((90.0, 85.0), "stays", "unexplained"), ((20.0, 90.0), "rises", "unexplained")],
-)
-def test_of_what_features_name_features_of_the_held_out_data_decide_however_samples_go(misfits, outcome, verdict):
-    best = replace(fitted(9000.0, COULOMB), status=MATCHED)
-    found = Decision("named", best, BASE, because="features are met")
-    for gap in (1.8, 6.0):
-        data = confirmed(identify=6.0, confirm=gap, fall=(-9.0, -8.0), features=misfits, by_features=True)
-        assert data.test.outcome == outcome
-        assert final_verdict(found, data).verdict == verdict
-
-
-def test_what_features_name_needs_held_out_data_that_can_be_simulated():
-    found = Decision("named", replace(fitted(9000.0, COULOMB), status=MATCHED), BASE, because="features are met")
-    data = confirmed(features=(90.0, 20.0), by_features=True)
-    data.gaps.loc[data.gaps["role"] == "confirm", ["after", "features_after"]] = np.nan
-    assert data.test.outcome == "not_simulated"
-    assert final_verdict(found, data).verdict == "unexplained"
-
-
-def test_features_are_not_asked_where_samples_fall():
-    found, data = decided("named", COULOMB), confirmed(features=(90.0, 20.0))
-    assert final_verdict(found, data) is found
-    assert data.test.features is None
 
 
 def test_a_verdict_that_names_nothing_is_not_put_to_the_held_out_data():

@@ -91,12 +91,7 @@ def test_a_step_has_to_promise_more_the_poorer_the_fit():
     assert rule(50.0, 300.0).min_decrease() == pytest.approx(0.05 * 9.0)
     assert rule(2000.0).min_decrease() == pytest.approx(20.0)
     assert rule(1e14).min_decrease() == pytest.approx(1e12)  # never more than what one of 100 samples leaves
-    assert rule(300.0, smoothed=True).min_decrease() == pytest.approx(3.0)
     assert rule(300.0, numerical_noise_chi2=7.0).min_decrease() == 7.0
-
-
-def test_fits_of_smoothed_residuals_take_fewer_steps():
-    assert rule(smoothed=True).max_steps == STOPPING.smoothed_max_steps < rule().max_steps == STOPPING.max_steps
 
 
 def test_a_poor_fit_ends_where_it_gains_less_than_two_percent_in_four_steps():
@@ -134,5 +129,5 @@ def test_a_creeping_fit_gets_a_new_jacobian_as_long_as_that_helps():
 def test_the_numbers_of_a_rule_are_those_of_its_settings():
     stopping = StoppingRule(replace(STOPPING, min_decrease=1.0, max_steps=7, creeping_after=3), 100)
     stopping.record(100.0)
-    assert (stopping.min_decrease(), stopping.max_steps) == (1.0, 7)
+    assert (stopping.min_decrease(), stopping.settings.max_steps) == (1.0, 7)
     assert stopping.creeping(3) and not stopping.creeping(2)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
-from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import Decision
-from jointgap.identification.fit import CONVERGED, MATCHED, fit_hypothesis
+from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
@@ -22,7 +21,7 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import SignatureRegression, SignatureSubspaces, simulate_signatures
 from jointgap.identification.thresholds import thresholds
-from tests.identification.toy import CANDIDATES, RINGING, Toy, ringing, stated_noise, toy
+from tests.identification.toy import CANDIDATES, RINGING, Toy, stated_noise, toy
 
 
 def named(effects=None, more=(), **how) -> tuple[Decision, float]:
@@ -58,36 +57,6 @@ def test_each_effect_is_named(label):
     assert gap > 1.05
     assert decision.verdict == "named"
     assert decision.chosen.label == label
-
-
-@pytest.mark.parametrize("size", [0.09, 0.31, 0.7])
-def test_an_effect_whose_samples_answer_from_near_alone_is_found_from_afar(size):
-    decision, gap = named(more=[RINGING], hidden=lambda x, v, angle, time: ringing(size, angle), seed=4)
-    assert gap > 1.3
-    assert decision.verdict == "named"
-    assert decision.chosen.label == "ringing"
-    assert decision.chosen.mapping["ringing.size"] == pytest.approx(size, rel=0.01)
-
-
-@pytest.mark.parametrize(("changed", "status"), [(1.0, CONVERGED), (1.2, MATCHED)])
-def test_samples_that_are_met_while_other_numerics_change_more_than_noise_leave_the_name_to_features(
-    changed, status, monkeypatch
-):
-    """Motion that never quite repeats can be met by chance."""
-    model, usual = toy(hidden=lambda x, v, angle, time: ringing(0.31, angle), seed=4), Problem.residual
-    base = recalibrate(replace(model, candidates=(*model.candidates, RINGING)), stated_noise(model))
-
-    def sensitive(problem, values, hypothesis=(), runs=None, out=None, numerics=0):
-        if numerics == 1 and hypothesis == (RINGING,):
-            values = {**values, "ringing.size": changed * values["ringing.size"]}
-        return usual(problem, values, hypothesis, runs, out, numerics)
-
-    monkeypatch.setattr(Problem, "residual", sensitive)
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    fits, _ = fit_singles(base, signatures, limits)
-    pairs, _ = fit_pairs(base, signatures, limits, fits)
-    assert [fit.status for fit in pairs if fit.label == "ringing"] == [status]
 
 
 @pytest.mark.parametrize("size", [0.15, 0.2, 0.35])
@@ -169,20 +138,6 @@ def test_another_choice_of_numerics_is_no_second_effect():
     assert second.omnibus == pytest.approx(limits.omnibus + second.max_gain_threshold / best.residual.size)
     assert 0.5 * changed < second.max_gain_threshold <= changed
     assert limits.max_gain_threshold < second.max_gain_threshold
-
-
-@pytest.mark.parametrize("size", [0.09, 0.31])
-def test_an_effect_whose_samples_answer_from_near_alone_is_found_beside_another(size):
-    decision, gap = named(
-        {"viscous": {"damping_N_s_m": 0.4}},
-        more=[RINGING],
-        hidden=lambda x, v, angle, time: ringing(size, angle),
-        seed=4,
-    )
-    assert gap > 1.3
-    assert decision.verdict == "named"
-    assert {one.label for one in decision.chosen.hypothesis} == {"viscous", "ringing"}
-    assert decision.chosen.mapping["ringing.size"] == pytest.approx(size, rel=0.02)
 
 
 def test_such_an_effect_is_not_named_where_another_is_hidden():
@@ -331,26 +286,3 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     decision = refit_and_decide(base, signatures, [*fits, *fit_pairs(base, signatures, limits, fits)[0]], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "viscous"
-
-
-@pytest.mark.parametrize(
-    ("hidden", "is_tried"),
-    [
-        ({"coulomb": {"force_N": 0.2}}, False),
-        ({"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 3.0}}, True),
-    ],
-)
-def test_before_a_pair_is_named_one_effect_on_which_motion_depends_roughly_is_tried_alone(
-    hidden, is_tried, monkeypatch
-):
-    """It may do alone, and better, what two smooth effects do together."""
-    tried, search = [], hypothesis_fits.search_rough
-
-    def recorded(baseline, origins, candidates, *rest, **more):
-        tried.extend((origin.label, [candidate.label for candidate in candidates]) for origin in origins)
-        return search(baseline, origins, candidates, *rest, **more)
-
-    monkeypatch.setattr(hypothesis_fits, "search_rough", recorded)
-    decision, _ = named(hidden, more=[RINGING], seed=3)
-    assert {candidate.label for candidate in decision.chosen.hypothesis} == hidden.keys()
-    assert (("base", ["ringing"]) in tried) == is_tried

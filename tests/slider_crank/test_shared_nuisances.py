@@ -9,7 +9,7 @@ from jointgap.core.joints import PINS
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.decide_verdict import rank
 from jointgap.identification.fit import Fit
-from jointgap.identification.hypothesis_fits import fit_singles
+from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.model_selection import refit_and_decide
 from jointgap.identification.problem import Noise
 from jointgap.identification.screening import simulate_signatures
@@ -50,7 +50,9 @@ def test_friction_of_both_pins_beyond_its_range_is_one_effect():
     base = recalibrate(model, noises)
     signatures = simulate_signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    decision = refit_and_decide(base, signatures, fit_singles(base, signatures, limits)[0], limits)
+    singles = fit_singles(base, signatures, limits)[0]
+    fits = [*singles, *fit_pairs(base, signatures, limits, singles)[0]]
+    decision = refit_and_decide(base, signatures, fits, limits)
     assert (decision.verdict, decision.chosen.label) == ("named", label)
     candidate = decision.chosen.hypothesis[0]
     found = candidate.parameters({"change": decision.chosen.mapping[f"{label}.change"]})

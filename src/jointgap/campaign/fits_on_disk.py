@@ -316,7 +316,6 @@ def ranking_frame(ranking: Sequence[Ranked], seconds: Mapping[str, float] | None
     return frame.assign(
         delta_bic=np.where(failed, np.nan, [ranked.delta_bic for ranked in ranking]),
         explained_share=np.where(failed, np.nan, [ranked.share for ranked in ranking]),
-        feature_gain=[ranked.feature_gain for ranked in ranking],
         passes=[ranked.passes for ranked in ranking],
         admissible=[ranked.admissible for ranked in ranking],
         remark=[ranked.remark or None for ranked in ranking],

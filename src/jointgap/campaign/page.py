@@ -178,9 +178,7 @@ def _tried(verdict: Verdict, force: pd.DataFrame | None) -> list[Block]:
         return []
     named = verdict["effects"]
     text = "Bayesian information criterion (BIC): fit against number of parameters; 10 is very strong evidence."
-    if say.is_told_by_features(verdict, [effect for effects in (named, *verdict["equivalent"]) for effect in effects]):
-        text = "The ranking shows fits to samples, which do not decide here."
-    elif named:
+    if named:
         costs = ("not known" if effect["delta_bic"] is None else round(effect["delta_bic"]) for effect in named)
         gains = joined(f"{cost} for {say.effect_in_words(effect)}" for cost, effect in zip(costs, named, strict=True))
         text = f"Gain in BIC: {gains}. {text}"

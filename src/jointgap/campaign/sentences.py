@@ -202,11 +202,6 @@ def answer(verdict: Mapping[str, Any]) -> str:
         if faults:
             fault = f"The measurement has a fault: {explanation_in_words(faults)}."
             found = f"{found} {fault}" if missing else f"The mechanism lacks nothing. {fault}"
-        if is_told_by_features(verdict, effects):
-            return (
-                f"{found} With this the model reproduces at which crank angles impacts come and how hard they are; no "
-                "other candidate does. Single samples differ, because the timing of impacts is not reproducible."
-            )
         fit = "fits the data used for fitting within the noise"
         if gap["identify"]["after"] ** 2 > _DECISION.tolerated_reduced_chi2:
             before, after = map(rounded_gap, gap["identify"].values())
@@ -256,12 +251,6 @@ def left_out_in_words(verdict: Mapping[str, Any]) -> tuple[str, ...]:
     return (*left, *(f"{in_words(what)} could not be made: {why}." for what, why in failed.items()))
 
 
-def is_told_by_features(verdict: Mapping[str, Any], effects: Sequence[Effect]) -> bool:
-    """Whether features of the cycle identified the `effects`, and not samples."""
-    told = bool(effects) and all(effect["delta_bic"] is None for effect in effects)
-    return verdict["basis"] == "statistics" and told
-
-
 def share_explained(best: Mapping[str, Any]) -> str:
     """Share of the misfit beyond noise [%] that an explanation explains; empty where not known or nearly all."""
     share = best["explained_share"]
@@ -277,16 +266,13 @@ _OF_TEST = {
 
 def held_out_in_words(verdict: Mapping[str, Any], gap: Mapping[str, float | None] | None = None) -> str:
     """What the gap on held-out data does, without the last full stop."""
-    gap, test, features = gap or verdict["gap"]["confirm"], verdict["held_out_test"], verdict["held_out_features"]
+    gap, test = gap or verdict["gap"]["confirm"], verdict["held_out_test"]
     before, after = gap["before"], gap["after"]
     if after is None:
         return f"On held-out data it is {rounded_gap(before)} before anything is added. {_not_simulated(verdict)}"
     if not (verdict["effects"] or verdict["best_known"]):
         return f"On held-out data it is {rounded_gap(before)}"
-    words = HeldOutTest(test, before, after, features and (features["before"], features["after"])).words
-    said = f"On held-out data {words}"
-    if features:
-        return said
+    said = f"On held-out data {HeldOutTest(test, before, after).words}"
     if test == "falls" and before**2 > _DECISION.tolerated_reduced_chi2:
         said += f": {percent(min(share_closed(before, after), 1.0))} of what exceeds the noise is gone"
     return said + _OF_TEST.get(test, "")

@@ -186,7 +186,6 @@ def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
 def decide(state: "CampaignState", parts: Parts = 1) -> None:
     """Weigh the fits: what is missing, or why it cannot be told, and what else of a law's family fits."""
     from jointgap.campaign.fits_on_disk import family_frame, outcome_of
-    from jointgap.identification.decide_by_features import with_feature_gains
     from jointgap.identification.law_family import with_families
     from jointgap.identification.model_selection import select_hypothesis
 
@@ -195,7 +194,6 @@ def decide(state: "CampaignState", parts: Parts = 1) -> None:
     signatures, limits = state.screening
     decision = select_hypothesis(state.baseline, signatures, [*singles, *pairs], limits)
     decision, families = with_families(state.baseline, decision, limits)
-    decision = with_feature_gains(state.baseline.problem, decision)
     state.folder.write(schema.LAW_FAMILIES, family_frame(families))
     state.verdict_baseline = replace(state.baseline, base=decision.base)
     state.write_fits([decision.base], "decide/base")
@@ -241,23 +239,16 @@ def regress(state: "CampaignState") -> None:
 )
 def confirm(state: "CampaignState") -> None:
     """Predict the held-out runs with and without what was found, and come to the final verdict."""
-    from jointgap.campaign.fits_on_disk import Outcome, channel_errors, residuals_as_read
-    from jointgap.identification import confirmation
-    from jointgap.identification.decide_by_features import refitted_to_features
+    from jointgap.campaign.fits_on_disk import channel_errors, residuals_as_read
+    from jointgap.identification.confirmation import confirm as confirmed_with
     from jointgap.identification.decide_verdict import final_verdict
 
-    def confirmed_with(outcome: Outcome) -> confirmation.Confirmed:
-        proposed = outcome.proposed
-        plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
-        return confirmation.confirm(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
-
     outcome = state.outcome("regress")
-    prediction = confirmed_with(outcome)
+    proposed = outcome.proposed
+    plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
+    prediction = confirmed_with(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
     doubted = state.remaining_doubts(outcome.equivalent or [outcome.chosen])
     final = final_verdict(outcome, prediction, doubted, state.settings.decision)
-    by_features = refitted_to_features(state.verdict_baseline, final, prediction.test)
-    if by_features is not final and (again := confirmed_with(by_features)).test.outcome == confirmation.FALLS:
-        final, prediction = by_features, again
     residuals = residuals_as_read(prediction.residuals, state.clockwise)
     state.folder.write(schema.RESIDUALS, residuals)
     state.folder.write(schema.CHANNEL_ERRORS, channel_errors(residuals, state.campaign))

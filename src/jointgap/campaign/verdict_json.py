@@ -15,11 +15,11 @@ from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
 from jointgap.identification.confirmation import held_out_test
 from jointgap.identification.decide_verdict import certain_effects
-from jointgap.identification.fit import MATCHED, Fit, coordinate_estimate, effect_estimates, is_taken_over
+from jointgap.identification.fit import Fit, coordinate_estimate, effect_estimates, is_taken_over
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
 
-SCHEMA_VERSION = 1  # one more when a key of verdict.json changes its meaning or goes
+SCHEMA_VERSION = 2  # one more when a key of verdict.json changes its meaning or goes
 
 TABLES = ("detectable", "confusability", "gaps", "map_windows", "map_standout", "law_families")
 """What it is made from besides the outcome."""
@@ -32,14 +32,13 @@ def document(
     gaps, gains = tables["gaps"], _gains(outcome)
     certain = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
     test = held_out_test(gaps) if outcome.proposed else None
-    by_features = any(fit.status == MATCHED for fit in outcome.explanations)
     added = outcome.named is not None
     return {
         "schema_version": SCHEMA_VERSION,
         "campaign": campaign.name,
         "verdict": outcome.verdict,
         "because": outcome.because,
-        "basis": "samples" if repeats and not by_features else "statistics",
+        "basis": "samples" if repeats else "statistics",
         "effects": _with_families(effects(outcome.chosen, gains), tables["law_families"]),
         "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
         "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
@@ -47,7 +46,6 @@ def document(
         "best_known": _best_known(outcome, gaps, gains),
         "interval_factor": (outcome.proposed or outcome.chosen).scale,
         "held_out_test": test and test.outcome,
-        "held_out_features": test and test.features and dict(zip(("before", "after"), test.features, strict=True)),
         "doubted_channels": list(doubted),
         "nuisances": {
             p.key: estimate | ({} if is_taken_over(p, estimate) else {"kept": True})
@@ -112,8 +110,6 @@ def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]
         return None
     known = {"effects": effects(best, gains), "explained_share": None}
     known |= {"gap": {role: gap_of(gaps, role) for role in ("identify", "confirm")}, "rival": None}
-    if best.status == MATCHED:  # samples, by which the others are ranked, say nothing of it
-        return known
     ranking, labels = outcome.ranking.set_index("explanation"), set(best.label.split(JOINED))
     known["explained_share"] = ranking.loc[best.label, "explained_share"]
     for row in ranking.dropna(subset=["bic"]).query("admissible").sort_values("bic", kind="stable").itertuples():
@@ -145,11 +141,11 @@ def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None
 def _effect(
     name: str, site: str, fit: Fit, own: Sequence[Candidate], gains: Mapping[str, float], parameters: dict[str, Any]
 ) -> dict[str, Any]:
-    """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself, or
-    where samples do not decide. Its choices by run, where it has such, such as the start of its motion.
+    """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself.
+    Its choices by run, where it has such, such as the start of its motion.
     """
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
-    cost = gains[left] - fit.bic if left in gains and fit.status != MATCHED else None
+    cost = gains[left] - fit.bic if left in gains else None
     entry = {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
     values = fit.mapping
     choices = {

@@ -111,12 +111,14 @@ _RATES = {"rad/s": "rpm, turn/s or rad/s", "Hz": "Hz or 1/s", "rad": "deg, turn 
 """Units with an angle and without one: pint takes a radian for 1, and 10 Hz for 10 rad/s."""
 
 
+@lru_cache
 def unit_factor(unit: str, base: str) -> float:
     """How many `base` one `unit` is."""
     whole, parts = split_share(unit)
     return _converted(1.0 / parts, _checked_unit(whole, base), base)
 
 
+@lru_cache
 def scaled_unit_factor(scale: str, unit: str, base: str) -> float:
     """How many `base` one `unit` is of a signal that a `scale` such as ``0.35 N*m/A`` converts."""
     number, own = split_quantity(scale)

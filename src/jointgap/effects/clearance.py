@@ -20,8 +20,9 @@ from jointgap.effects.base import Candidates, DataEffect, FitContext, Values, am
 #: [m] Far less is lost in the rounding of the radii too.
 LEAST_CLEARANCE = 1e-9
 
-# [m] of a joint that was ideal, from which fits start: any of them lets the pin fly and hit
-_FIRST_CLEARANCES = (2e-5, 1e-4)
+# [m] and coefficients of friction of a joint that was ideal, from which fits start: where it slides and where it is
+# stuck depends on friction so much that it is tried beside each size
+_FIRST_CLEARANCE, _FIRST_FRICTIONS = 5e-5, (0.03, 0.1, 0.2)
 
 # [m] of a joint that was ideal, between which it is searched: from a fit's play to a rattle
 _CLEARANCES = (2e-6, 2e-3)
@@ -146,9 +147,11 @@ class Clearance(DataEffect):
             *shapes,
             amplitudes=("change_m",),
             parameters=parameters,
-            initial_guesses=tuple({"change_m": value, **nominal} for value in _FIRST_CLEARANCES),
+            initial_guesses=tuple(
+                {"change_m": _FIRST_CLEARANCE, **nominal, "contact_friction": friction}
+                for friction in dict.fromkeys((nominal["contact_friction"], *_FIRST_FRICTIONS))
+            ),
             search_range=(_CLEARANCES[0], min(_CLEARANCES[1], longest)),
-            unsearched=("log_friction_speed_factor",),
         )
 
 

@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 from scipy.optimize import minimize
-from scipy.signal import oaconvolve
-from scipy.stats import qmc
 
-from jointgap.core.candidates import FAST, Candidate, Model, Parameter
+from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import (
     FAILED,
@@ -22,13 +20,13 @@ from jointgap.identification.fit import (
     fit_hypothesis,
 )
 from jointgap.identification.initial_fit import with_nuisances_of
+from jointgap.identification.likelihood import FAILURES, Estimate, has_windows
 from jointgap.identification.noise import numerics_noise
-from jointgap.identification.problem import Hypothesis, Noise, Problem
+from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.settings import (
     DEFAULT_SETTINGS,
     EnsembleSettings,
     IdentificationSettings,
-    SmoothingSettings,
     ValleySettings,
 )
 
@@ -387,169 +385,6 @@ def _simulated(problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray)
 
 
 @dataclass(frozen=True)
-class Smoother:
-    """Residuals smoothed over the cycle, each still of variance 1 where they are noise."""
-
-    kernels: tuple[tuple[slice, np.ndarray], ...]
-
-    @property
-    def overlap(self) -> float:
-        """Factor on the errors of slow parameters: neighbours share samples, so they are not independent."""
-        return float(np.mean([weights.sum() for _, weights in self.kernels]))
-
-    def __call__(self, values: np.ndarray) -> np.ndarray:
-        """Residuals (n,) or their derivatives (n, k), smoothed."""
-        smoothed = np.empty_like(values)
-        for place, weights in self.kernels:
-            if weights.size > 1:
-                shaped = weights if values.ndim == 1 else weights[:, None]
-                smoothed[place] = oaconvolve(values[place], shaped, mode="same", axes=0)
-            else:
-                smoothed[place] = values[place]
-        return smoothed
-
-
-def smoothers_of(problem: Problem) -> tuple[Smoother, ...]:
-    """Smoothers of a problem's residuals, coarsest first; none where they would change nothing.
-
-    Statistics over cycles, and series of which no angle is known, stay as they are.
-    """
-    settings, smoothers = problem.settings.smoothing, []
-    for width in np.deg2rad(settings.widths_deg):
-        kernels = []
-        for part in problem.parts:
-            step = np.abs(np.diff(part.series.angle[part.used]))
-            step = float(np.median(step[np.isfinite(step)])) if np.isfinite(step).any() else 0.0
-            plain = part.series.statistic or not step > 0.0
-            count = part.place.stop - part.place.start
-            kernels.append((part.place, np.ones(1) if plain else _weights(width / step, count, settings.kernel_reach)))
-        if any(weights.size > 1 for _, weights in kernels):
-            smoothers.append(Smoother(tuple(kernels)))
-    return tuple(smoothers)
-
-
-def _weights(sd: float, count: int, reach: float) -> np.ndarray:
-    """Gaussian weights over samples, `sd` in samples, at most about as many as there are samples."""
-    half = min(int(np.ceil(reach * sd)), max((count - 1) // 2, 0))
-    weights = np.exp(-0.5 * np.square(np.arange(-half, half + 1) / max(sd, 1e-9)))
-    return weights / np.linalg.norm(weights)
-
-
-def coarse_to_fine_fit(
-    problem: Problem,
-    hypothesis: Hypothesis,
-    start: Mapping[str, float],
-    differences: FiniteDifferences,
-    smoothers: Sequence[Smoother],
-) -> Fit:
-    """The fit with the last smoother by way of all before it; what each leaves undetermined is scanned in the next."""
-    result, derivatives = None, None
-    for smoother, finer in zip(smoothers, (*smoothers[1:], None), strict=True):
-        fit = fit_hypothesis(problem, hypothesis, start, derivatives, differences, smoother=smoother)
-        if fit.status == FAILED:
-            return result or fit
-        result, start, derivatives = (
-            fit,
-            fit.mapping,
-            dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True)),
-        )
-        scanned = coordinate_scan(problem, fit, smoother, finer)
-        if scanned is not None:
-            start, derivatives = scanned, None  # after a jump derivatives do not hold any more
-            if finer is None:
-                values = np.array([scanned[p.key] for p in fit.parameters])
-                result = replace(fit, values=values, residual=problem.residual(scanned, hypothesis), reason="")
-    return result
-
-
-def fit_via_smoothers(
-    problem: Problem,
-    hypothesis: Hypothesis,
-    start: Mapping[str, float],
-    differences: FiniteDifferences,
-    smoothers: Sequence[Smoother],
-) -> Fit:
-    """The fit to the samples that starts from the coarse-to-fine fit; from `start` where there is none or it fails.
-
-    Arguments as in `coarse_to_fine_fit`, but there may be no smoothers.
-    """
-    coarse = coarse_to_fine_fit(problem, hypothesis, start, differences, smoothers) if smoothers else None
-    start = start if coarse is None or coarse.status == FAILED else coarse.mapping
-    return fit_hypothesis(problem, hypothesis, start, differences=differences)
-
-
-def coordinate_scan(
-    problem: Problem, fit: Fit, smoother: Smoother, finer: Smoother | None, amplitudes_only: bool = False
-) -> dict[str, float] | None:
-    """Better values by key, from scans of undetermined parameters one after the other; None if none are better.
-
-    At each value of a scan the other parameters take up what they can linearly; chi2 is that of the finer smoother.
-    """
-    smooth = (lambda values: values) if finer is None else finer
-    low, high = bounds_of(fit.parameters)
-    matrix, values = smooth(fit.jacobian), fit.mapping
-    _, best_chi2 = bounded_step(matrix, smooth(fit.residual), low - fit.values, high - fit.values)
-    moved, amplitudes = False, _amplitudes(fit)
-    for i, scan in _undetermined(fit, smoother, matrix, problem.settings.smoothing):
-        p, others = fit.parameters[i], np.delete(matrix, i, axis=1)
-        if amplitudes_only and p.key not in amplitudes:
-            continue
-        here = np.array([values[q.key] for q in fit.parameters])
-        room = np.delete(low - here, i), np.delete(high - here, i)
-        best = values
-        for value in scan:
-            trial = {**values, p.key: float(np.clip(value, p.low, p.high))}
-            try:
-                residual = problem.residual(trial, fit.hypothesis)
-            except (InputError, SimulationError):
-                continue
-            _, chi2 = bounded_step(others, smooth(residual), *room)
-            if chi2 < best_chi2:
-                best_chi2, best, moved = chi2, trial, True
-        values = best
-    return values if moved else None
-
-
-def _amplitudes(fit: Fit) -> dict[str, Candidate]:
-    """The amplitudes of effects among the parameters, by key, and whose they are."""
-    return {f"{candidate.label}.{name}": candidate for candidate in fit.hypothesis for name in candidate.amplitudes}
-
-
-def _undetermined(
-    fit: Fit, smoother: Smoother, finer_jacobian: np.ndarray, settings: SmoothingSettings
-) -> list[tuple[int, np.ndarray]]:
-    """Which parameters are to be scanned, and at what values.
-
-    Those are nuisances and shapes that the smoother leaves uncertain though they matter to the finer one, and
-    perturbations of known quantities, of which small ones say little of large ones.
-    """
-    if not fit.parameters:
-        return []
-    width = np.array([p.high - p.low for p in fit.parameters])
-    bounded = np.isfinite(width) & (width > 0.0)
-    prior = np.where(bounded, np.sqrt(12.0) / np.where(bounded, width, 1.0), 0.0)
-    scale = np.where(bounded, width, 1.0) / np.sqrt(12.0)
-    matrix = np.vstack([smoother(fit.jacobian) / smoother.overlap, np.diag(prior)]) * scale
-    _, singular_values, right = np.linalg.svd(matrix, full_matrices=False)
-    errors = np.linalg.norm(right.T / np.maximum(singular_values, 1e-12 * singular_values[0]), axis=1) * scale
-    influence = np.linalg.norm(finer_jacobian, axis=0) * np.where(bounded, width, 0.0)
-    factor, amplitudes, scans = settings.perturbation_scan_factor, _amplitudes(fit), []
-    ratios = np.geomspace(1.0 / factor, factor, settings.perturbation_scan_points)
-    for i, p in enumerate(fit.parameters):
-        if not bounded[i] or p.run is not None:
-            continue
-        if p.key in amplitudes:
-            if amplitudes[p.key].is_perturbation:
-                values = np.unique(np.clip(p.low + (p.nominal - p.low) * ratios, p.low, p.high))
-                scans.append((i, values[~np.isclose(values, p.nominal, rtol=0.0, atol=1e-6 * width[i])]))
-            continue
-        matters = influence[i] > settings.min_influence * np.sqrt(finer_jacobian.shape[0])
-        if matters and errors[i] > settings.undetermined_error * width[i]:
-            scans.append((i, np.linspace(p.low, p.high, settings.scan_points)))
-    return scans
-
-
-@dataclass(frozen=True)
 class Baseline:
     """The model as it stands, that every hypothesis is compared with."""
 
@@ -564,7 +399,9 @@ def recalibrate(
 ) -> Baseline:
     """Fit the nuisances; then count in what equally good numerics would predict, and fit again."""
     first = Problem(model, noise, settings=settings)
-    start = multistart_fit(first, probed_differences(first, {p.key: p.nominal for p in first.nuisances}))
+    differences = probed_differences(first, {p.key: p.nominal for p in first.nuisances})
+    start = fit_hypothesis(first, differences=differences)
+    start = deepest_base(first, start, differences, settings.baseline.drawn_starts, _enough(first, start))
     if start.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {start.reason}")
     problem = Problem(model, numerics_noise(model, start.mapping, noise, settings.noise), settings=settings)
@@ -582,61 +419,43 @@ def recalibrate(
     return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
 
-def multistart_fit(
-    problem: Problem,
-    differences: FiniteDifferences,
-    hypothesis: Hypothesis = (),
-    start: Mapping[str, float] | None = None,
-    max_starts: int | None = None,
+def deepest_base(
+    problem: Problem, base: Fit, differences: FiniteDifferences, drawn_starts: int, enough: float = 0.0
 ) -> Fit:
-    """The best of fits from several values of the nuisances; the first that leaves noise alone ends the search.
+    """The `base` or, if better, its best fit from so many drawn values of the nuisances that runs share.
 
-    Where joints are loose, fits may be caught in a valley that is not the deepest. So all but the first go from
-    coarsely smoothed residuals to the samples, where these can be smoothed. One that ends in the same minimum as the
-    best before it ends the search too.
+    A fit may be caught in a valley that is not the deepest. One that leaves less than `enough` ends the search, so does
+    one that ended in the same minimum as the best before it, as far as chi2 says and its numerical noise lets it. Where
+    joints are loose, one fit in windows of the record takes their place.
     """
-    settings = problem.settings.baseline
-    count = settings.max_starts if max_starts is None else max_starts
-    given = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
-    best = fit_hypothesis(problem, hypothesis, given, differences=differences)
-    smoothers = smoothers_of(problem)
-    again = (given,) if smoothers else ()  # the same start once more, by way of smoothed residuals
-    for values in (*again, *(given | drawn for drawn in random_nuisances(problem, hypothesis, count - 1))):
-        if best.status == FAILED or best.chi2 < _enough(problem, best):
+    if base.status == FAILED or base.chi2 < enough:
+        return base
+    if has_windows(problem, (), base.mapping):
+        try:
+            start = Estimate(problem, (), {key: base.mapping[key] for key in base.mapping if "@" in key}).anneal()
+        except FAILURES:
+            return base
+        fit = fit_hypothesis(problem, start=start.mapping, differences=differences)
+        return min(base, fit, key=lambda fit: fit.chi2)
+    shared = [p for p in problem.nuisances if p.run is None and np.isfinite(p.high - p.low)]
+    generator = np.random.default_rng(0)
+    for _ in range(drawn_starts if shared else 0):
+        if base.status == FAILED or base.chi2 < enough:
             break
-        fit = fit_via_smoothers(problem, hypothesis, values, differences, smoothers)
-        same = is_same_minimum(fit, best, differences)
-        best = min(best, fit, key=lambda fit: fit.chi2)
-        if same:
+        drawn = {p.key: float(generator.uniform(p.low, p.high)) for p in shared}
+        fit = fit_hypothesis(problem, start=base.mapping | drawn, differences=differences)
+        near = max(problem.settings.baseline.same_minimum * base.chi2, differences.numerical_noise_chi2)
+        is_same = abs(fit.chi2 - base.chi2) < near
+        base = min(base, fit, key=lambda fit: fit.chi2)
+        if is_same:
             break
-    return best
+    return base
 
 
 def _enough(problem: Problem, fit: Fit) -> float:
     """chi2 that noise alone leaves of a fit."""
     dof = max(problem.size - len(fit.parameters), 1)
     return dof + problem.settings.baseline.noise_sigmas * float(np.sqrt(2.0 * dof))
-
-
-def is_same_minimum(fit: Fit, other: Fit, differences: FiniteDifferences) -> bool:
-    """Whether two fits ended in the same minimum, as far as chi2 says and its numerical noise lets it."""
-    least = differences.problem.settings.baseline.same_minimum * other.chi2
-    return abs(fit.chi2 - other.chi2) < max(least, differences.numerical_noise_chi2)
-
-
-def shared_nuisances(problem: Problem, hypothesis: Hypothesis) -> list[Parameter]:
-    """The bounded nuisances that runs share."""
-    shared = [p for p in problem.parameters(hypothesis) if p.run is None and p in problem.nuisances]
-    return [p for p in shared if np.isfinite(p.high - p.low)]
-
-
-def random_nuisances(problem: Problem, hypothesis: Hypothesis, count: int) -> list[dict[str, float]]:
-    """Values of the nuisances that runs share, drawn evenly from their ranges; none where there are no such
-    nuisances.
-    """
-    bounded = shared_nuisances(problem, hypothesis)
-    generator = np.random.default_rng(0)
-    return [{p.key: float(generator.uniform(p.low, p.high)) for p in bounded} for _ in range(count if bounded else 0)]
 
 
 def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteDifferences:
@@ -686,49 +505,3 @@ def other_numerics(problem: Problem, base: Fit) -> np.ndarray:
     for i in range(len(problem.model.numerics)):
         changes.append(problem.residual(base.mapping, base.hypothesis, numerics=i + 1) - base.residual)
     return np.array(changes).reshape(len(changes), problem.size)
-
-
-def fit_from_scattered_starts(baseline: Baseline, fit: Fit, sufficient_chi2: float) -> Fit:
-    """The best of the fits of a hypothesis from the best of many points, and the `fit` that is there."""
-    problem, differences = baseline.problem, baseline.differences
-    best = fit
-    for start in _best_points(baseline, fit):
-        if best.chi2 <= sufficient_chi2:
-            break
-        found = fit_hypothesis(problem, fit.hypothesis, start, differences=differences)
-        if found.status != FAILED and found.chi2 < best.chi2:
-            best = found
-    return best
-
-
-def _best_points(baseline: Baseline, fit: Fit) -> list[dict[str, float]]:
-    """Values by key [SI] of the points that leave the least chi2, best first; each is simulated while it may be one."""
-    problem, settings = baseline.problem, baseline.problem.settings.scattered_starts
-    nuisances = shared_nuisances(problem, fit.hypothesis)
-    names = {f"{candidate.label}.{name}" for candidate in fit.hypothesis for name in candidate.amplitudes}
-    sizes = [p for p in fit.parameters if p.name in names]
-    points, chi2 = [], []
-    for place in qmc.Sobol(len(nuisances) + 1, seed=settings.seed).random_base2(settings.points_log2):
-        factor = settings.size_factor ** (2.0 * place[-1] - 1.0)
-        values = fit.mapping | {p.key: float(np.clip(factor * fit.mapping[p.key], p.low, p.high)) for p in sizes}
-        values |= {p.key: p.low + s * (p.high - p.low) for p, s in zip(nuisances, place[:-1], strict=True)}
-        known = sorted(chi2)
-        limit = known[settings.starts - 1] if len(known) >= settings.starts else np.inf
-        if (left := _chi2_up_to(baseline, fit, values, limit)) < limit:
-            points.append(values)
-            chi2.append(left)
-    return [points[i] for i in np.argsort(chi2, kind="stable")[: settings.starts]]
-
-
-def _chi2_up_to(baseline: Baseline, fit: Fit, values: Mapping[str, float], limit: float) -> float:
-    """chi2 of a hypothesis at `values` by key, simulated run by run; infinite once it is above the `limit`."""
-    problem = baseline.problem
-    residual = np.zeros(problem.size)
-    for run in problem.runs:
-        try:
-            residual = problem.residual(values, fit.hypothesis, (run,), residual, FAST)
-        except (InputError, SimulationError):
-            return np.inf
-        if residual @ residual > limit:
-            return np.inf
-    return float(residual @ residual)

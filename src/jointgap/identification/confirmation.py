@@ -11,10 +11,8 @@ import pandas as pd
 
 from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.identification.features import CycleFeatures
-from jointgap.identification.fit import MATCHED, Fit, fit_hypothesis
+from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Noise, Problem
-from jointgap.identification.screening import can_be_searched
 from jointgap.identification.settings import (
     DEFAULT_SETTINGS,
     ConfirmationSettings,
@@ -35,20 +33,12 @@ class HeldOutTest:
     outcome: str  # ``falls`` or ``rises``
     before: float = np.nan  # Gaps [1] of the runs that could be simulated; NaN where none could
     after: float = np.nan  # Gaps [1] of the runs that could be simulated; NaN where none could
-    features: tuple[float, float] | None = None
     after_low: float = np.nan  # Lower end [1] of the 90 % interval of the gap after
 
     @property
     def words(self) -> str:
         """``falls from 3.00 to 1.02``, ``stays at 1.18``, ``rises from 1.09 to 1.12``; more digits where two show no
         difference."""
-        if self.features:
-            before, after = self.features
-            is_met = "is met, its misfit falls" if self.outcome == FALLS else "is not met, its misfit goes"
-            return (
-                f"it goes from {self.before:.2f} to {self.after:.2f}, for impacts ring in another phase; where in the "
-                f"cycle they come and how hard they are {is_met} from {before:.0f} to {after:.0f}"
-            )
         digits = next((n for n in (2, 3, 4) if f"{self.before:.{n}f}" != f"{self.after:.{n}f}"), 2)
         before, after = (f"{gap:.{digits if gap < 100 else 0}f}" for gap in (self.before, self.after))
         if self.outcome in (FALLS, RISES):
@@ -118,22 +108,11 @@ def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
     rows = held_out[held_out["run"] == "all"].dropna(subset=["after"])
     if rows.empty:
         rows = held_out[held_out["run"] != "all"].dropna(subset=["after"])
-    by_features = bool(gaps.query("role == 'identify'")["features_after"].notna().any())
-    tests = [_test(row, by_features) for row in rows.to_dict("records")]
+    tests = [
+        HeldOutTest(_outcome(row), row["before"], row["after"], row["after_low"]) for row in rows.to_dict("records")
+    ]
     order = (RISES, STAYS, FALLS, CANNOT_TELL)
     return min(tests, key=lambda test: order.index(test.outcome), default=HeldOutTest(NOT_SIMULATED))
-
-
-def _test(row: Mapping[str, float], by_features: bool) -> HeldOutTest:
-    """What one row of the gaps says; the features of the cycle where they were fitted, or where the samples do not fall
-    and these do."""
-    outcome, features = _outcome(row), (row["features_before"], row["features_after"])
-    fall, least = features[0] - features[1], DEFAULT_SETTINGS.confirmation.min_fall_of_features
-    if by_features:
-        outcome = FALLS if fall > least else RISES if fall < -least else STAYS
-    if by_features or (outcome != FALLS and fall > least):
-        return HeldOutTest(outcome if by_features else FALLS, row["before"], row["after"], features, row["after_low"])
-    return HeldOutTest(outcome, row["before"], row["after"], after_low=row["after_low"])
 
 
 def _outcome(row: Mapping[str, float]) -> str:
@@ -168,9 +147,6 @@ def confirm(
     named = base if named is None else named
     used = Problem(model, noise, settings=settings)
     frames, remarks = [_compared(used, base.mapping, named.mapping, named.hypothesis).assign(role="identify")], {}
-    features: dict[tuple[str, str], tuple[float, float]] = {}
-    if named.status == MATCHED:
-        features |= {("identify", run): misfits for run, misfits in _misfits_of_features(used, frames[0]).items()}
     runs = Problem(model, noise, held_out=True, settings=settings).runs
     problems = {run: Problem(_Alone(model, run), noise, held_out=True, settings=settings) for run in runs}
     likely_base = likeliest(problems.values(), base)
@@ -183,34 +159,11 @@ def confirm(
         except (InputError, SimulationError) as error:
             remarks[run] = str(error)
             frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
-        else:
-            if any(can_be_searched(problem, candidate) for candidate in named.hypothesis):
-                features["confirm", run] = _misfits_of_features(problem, frame)[run]
         frames.append(frame.assign(role="confirm"))
     residuals = pd.concat(frames, ignore_index=True)
-    gaps = _with_features(_gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation), features)
+    gaps = _gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation)
     variation = {series.key: series.variation(series.value) for series in model.series}
     return Confirmed(residuals.drop(columns="role"), gaps, variation)
-
-
-def _misfits_of_features(problem: Problem, compared: pd.DataFrame) -> dict[str, tuple[float, float]]:
-    """Misfits of the features of the cycle without and with the effects, by run; `compared` are the residuals."""
-    base, augmented = (compared[f"whitened_{model}"].to_numpy() for model in ("base", "augmented"))
-    features, absent = CycleFeatures(problem, base), np.zeros(base.size)
-    return {run: (features.misfit(absent, run), features.misfit(base - augmented, run)) for run in problem.runs}
-
-
-def _with_features(gaps: pd.DataFrame, features: Mapping[tuple[str, str], tuple[float, float]]) -> pd.DataFrame:
-    """Rows of the table gaps with the misfits of `features` by role and run, and of all runs where each has one."""
-    total, whole = dict(features), gaps["channel"] == "all"
-    for role, own in gaps[whole].groupby("role"):
-        misfits = [features.get((role, run), (np.nan, np.nan)) for run in own["run"] if run != "all"]
-        total[role, "all"] = tuple(np.sum(misfits, axis=0))
-    keys = list(zip(gaps["role"], gaps["run"], strict=True))
-    for place, when in enumerate(("before", "after")):
-        found = [total.get(key, (np.nan, np.nan))[place] for key in keys]
-        gaps[f"features_{when}"] = np.where(whole, found, np.nan)
-    return gaps
 
 
 class _Alone:

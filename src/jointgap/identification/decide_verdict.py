@@ -20,11 +20,6 @@ first line that holds is the verdict of the fits:
   8  otherwise                                                                    ``unexplained``
 ===  ==========================================================================  ===============================
 
-Where motion depends roughly on an effect, such as the clearance of a joint that was ideal, and what the base leaves
-rings, `decide_rough` goes on after lines 5 and 8: impacts are met by no other effect. There the effect is named with a
-remaining misfit if alone it explains most, and all explanations without it hardly anything
-(`DecisionSettings.min_share_of_rough`, `max_share_without_rough`).
-
 `final_verdict` puts what lines 4, 6 and 7 name, or a force law that was found after line 8, to the data that took no
 part, and to what is known of the channels. Again the first line that holds counts:
 
@@ -50,13 +45,6 @@ part, and to what is known of the channels. Again the first line that holds coun
  16  otherwise                                                                    as the fits say
 ===  ==========================================================================  ===============================
 
-Of an effect on which motion depends roughly the features of the cycle tell whether the held-out data confirm it where
-samples cannot be followed (`jointgap.identification.features`): these stand for the gap in lines 12 and 13, and
-lines 11 and 14 are not asked of held-out samples. Where samples can be followed nowhere,
-`jointgap.identification.decide_by_features` goes on after line 8; of what it names features tell in lines 12 and 13,
-and lines 11, 14 and 15 are not asked. A joint that became loose whose held-out data are met by features alone keeps its
-verdict, and has the size and the intervals of the features.
-
 Lines 12 to 15 are not asked of ``ambiguous``. Wherever the verdict is ``unexplained`` and one hypothesis gains enough,
 `Decision.best_known` holds the best one: what is missing is partly explained by it, and nothing is named.
 
@@ -78,7 +66,7 @@ import numpy as np
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.confirmation import FALLS, RISES, STAYS, Confirmed, Rest, share_closed
-from jointgap.identification.fit import FAILED, MATCHED, Fit, chance
+from jointgap.identification.fit import FAILED, Fit, chance
 from jointgap.identification.problem import Hypothesis
 from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
 from jointgap.identification.thresholds import Thresholds
@@ -98,7 +86,6 @@ class Ranked:
     passes: bool  # Whether it leaves noise alone, as the table of the module has it
     admissible: bool  # Whether all its effects are there and none is a nuisance within its range
     remark: str = ""  # Why it is not admissible, or what the fit says
-    feature_gain: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -235,12 +222,12 @@ def final_verdict(
 
 
 def _with_gap_left(decision: _Decided, gap: float) -> _Decided:
-    """The decision, all that it proposes with the `gap` that is left of held-out data; features say nothing of it."""
+    """The decision, all that it proposes with the `gap` that is left of held-out data."""
     if not gap > 1.0:
         return decision
 
     def known(fit: Fit) -> Fit:
-        return fit if fit.status == MATCHED else replace(fit, gap_left=gap)
+        return replace(fit, gap_left=gap)
 
     best, equivalent = decision.best_known, [known(fit) for fit in decision.equivalent]
     chosen = known(decision.chosen) if decision.chosen.hypothesis or not (best or equivalent) else decision.chosen
@@ -279,12 +266,8 @@ def _heard(
         )
     # 11
     test, places = confirmed.test, {"identify": "the data used for fitting", "confirm": "the held-out data"}
-    by_features = proposed.status == MATCHED
-    falls_roughly = test.outcome == FALLS and any(map(_is_rough, proposed.hypothesis))
-    if by_features or test.features or falls_roughly:  # there impacts ring in another phase, whatever is true
-        del places["confirm"]
-    if by_features:
-        del places["identify"]
+    if test.outcome == FALLS and any(map(_is_rough, proposed.hypothesis)):
+        del places["confirm"]  # there impacts ring in another phase, whatever is true
     for role, where in places.items():
         worst = max(confirmed.rests(role), key=lambda rest: rest.gap, default=Rest("", 0.0))
         if worst.gap > settings.max_gap_left:
@@ -299,15 +282,13 @@ def _heard(
     # 12 to 14
     # Of what the effects change in the held-out data the share a is there: the squared gap falls by (2 a - 1) times
     # that change's mean square. Where it falls at all, more of the change is there than not.
-    if by_features and test.outcome != FALLS:
-        return withheld(f"{proposed.label} is told by features of the cycle alone, and no held-out data confirm it")
     if test.outcome == RISES or (test.outcome == STAYS and not test.after < test.before):
         return withheld(f"with {proposed.label} the gap on the held-out data does not fall: {test.words}")
     hardly_shows = reduced_chi2(decision.base) <= settings.tolerated_reduced_chi2
     doubtful = hardly_shows or not explained_share(decision.base, proposed) >= settings.min_explained_share
     leaves_more = test.after_low > settings.max_low_end_of_gap
     is_plain = decision.verdict == NAMED and not leaves_more
-    if not (is_plain or by_features) and doubtful and test.outcome != FALLS:
+    if not is_plain and doubtful and test.outcome != FALLS:
         return withheld(
             f"the best, {proposed.label}, is far ahead of all others, but of a disagreement that hardly shows, and no "
             "held-out data confirm it"
@@ -315,12 +296,10 @@ def _heard(
     if "confirm" in places and leaves_more and share_closed(test.before, test.after) < settings.least_closed:
         return withheld(f"{proposed.label} explains less than half of the gap on the held-out data: {test.words}")
     # 15
-    if by_features or decision.verdict != NAMED:
+    if decision.verdict != NAMED:
         return decision
     if leaves_more:
         because = "it leaves noise alone on the data used for fitting, but more on the held-out data"
-        if test.features:
-            because += f": {test.words}"
         return replace(decision, verdict=NAMED_WITH_REMAINING_MISFIT, because=because)
     if test.outcome == STAYS:
         because = f"the gap on the held-out data falls by less than noise leaves open: {test.words}"
@@ -336,34 +315,6 @@ def _nuisances_at_bounds(fit: Fit) -> list[str]:
 
 def _is_shared(parameter: Parameter) -> bool:
     return parameter.run is None and "." not in parameter.name
-
-
-def decide_rough(
-    decision: Decision, leaves_rough_motion: bool, settings: DecisionSettings = DEFAULT_SETTINGS.decision
-) -> Decision:
-    """The decision, or the name of an effect on which motion depends roughly where lines 5 or 8 leave ``unexplained``
-    what rings.
-    """
-    if decision.verdict != UNEXPLAINED or not leaves_rough_motion:
-        return decision
-    shares = [(ranked, {one.label for one in ranked.fit.hypothesis}) for ranked in decision.ranking]
-    for ranked, labels in shares:
-        if len(labels) > 1 or not ranked.admissible or not _is_rough(ranked.fit.hypothesis[0]):
-            continue
-        without = max((other.share for other, own in shares if not labels & own and other.share > 0.0), default=0.0)
-        if ranked.share >= settings.min_share_of_rough and without <= settings.max_share_without_rough * ranked.share:
-            because = (
-                f"it explains {ranked.share:.0%} of what rings, and no explanation without it more than {without:.0%}"
-            )
-            return replace(
-                decision,
-                verdict=NAMED_WITH_REMAINING_MISFIT,
-                because=because,
-                chosen=ranked.fit,
-                equivalent=[],
-                best_known=None,
-            )
-    return decision
 
 
 def _is_rough(candidate: Candidate) -> bool:

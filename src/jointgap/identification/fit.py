@@ -1,6 +1,6 @@
 """Fitting parameters by Gauss-Newton."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -289,11 +289,8 @@ class StoppingRule:
         size: int,
         numerical_noise_chi2: float = 0.0,
         sufficient_chi2: float = np.inf,
-        smoothed: bool = False,
     ):
         self.settings, self.size = settings, size
-        self.max_steps = settings.smoothed_max_steps if smoothed else settings.max_steps
-        self._share = settings.smoothed_decrease if smoothed else 0.0
         self._numerical_noise, self._sufficient = numerical_noise_chi2, sufficient_chi2
         self._creeping = max(settings.creeping_decrease, numerical_noise_chi2)
         self._renewed, self._chi2_at_renewal = 0, np.inf
@@ -311,7 +308,7 @@ class StoppingRule:
         chi2 = self.chi2[-1]
         per_sample = max(1.0, chi2 / self.size)
         wanted = min(self.settings.min_decrease * per_sample**2, per_sample)
-        return max(wanted, self._numerical_noise, self._share * chi2)
+        return max(wanted, self._numerical_noise)
 
     def poor_and_slow(self) -> bool:
         """Whether the fit is poor and hardly improves, so that it will not be named; sooner for one that is beaten."""
@@ -338,7 +335,7 @@ class StoppingRule:
         return True
 
 
-CONVERGED, STOPPED, FAILED, MATCHED = "converged", "stopped", "failed", "matched"
+CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 
 _ROUGH = "steps that should help do not: the motion depends on its parameters roughly here"
 
@@ -415,9 +412,8 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """Factor of errors and intervals beside those of noise alone [1]: the largest gap that is left, at least 1; 1
-        where features of the cycle told the values, to which samples say nothing."""
-        return 1.0 if self.status == MATCHED else float(np.sqrt(self.inflation))
+        """Factor of errors and intervals beside those of noise alone [1]: the largest gap that is left, at least 1."""
+        return float(np.sqrt(self.inflation))
 
     @property
     def _inflation_of_chi2(self) -> float:
@@ -494,7 +490,6 @@ def fit_hypothesis(
     refresh: bool = False,
     vary: Sequence[Parameter] | None = None,
     sufficient_chi2: float = np.inf,
-    smoother: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Fit:
     """Fit nuisances and the parameters of a hypothesis's effects, with few simulations.
 
@@ -506,7 +501,7 @@ def fit_hypothesis(
     parameters = tuple(problem.parameters(hypothesis) if vary is None else vary)
     differences = differences or FiniteDifferences(problem)
     simulations = problem.simulations
-    descent = _Descent(problem, hypothesis, parameters, start or {}, differences, smoother)
+    descent = _Descent(problem, hypothesis, parameters, start or {}, differences)
 
     def finished(status: str, reason: str = "") -> Fit:
         count = problem.simulations - simulations
@@ -520,19 +515,15 @@ def fit_hypothesis(
     status, reason, goes_on = STOPPED, "", True
     while goes_on:
         stopping = StoppingRule(
-            problem.settings.stopping,
-            problem.size,
-            differences.numerical_noise_chi2,
-            sufficient_chi2,
-            smoothed=smoother is not None,
+            problem.settings.stopping, problem.size, differences.numerical_noise_chi2, sufficient_chi2
         )
         try:
             status, reason = _descend(descent, stopping, problem.settings.damping)
         except (InputError, SimulationError) as error:  # of a Jacobian that was to be made anew
             status, reason = STOPPED, str(error)
-        # a fit that is smoothed, or beaten, is no rival: it keeps its choices
+        # a fit that is beaten is no rival: it keeps its choices
         beaten = descent.chi2 > problem.settings.stopping.beaten_factor * sufficient_chi2
-        goes_on = smoother is None and not beaten and descent.choose()
+        goes_on = not beaten and descent.choose()
         if goes_on:
             try:
                 descent.renew()
@@ -540,7 +531,7 @@ def fit_hypothesis(
                 status, reason, goes_on = STOPPED, str(error), False
     if refresh:
         try:
-            descent.jacobian = descent.derivatives(fine=smoother is None)
+            descent.jacobian = descent.derivatives(fine=True)
         except (InputError, SimulationError) as error:
             reason = reason or str(error)
     return finished(status, reason)
@@ -549,7 +540,8 @@ def fit_hypothesis(
 def _descend(descent: "_Descent", stopping: StoppingRule, damping: DampingSettings) -> tuple[str, str]:
     """Take steps until the stopping rule ends them: the status, and what to know of it."""
     stopping.record(descent.chi2)
-    for iteration in range(stopping.max_steps):
+    max_steps = stopping.settings.max_steps
+    for iteration in range(max_steps):
         if stopping.poor_and_slow():
             return STOPPED, "poor, and hardly better from step to step"
         if not descent.fresh and stopping.creeping(iteration):
@@ -570,7 +562,7 @@ def _descend(descent: "_Descent", stopping: StoppingRule, damping: DampingSettin
             descent.renew()
         else:
             descent.damping = following
-    return STOPPED, f"no end after {stopping.max_steps} steps"
+    return STOPPED, f"no end after {max_steps} steps"
 
 
 class _Descent:
@@ -583,20 +575,18 @@ class _Descent:
         parameters: Sequence[Parameter],
         start: Mapping[str, float],
         differences: FiniteDifferences,
-        smoother: Callable[[np.ndarray], np.ndarray] | None,
     ):
         self._problem, self._hypothesis, self._differences = problem, hypothesis, differences
-        self._parameters, self._smooth = parameters, smoother or (lambda values: values)
+        self._parameters = parameters
         self._fixed = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start)
         self._low, self._high = bounds_of(parameters)
         self.values = np.clip([self._fixed[p.key] for p in parameters], self._low, self._high)
         self.residual, self.jacobian = np.full(problem.size, np.nan), np.empty((problem.size, 0))
-        self.fresh, self.trusted, self.damping = True, smoother is None, 0.0
+        self.fresh, self.trusted, self.damping = True, True, 0.0
 
     def begin(self, known_derivatives: Mapping[str, np.ndarray] | None) -> None:
         """Simulate the start; columns of the Jacobian in `known_derivatives` are taken as they are."""
         self.residual = self._simulate(self.values)
-        self._smoothed = self._smooth(self.residual)
         if self.choose():
             known_derivatives = None  # they are of another motion
         self.jacobian = self.derivatives(known_derivatives)
@@ -604,8 +594,8 @@ class _Descent:
 
     @property
     def chi2(self) -> float:
-        """Sum of squares of what is to be small."""
-        return float(self._smoothed @ self._smoothed)
+        """Sum of squared residuals."""
+        return float(self.residual @ self.residual)
 
     def derivatives(self, known_derivatives: Mapping[str, np.ndarray] | None = None, fine: bool = False) -> np.ndarray:
         """The Jacobian here, (n, k); `known_derivatives` and `fine` as in `FiniteDifferences.jacobian`."""
@@ -621,7 +611,7 @@ class _Descent:
         for place, parameter in enumerate(self._parameters):
             if not parameter.choices or self._is_met(parameter.run):
                 continue
-            before, best = self.values[place], (self.values, self.residual, self._smoothed)
+            before, best = self.values[place], (self.values, self.residual)
             for choice in parameter.choices:
                 if choice == before:
                     continue
@@ -633,11 +623,10 @@ class _Descent:
                     )
                 except (InputError, SimulationError):
                     continue
-                smoothed = self._smooth(residual)
-                if smoothed @ smoothed < best[2] @ best[2]:
-                    best = values, residual, smoothed
-            if self.chi2 - best[2] @ best[2] > least_fall:
-                self.values, self.residual, self._smoothed = best
+                if residual @ residual < best[1] @ best[1]:
+                    best = values, residual
+            if self.chi2 - best[1] @ best[1] > least_fall:
+                self.values, self.residual = best
                 self.fresh, self.trusted, chose = False, False, True
         return chose
 
@@ -657,8 +646,8 @@ class _Descent:
     def propose(self) -> tuple[np.ndarray, float]:
         """The step (k,) [SI], and the decrease of chi2 that the linear model predicts for it."""
         low, high = self._low - self.values, self._high - self.values
-        step, remainder = bounded_step(self._smooth(self.jacobian), self._smoothed, low, high, self.damping)
-        return step, self._smoothed @ self._smoothed - remainder
+        step, remainder = bounded_step(self.jacobian, self.residual, low, high, self.damping)
+        return step, self.chi2 - remainder
 
     def attempt(self, step: np.ndarray, predicted: float) -> float:
         """Try a step, and keep it where chi2 falls: its gain ratio, -inf where it cannot be simulated.
@@ -670,11 +659,10 @@ class _Descent:
             residual = self._simulate(values)
         except (InputError, SimulationError):
             return -np.inf
-        smoothed = self._smooth(residual)
-        gain_ratio = (self._smoothed @ self._smoothed - smoothed @ smoothed) / predicted
+        gain_ratio = (self.chi2 - residual @ residual) / predicted
         self.jacobian = broyden_update(self.jacobian, values - self.values, residual - self.residual)
         if gain_ratio > 0:
-            self.values, self.residual, self._smoothed = values, residual, smoothed
+            self.values, self.residual = values, residual
             self.fresh = False
         return gain_ratio
 
@@ -732,25 +720,19 @@ AT_BOUND = "at its bound"
 nothing."""
 
 NOT_ESTIMATED = "not estimated"
-"""A number that goes with an effect and that no fit varies, such as the length of a film or a whole order; a nuisance
-where features of the cycle decide: it is adapted, and not fitted."""
+"""A number that goes with an effect and that no fit varies, such as the length of a film or a whole order."""
 
 CHANGES_NOTHING = "changes nothing in what was measured"
 """A parameter on which no measured value depends, such as a mass where no force is read: its value was not fitted."""
 
 
 def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
-    """Nuisances of a fit, each with its estimate as `coordinate_estimate` gives it; what changes nothing, or was not
-    fitted with the effects, has none.
-    """
+    """Nuisances of a fit, each with its estimate as `coordinate_estimate` gives it; what changes nothing has none."""
     of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
     active = fit.active
 
     def estimate(place: int) -> dict[str, Any]:
-        if fit.status == MATCHED or not active[place]:
-            remark = NOT_ESTIMATED if fit.status == MATCHED else CHANGES_NOTHING
-            return _no_estimate(fit.values[place], remark)
-        return coordinate_estimate(fit, place)
+        return coordinate_estimate(fit, place) if active[place] else _no_estimate(fit.values[place], CHANGES_NOTHING)
 
     return [(p, estimate(i)) for i, p in enumerate(fit.parameters) if p.key not in of_effects]
 
@@ -769,7 +751,7 @@ def determined_values(fit: Fit) -> dict[str, float]:
 
 def is_taken_over(parameter: Parameter, estimate: dict[str, Any]) -> bool:
     """Whether a model that others use takes over a nuisance: what the data determine, fitted within its range with an
-    interval that is narrower; and what is adapted to features of the cycle.
+    interval that is narrower; and what no interval is known of.
     """
     if "remark" in estimate:
         return estimate["remark"] == NOT_ESTIMATED

@@ -10,26 +10,22 @@ from jointgap.identification.fit import FAILED, STOPPED, FiniteDifferences, Fit,
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import LinearizedFit, Signatures, only_searched
 
-Smooth = Callable[[np.ndarray], np.ndarray]
-
 
 def fit_screened(
     problem: Problem,
     differences: FiniteDifferences,
     signatures: Signatures,
     screened: LinearizedFit,
-    part_fit: Fit | None = None,
     sufficient_chi2: float = np.inf,
-    smoother: Smooth | None = None,
 ) -> Fit:
     """The fit of a screened hypothesis, from where its signatures say.
 
     A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be
     several times as large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer.
     """
-    derivatives = (signatures if part_fit is None else signatures.about(part_fit)).derivatives(screened.signatures)
+    derivatives = signatures.derivatives(screened.signatures)
     try:
-        start, near = _start(problem, screened, smoother)
+        start, near = _start(problem, screened)
     except (InputError, SimulationError) as error:
         parameters = problem.parameters(screened.hypothesis)
         values = np.array([screened.start.get(p.key, p.nominal) for p in parameters])
@@ -43,18 +39,17 @@ def fit_screened(
         derivatives if near else None,
         differences,
         sufficient_chi2=sufficient_chi2,
-        smoother=smoother,
     )
 
 
-def _start(problem: Problem, screened: LinearizedFit, smoother: Smooth | None) -> tuple[Mapping[str, float], bool]:
+def _start(problem: Problem, screened: LinearizedFit) -> tuple[Mapping[str, float], bool]:
     """Values by key to start from, and whether that is so near the base that derivatives there are good enough."""
     if any(p.key in signature.shape_parameters for signature in screened.signatures for p in signature.amplitudes):
         return screened.start, False  # a finite amplitude: far from the base already
-    return _best_multiple(problem, screened, smoother)
+    return _best_multiple(problem, screened)
 
 
-def _best_multiple(problem: Problem, screened: LinearizedFit, smoother: Smooth | None) -> tuple[dict[str, float], bool]:
+def _best_multiple(problem: Problem, screened: LinearizedFit) -> tuple[dict[str, float], bool]:
     """The best of 1, 2, 4 ... times the linear answer, and whether it is the answer itself."""
     amplitudes = {f"{s.candidate.label}.{p.key}" for s in screened.signatures for p in s.amplitudes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(screened.hypothesis)}
@@ -68,7 +63,7 @@ def _best_multiple(problem: Problem, screened: LinearizedFit, smoother: Smooth |
             residual = problem.residual(trial, screened.hypothesis)
         except (InputError, SimulationError):
             break
-        chi2 = float(np.sum(np.square(residual if smoother is None else smoother(residual))))
+        chi2 = float(residual @ residual)
         if chi2 >= least:
             break
         start, least, best, multiple = trial, chi2, multiple, 2.0 * multiple

@@ -22,9 +22,8 @@ from jointgap.identification.decide_verdict import (
     Decision,
     Ranked,
     rank,
-    reduced_chi2,
 )
-from jointgap.identification.fit import CONVERGED, FAILED, MATCHED, FiniteDifferences, Fit, fit_hypothesis
+from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import only_searched
 from jointgap.identification.thresholds import Thresholds
@@ -162,8 +161,6 @@ def with_families(
     none of several families, the law that fits best takes its place.
     """
     problem = baseline.problem
-    if any(fit.status == MATCHED for fit in (decision.chosen, *decision.equivalent)):
-        return decision, ()  # shapes are asked of samples, which cannot be followed there
     equal = decision.equivalent if _is_one_family(problem, decision.equivalent) else []
     is_pair = decision.verdict == NAMED and len(decision.chosen.hypothesis) > 1
     if not equal and (is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)):
@@ -203,27 +200,6 @@ def with_families(
     if (equal and intervals) or (not equal and found is not decision.chosen):
         decision = _named(baseline, decision, found, limits)
     return decision, tuple(intervals)
-
-
-def is_law_of_family(baseline: Baseline, alone: Sequence[Fit], pairs: Sequence[Fit], limits: Thresholds) -> bool:
-    """Whether the law of a family leaves noise alone where no effect of the list does, and is better than all of them.
-
-    Asked of the best single effect, and of the best one of each family that explains the settings' `least_share`.
-    """
-    problem, base = baseline.problem, baseline.base
-    best = min(fit.bic for fit in (base, *alone, *pairs) if fit.status != FAILED)
-    best -= problem.settings.decision.min_delta_bic
-    ranked = sorted((fit for fit in alone if fit.status != FAILED), key=lambda fit: fit.chi2)
-    least = problem.settings.family.least_share * (base.chi2 - problem.size)
-    tried: set[str] = set()
-    for fit in (fit for fit in ranked if fit is ranked[0] or base.chi2 - fit.chi2 >= least):
-        for member, family in _of_families(problem, fit):
-            if family.law.label not in tried:
-                tried.add(family.law.label)
-                law = fit_shape(problem, fit, member, family, baseline.differences)
-                if law.status != FAILED and reduced_chi2(law) <= limits.omnibus and law.bic <= best:
-                    return True
-    return False
 
 
 def _unproven(problem: Problem, decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:

@@ -9,24 +9,18 @@ from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import (
     Baseline,
-    fit_via_smoothers,
-    is_same_minimum,
+    deepest_base,
     leading_over_ensembles,
-    multistart_fit,
     other_numerics,
-    random_nuisances,
-    smoothers_of,
     with_intervals,
 )
-from jointgap.identification.decide_by_features import decided_by_features
 from jointgap.identification.decide_verdict import (
     PARAMETERS_ONLY,
     Decision,
     decide,
-    decide_rough,
     reduced_chi2,
 )
-from jointgap.identification.fit import FAILED, MATCHED, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import (
     chi2_without_effects,
     derivatives_of,
@@ -38,8 +32,8 @@ from jointgap.identification.initial_fit import (
     with_effects_absent,
     without_other_effects,
 )
+from jointgap.identification.likelihood import has_windows
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.rough_search import leaves_rough_motion
 from jointgap.identification.screening import (
     LinearizedFit,
     SignatureRegression,
@@ -173,20 +167,24 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
     lowest = lowest_of_each(fits)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
-    base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
+    # in windows of the record nuisances were found from no start at all: none is to be copied
+    alone = has_windows(baseline.problem, (), baseline.base.mapping)
+    base = baseline.base
+    if not alone:
+        base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
     if baseline.problem.has_statistics:
         base, lowest = leading_over_ensembles(baseline.problem, base, lowest)
     best = none_above_its_parts(baseline, [base, *lowest], limits)
     ranked = sorted(best.values(), key=lambda fit: fit.bic)
     is_rough = limits.numerical_noise > selection.smooth_numerical_noise and not baseline.problem.has_statistics
-    if ranked and is_rough and ranked[0].bic < base.bic:
+    if ranked and is_rough and not alone and ranked[0].bic < base.bic:
         base = moved(baseline.problem, baseline.differences, base, ranked[0])
         for fit in ranked[1 : 1 + selection.partners]:
             if fit.status != FAILED:
                 best[labels_of(fit.hypothesis)] = moved(baseline.problem, baseline.differences, fit, ranked[0])
         hardly_visible = reduced_chi2(base) <= max(limits.omnibus, settings.tolerated_reduced_chi2)
         if hardly_visible and base.bic - ranked[0].bic > settings.min_delta_bic:
-            deeper = _deepest(baseline, base)
+            deeper = deepest_base(baseline.problem, base, baseline.differences, selection.drawn_starts)
             if deeper.chi2 < base.chi2:
                 base = deeper
                 for fit in ranked[: 1 + selection.partners]:
@@ -250,7 +248,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
                 start = alone.mapping | pair.start
                 swapped.append(fit_hypothesis(problem, pair.hypothesis, start, differences=differences))
             else:
-                swapped.append(fit_screened(problem, differences, signatures, pair, alone))
+                swapped.append(fit_screened(problem, differences, about, pair))
     return swapped
 
 
@@ -375,24 +373,6 @@ def _values_without_others(fit: Fit, kept: Candidate) -> dict[str, float]:
     return {key: value for key, value in fit.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")}
 
 
-def _deepest(baseline: Baseline, base: Fit) -> Fit:
-    """The base or, if better, its best fit by way of smoothed residuals from several values of the nuisances.
-
-    A badly converged base makes any effect look useful, so it is fitted again before an effect is called missing that
-    hardly shows. Where residuals cannot be smoothed one minimum that is found twice ends the search.
-    """
-    problem, smoothers = baseline.problem, smoothers_of(baseline.problem)
-    nominal = {p.key: p.nominal for p in problem.nuisances if p.run is None}
-    again = (nominal,) if smoothers else ()  # the base began there, and smoothing is another way from it
-    for values in (*again, *random_nuisances(problem, (), problem.settings.selection.baseline_starts - 1)):
-        fit = fit_via_smoothers(problem, (), base.mapping | values, baseline.differences, smoothers)
-        same = not smoothers and is_same_minimum(fit, base, baseline.differences)
-        base = min(base, fit, key=lambda fit: fit.chi2)
-        if same:
-            break
-    return base
-
-
 def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
 
@@ -404,7 +384,6 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     Where more than noise is left, errors of what is stated hold another end of its fits that is as good: chi2 has
     valleys, and the deepest one that was found need not be that of the truth.
     """
-    by_features, fits = [fit for fit in fits if fit.status == MATCHED], [fit for fit in fits if fit.status != MATCHED]
     fits = [*fits, *fits_beyond_bounds(baseline, fits)]
     fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
     decision, found = refit_and_decide(baseline, signatures, fits, limits), list(fits)
@@ -415,11 +394,6 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         baseline = replace(baseline, base=decision.base)
         fits, found = [*(ranked.fit for ranked in decision.ranking), *further], [*found, *further]
         decision = refit_and_decide(baseline, signatures, fits, limits)
-
-    subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
-    decision = decided_by_features(baseline.problem, decision, by_features, subspaces.is_special_case)
-    is_rough = leaves_rough_motion(baseline.problem, decision.base)
-    decision = decide_rough(decision, is_rough, baseline.problem.settings.decision)
 
     def stated(fit: Fit) -> Fit:
         fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
@@ -460,7 +434,7 @@ def with_other_ends(fit: Fit, others: Sequence[Fit]) -> Fit:
     """The `fit`; where it leaves more than noise, with the farthest end of those `others` of the same hypothesis that
     leave hardly more as a shift of its values."""
     settings, noise = fit.settings.decision, fit.residual.size - len(fit.parameters)
-    if fit.status in (FAILED, MATCHED) or reduced_chi2(fit) <= settings.tolerated_reduced_chi2:
+    if fit.status == FAILED or reduced_chi2(fit) <= settings.tolerated_reduced_chi2:
         return fit
     labels, most = labels_of(fit.hypothesis), noise + (fit.chi2 - noise) / settings.max_share_of_wrong_misfit
     as_good = (other for other in others if labels_of(other.hypothesis) == labels and other.chi2 <= most)
@@ -483,5 +457,5 @@ def _members_alone(baseline: Baseline, chosen: Sequence[Fit], done: set[str]) ->
             own = _values_without_others(pair, kept)
             shared = {p.key: p.nominal for p in problem.nuisances if p.run is None and p.key in own}
             fits.append(fit_hypothesis(problem, (kept,), own, differences=differences))
-            fits.append(multistart_fit(problem, differences, (kept,), own | shared, max_starts=1))
+            fits.append(fit_hypothesis(problem, (kept,), own | shared, differences=differences))
     return fits

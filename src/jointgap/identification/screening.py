@@ -251,9 +251,8 @@ def simulate_signatures(
 
 
 def can_be_searched(problem: Problem, candidate: Candidate) -> bool:
-    """Whether a `candidate` can be searched by features of the cycle: the motion depends on it roughly, and the
-    `problem` compares samples; statistics over cycles are smooth.
-    """
+    """Whether the samples of a `problem` depend so roughly on a `candidate` that its size is searched on a grid;
+    statistics over cycles are smooth."""
     return bool(candidate.search_range) and not problem.has_statistics
 
 
@@ -311,12 +310,7 @@ def _signature(
 class SignatureRegression:
     """Linear least squares over a set of signatures, in few rows."""
 
-    def __init__(
-        self,
-        signatures: Signatures,
-        fitted_effects: Hypothesis = (),
-        smoother: Callable[[np.ndarray], np.ndarray] | None = None,
-    ):
+    def __init__(self, signatures: Signatures, fitted_effects: Hypothesis = ()):
         self.signatures, self.fitted_effects = signatures, fitted_effects
         origins = [signature.origin - signatures.residual for signature in signatures.entries]
         self._rows = signatures.residual.size
@@ -326,7 +320,7 @@ class SignatureRegression:
             *(signature.columns for signature in signatures.entries),
             *origins,
         ]
-        blocks = compress_rows(*(blocks if smoother is None else map(smoother, blocks)))
+        blocks = compress_rows(*blocks)
         count = len(signatures.entries)
         self._jacobian, self._residual = blocks[0], blocks[1]
         self._columns, self._origins = blocks[2 : 2 + count], blocks[2 + count :]

@@ -99,9 +99,6 @@ class StoppingSettings:
     beaten_window: int = 2
     # As `stalled_window` and `poor_progress` for beaten fits, which get less patience (experience)
     beaten_progress: float = 0.2
-    # [1, of chi2] What a step has to predict in smoothed residuals: such a fit is a start for another
-    smoothed_decrease: float = 0.01
-    smoothed_max_steps: int = 10  # The most steps there, for the same reason
     # [standard deviations of chi2] A run each channel of which leaves no more than this beyond its samples is met:
     # none of its other choices is tried. Noise alone leaves more in one channel of 40
     met_sigmas: float = 2.0
@@ -114,35 +111,15 @@ class StoppingSettings:
 class BaselineSettings:
     """How the model as it stands is fitted."""
 
-    # Values of the shared nuisances that a fit starts from where it does not leave noise alone: the given ones, and
-    # drawn ones. (Experience; each costs a fit.)
-    max_starts: int = 3
+    # Drawn values of the shared nuisances that it starts from too where it does not leave noise alone. (Experience;
+    # each costs a fit.)
+    drawn_starts: int = 2
     # [1, of chi2] Two fits that differ by less, or by less than the numerical noise of chi2, have reached the same
     # minimum
     same_minimum: float = 1e-3
     # [standard deviations of chi2] A fit within this of its degrees of freedom leaves noise alone (one in a
     # thousand by chance)
     noise_sigmas: float = 3.0
-
-
-@dataclass(frozen=True)
-class SmoothingSettings:
-    """Residuals smoothed over the cycle, and the scans of coordinates that they leave undetermined."""
-
-    # [deg of the cycle] Standard deviations of the Gaussian weights, coarsest first: the residual then counts what
-    # an impact does to the motion rather than at which sample it comes (experience)
-    widths_deg: tuple[float, ...] = (24.0, 6.0)
-    kernel_reach: float = 3.0  # [standard deviations] Where the weights are cut off: 0.3 % of a Gaussian lies beyond
-    # [1, of the parameter's range] A standard error beyond it leaves a parameter undetermined; a flat range by
-    # itself has 0.29
-    undetermined_error: float = 0.1
-    # [1, of the noise, over all samples] A parameter that changes less over its whole range is not scanned
-    min_influence: float = 0.2
-    # Values over the range of a scanned nuisance or shape: steps of a tenth, as fine as `undetermined_error`
-    scan_points: int = 11
-    # [1] A perturbation of a known quantity is scanned from this part of the quantity to this multiple of it
-    perturbation_scan_factor: float = 3.0
-    perturbation_scan_points: int = 25  # Values of such a scan, evenly in the logarithm: some 10 % apart (experience)
 
 
 @dataclass(frozen=True)
@@ -155,136 +132,36 @@ class InitialGuessSettings:
 
 
 @dataclass(frozen=True)
-class CycleFeatureSettings:
-    """Energy and mean of residuals by angle of the cycle."""
+class WindowSettings:
+    """The likelihood over states of loose joints in windows of the record."""
 
-    bins: int = 36  # Of a cycle: 10 deg each, about the width of what an impact leaves
-    # [1, of the noise's variance] Added to an energy before its logarithm is taken, so that bins with noise alone
-    # do not scatter far
-    energy_floor: float = 0.3
-    # [1] Variance of a feature by what the model cannot tell, beside that by noise: impacts that come as hard but
-    # ring in another phase (experience)
-    model_variance: float = 0.02
-    degrees_of_freedom: float = 4.0  # [1] Of the Student likelihood: a bin that is far off does not decide
-    # [1, standard deviations of the chi2 of noise] Energy beyond noise from which on it says whether it rings
-    least_deviations: float = 3.0
-
-
-@dataclass(frozen=True)
-class RoughSearchSettings:
-    """The search for effects on which motion depends roughly."""
-
-    # [1, of the energy beyond noise] What has to ring within a bin of the cycle: of a residual, for such an effect
-    # to be searched; of what small changes of a nuisance do, for scattered starts. Of the roughest of these it was
-    # 0.86 to 0.99 in seven rigs with loose joints, and 0.00 in three with ideal ones
-    min_rough_share: float = 0.3
-    enlarged_change: float = 10.0  # [1, of noise] How large these changes are made before it is asked whether they ring
-    # Logarithm to base 2 of how many points of a Sobol sequence are simulated first: 128 in five dimensions
-    first_points_log2: int = 7
-    # How often points are drawn about the best ones at most, each time it begins, and how many (experience)
-    rounds: int = 8
-    rounds_for_all: int = 2  # So many before the first candidate is dropped for being behind the best one
-    # After so many in which the best features of no candidate became better the search begins anew, or ends
-    stalled_rounds: int = 3
-    # How often the search begins at most, until features are met where samples cannot be followed: in five
-    # dimensions a population may end in a valley that is none of the truth
-    populations: int = 2
-    populations_alone: int = 1  # The same where nothing rings, or something else explains the data
-    # [1, for each feature] A misfit below which the features are met: of the truth 0.5 to 0.65
-    matched_misfit: float = 0.75
-    # How often points are drawn about the best ones at most, each time it begins, and how many (experience)
-    points: int = 32
-    elite: int = 12  # The best points, from which the next ones are drawn: twice as many as there are coordinates
-    # [1, of the spread of the best points] Between which the spread lies of the next ones about each of them,
-    # evenly in its logarithm: there are several valleys, and how wide they are is not known. Eight searches for one
-    # that is 5 % of the clearance wide found it after 260 points in the mean; with a quarter of the spread for all
-    # points seven of eight did, after 310: no worse, at least
-    kernel_widths: tuple[float, float] = (0.02, 1.0)
-    least_spread: float = 0.01  # [1, of a coordinate's range] By which points are spread at least
-    # [1, of what the features of the best candidate explain] One that explains so much less is dropped (experience)
-    eliminated_share: float = 0.3
-    # [1, of the misfit of features] Candidates that all explain less are dropped after the first points already:
-    # before nuisances were adapted to each, the best of these explained 0.15 and more where a joint is loose, and
-    # 0.1 or less where nothing rings
-    least_explained_share: float = 0.1
-    # [1] The same, of changes of known quantities before other ways are tried: a hidden one explained 0.57, and the
-    # best explained 0.31 where a force was hidden
-    least_share_of_perturbations: float = 0.4
-    # [1, of what the base leaves beyond noise] A single effect that explains so much may be there beside another:
-    # both alone and beside it candidates are searched then, at twice the cost. Friction beside a loose crank pin
-    # explained 0.13; where a clearance alone was hidden the best other effect explained up to 0.07
-    beside_share: float = 0.1
-    # [1] By which the misfit of a candidate has to be above that of the best one for it to be dropped: twice what a
-    # name asks. One that was 31 behind after two rounds was 5 ahead in the end
-    min_behind: float = 40.0
-    # [1, of the misfit of samples that the effect beside which joints are searched leaves, or the base] A point
-    # that explains so much of it lies in a valley: it is fitted at once
-    reached_share: float = 0.5
-    # [1, of what the best effect that is there explains] Beside the base it has to explain this much too: at the
-    # best first point a pin that slides in its clearance all the time explained 0.98 of what friction of an ideal
-    # pin did
-    as_much_share: float = 0.9
-    # [1, of chi2] A candidate is fitted once more from a point that leaves less than this part of what the point
-    # before left
-    deeper: float = 0.7
-    # [1, of the variance of noise] What other numerics change in a fit, mean square, up to which samples can be
-    # followed: beyond it they are met by chance, and features say more
-    max_numerics_change: float = 1.0
-    refinements: int = 5  # How often points are drawn about a fit that ended in a valley, but not at its bottom
-    # [1, of a coordinate's range] Between which the spread of these lies, evenly in its logarithm: valleys are 0.1
-    # to 2 % of a clearance wide, and 1 % of its range is 7 % of a clearance. In one trial five refinements left 1.7
-    # for each sample so, and 6.5 with 1 % for all points
-    nearby_spreads: tuple[float, float] = (0.0002, 0.01)
-    # [1] By which the misfit of features has to be below that of any other explanation, for a name: right names
-    # lead by 40 to 370, the one wrong name that was seen by 10
-    min_misfit_ahead: float = 20.0
-    # [1] Part of the runs whose choices, such as the start of a motion, are drawn anew at a point; of the others it
-    # has those of the point that it is drawn about
-    drawn_choices: float = 0.5
-    # [1, of the size] Standard error of a size by features from what is not searched with it: before nuisances were
-    # adapted to each point sizes were 0.4 to 3.2 % off
-    size_error: float = 0.03
-    draws: int = 400  # Of the coordinates, for intervals
-    seed: int = 0  # Of what is drawn
-
-
-@dataclass(frozen=True)
-class ScatteredStartSettings:
-    """Points from which an effect is fitted where chi2 has many valleys
-    (`jointgap.identification.baseline`).
-    """
-
-    leading_singles: int = 3  # Single effects for which it is done where none is sufficient, those of least chi2
-    # Logarithm to base 2 of how many points are simulated for one: in the rig that it was developed on three of the
-    # five best of 200 in eleven dimensions led to the truth's valley
-    points_log2: int = 8
-    starts: int = 5  # The best points, from which fits start
-    # [1] Sizes are at most so many times larger or smaller than those of the fit that is there
-    size_factor: float = 3.0
-    seed: int = 0  # Of the sequence
-
-
-@dataclass(frozen=True)
-class CoarseSearchSettings:
-    """The second search, from smoothed residuals, where no hypothesis fitted from the baseline is sufficient."""
-
-    max_singles: int = 8  # Candidates searched, beside those of which small amplitudes say little (experience)
-    # How many hypotheses go on from each smoothing width to the next finer one. The first number is how many pairs
-    # are fitted where nothing is smoothed (experience)
-    survivors: tuple[int, ...] = (6, 4)
-    # Of the best, how many are fitted once more with all undetermined coordinates scanned, where none is sufficient
-    refitted: int = 2
-    # Single effects that are paired where none is sufficient, and the partners of each: a pair costs some fifty
-    # simulations
-    leading_singles: int = 3
-    # Single effects that are paired where none is sufficient, and the partners of each: a pair costs some fifty
-    # simulations
-    partners_per_single: int = 4
-    # [1] chi2 per sample in smoothed residuals above which there is something to be seen; noise alone leaves 1
-    visible_chi2_per_sample: float = 1.5
-    # [1, of the best chi2] Hypotheses beyond are eliminated: too far behind to catch up on a finer level
-    # (experience)
-    eliminated_factor: float = 3.0
+    # [rad], [crank's rates] Standard deviations of jumps between windows, one after the other: at the first the misfit
+    # is a funnel some 50 % of a clearance wide, at the last a trajectory's, of which no power is lost
+    jumps: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
+    # Windows a turn at most: with 8 the funnel is half as wide, with 2 nothing is left of it
+    most_windows: int = 16
+    least_windows: int = 4  # And at least, however few the readings are
+    # [1] Readings in a window for each number of its state: with fewer, states follow noise and end in other valleys
+    readings_per_number: float = 6.0
+    # [rad], [crank's rates] Jump down to which the filter looks for better states
+    filtered_above: float = 0.05
+    # [rad], [crank's rates] Jump above which parameters are held: states alone take up nearly all there
+    held_above: float = 0.5
+    # [rad], [crank's rates] Standard deviation of the first state about that of the filter: next to nothing is known
+    first_state: float = 3.0
+    iterations: int = 12  # Gauss-Newton steps at a jump at most; 2 to 5 are usual
+    # [1, of the cost] A decrease that is worth another step; at the last jump, whose end counts, less
+    decrease: float = 0.01
+    last_decrease: float = 0.001
+    # [1, for each sample] Deviance by which the last two stages of a fit that leads nowhere are behind its best one
+    far_behind: float = 0.05
+    # [rad], [crank's rates] Jump from which on one that is so far behind another ends
+    compared_below: float = 0.1
+    # [1] Sizes of a clearance that are tried, by this factor: half the width of the funnel
+    size_factor: float = 1.4
+    tried_sizes: int = 4  # The best of these, which are tried with all shapes
+    fitted_sizes: int = 2  # And the best of those, from which a fit starts
+    leading: int = 4  # Effects that are fitted in windows, by what slopes say of them
 
 
 @dataclass(frozen=True)
@@ -302,32 +179,27 @@ class ModelSelectionSettings:
     min_singles: int = 2
     # [1] Of the signatures of two effects beside the nuisances: what is more alike is fitted before one is named
     alike_cosine: float = 0.7
-    # Partners of a sufficient effect that are fitted, pairs whose signatures explain nearly all, rivals that are
-    # fitted again from the best one's nuisances, and swaps of each effect of a pair
+    # Partners of a sufficient or a leading effect that are fitted, pairs whose signatures explain nearly all, rivals
+    # that are fitted again from the best one's nuisances, and swaps of each effect of a pair
     partners: int = 3
-    # [1, of the misfit of samples] A single effect that explains so much of it without being sufficient can be
-    # followed on samples: pairs with it are fitted there before anything is smoothed
-    followed_share: float = 0.5
-    # Runs that the search for what no fit about the base explains may simulate until no further step of it begins;
-    # what has begun ends. Two minutes where joints are loose and dry; one of a motion that never repeats takes as
-    # long as four others (experience)
+    # Single effects beside which pairs are fitted where none is sufficient, those of least chi2, one of each
+    # exclusion group; `partners` of each. Two effects that mask each other need not lead alone (experience)
+    leading_singles: int = 6
+    # Runs that the fits of pairs may simulate where no single effect is sufficient, until no further fit begins; what
+    # has begun ends. Two minutes where joints are loose and dry (experience)
     max_simulations: int = 5000
-    # Runs that the search for what no fit about the base explains may simulate until no further step of it begins;
-    # what has begun ends. Two minutes where joints are loose and dry; one of a motion that never repeats takes as
-    # long as four others (experience)
+    # The same of motion that never repeats, of which a run takes as long as four others (experience)
     max_simulations_of_statistics: int = 1500
-    # [1, of what the best effect explains] An effect that is never small, such as a film, takes ten times as long
-    # to simulate as others and more: it is fitted once more only where it explains so much
-    slow_share: float = 0.5
     # [chi2] With less numerical noise the base and the next best are not fitted again from the winner's nuisances
     # before they are compared. That chi2 has no valleys then does not follow: with settled loose joints it has many
     smooth_numerical_noise: float = 0.01
     # [1, of what a hypothesis gains] What its effects have to account for in its own valley of the nuisances for
     # the base to be in the same one: half, since residuals are not linear
     min_accounted_share: float = 0.5
-    # Values of the nuisances from which the baseline is fitted again before an effect is named that hardly shows. A
-    # clearance some percent off has impacts at other instants and a valley of its own
-    baseline_starts: int = 4
+    # Drawn values of the nuisances from which the baseline is fitted again before an effect is named that hardly
+    # shows: a badly converged base makes any effect look useful. A clearance some percent off has impacts at other
+    # instants and a valley of its own
+    drawn_starts: int = 3
 
 
 @dataclass(frozen=True)
@@ -440,9 +312,6 @@ class ConfirmationSettings:
     # samples
     blocks: int = 20
     draws: int = 1000  # Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width
-    # [log likelihood] By which the features of the cycle have to be met better for them to confirm what samples do
-    # not: odds of 20 000 to 1
-    min_fall_of_features: float = 10.0
     # Draws along a curved valley of chi2 with which held-out runs are simulated at most: of 200 one in twenty met a
     # run at twice the speed as noise does, where the values at the minimum left a gap of 2.2
     valley_draws: int = 100
@@ -471,12 +340,6 @@ class DecisionSettings:
     # left is within a tenth, root mean square, of what is missing, as of a force law. Below, a law that is not on
     # the list explains as much by one that is: the cube of the speed by its square and a force that swings 98.4 %
     sure_explained_share: float = 0.99
-    # [1, of the misfit] What an effect on which motion depends roughly has to explain alone where what is missing
-    # rings. In opened blind trials the best fit of the right joint that left more than noise explained 0.84 and
-    # more, that of a wrong one 0.36 at most (0.66 of what did not ring)
-    min_share_of_rough: float = 0.8
-    # [1, of what that effect explains] What explanations without it explain at most: 0.05 where it was right
-    max_share_without_rough: float = 0.25
     # [1] An effect whose size chance alone makes more often is not there: outside of a 90 % interval about it lies
     # 0
     max_chance_of_size: float = 0.1
@@ -655,12 +518,8 @@ class IdentificationSettings:
     damping: DampingSettings = field(default_factory=DampingSettings)
     stopping: StoppingSettings = field(default_factory=StoppingSettings)
     baseline: BaselineSettings = field(default_factory=BaselineSettings)
-    smoothing: SmoothingSettings = field(default_factory=SmoothingSettings)
     initial_guess: InitialGuessSettings = field(default_factory=InitialGuessSettings)
-    cycle_features: CycleFeatureSettings = field(default_factory=CycleFeatureSettings)
-    rough_search: RoughSearchSettings = field(default_factory=RoughSearchSettings)
-    scattered_starts: ScatteredStartSettings = field(default_factory=ScatteredStartSettings)
-    coarse_search: CoarseSearchSettings = field(default_factory=CoarseSearchSettings)
+    windows: WindowSettings = field(default_factory=WindowSettings)
     selection: ModelSelectionSettings = field(default_factory=ModelSelectionSettings)
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     screening: ScreeningSettings = field(default_factory=ScreeningSettings)
