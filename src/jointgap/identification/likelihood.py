@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from jointgap.core.candidates import Candidate, WindowedRun
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.identification.fit import bounded_step, bounds_of
+from jointgap.identification.fit import FAILED, Fit, bounded_step, bounds_of
 from jointgap.identification.problem import Hypothesis, Part, Problem, label_of, values_in_run, whiten
 from jointgap.identification.settings import WindowSettings
 
@@ -139,7 +139,7 @@ class Estimate:
         finite = np.isfinite(width) & (width > 0.0)
         nuisance = np.array([p in problem.nuisances for p in self.parameters])
         # flat bounds, as a normal law: half their width is a standard deviation
-        self._prior = np.where(finite & nuisance, 2.0 / np.where(finite, width, 1.0), 0.0)
+        self.prior = np.where(finite & nuisance, 2.0 / np.where(finite, width, 1.0), 0.0)
         self._steps = np.array([p.step for p in self.parameters])
         self.stages: list[Stage] = []
         self._runs: dict[str, _Run] = {}
@@ -194,7 +194,7 @@ class Estimate:
         return {run: one.motion(self._windowed(run, values), slow[run]) for run, one in self._runs.items()}
 
     def _cost(self, values: np.ndarray, slow: Mapping, motions: Mapping[str, _Motion], jump: float) -> float:
-        total = float(np.sum((self._prior * (values - self._nominal)) ** 2))
+        total = float(np.sum((self.prior * (values - self._nominal)) ** 2))
         for run, motion in motions.items():
             gap = turned(slow[run][1:], motion.ends[:-1])[motion.done[:-1]]
             first = turned(slow[run][0], self._runs[run].first) / self.settings.first_state
@@ -376,7 +376,7 @@ class Estimate:
         self.stages.append(Stage(jump, cost, deviance, lost, self.values.copy(), normal.hessian))
 
     def _at(self, jump: float, by_states: Mapping, damping: float = 0.0) -> _Normal:
-        return self._normal(self.values - self._nominal, self._prior, self._columns, by_states, jump, damping)
+        return self._normal(self.values - self._nominal, self.prior, self._columns, by_states, jump, damping)
 
     def _followed(self, normal: _Normal, step: np.ndarray) -> dict[str, np.ndarray]:
         """The states after a step of the parameters."""
@@ -392,7 +392,7 @@ class Estimate:
         first."""
         jump = self.stages[-1].jump
         by_states, columns = self._by_states(self.values), self._by_values(self.values)
-        without = self._normal(self.values - self._nominal, self._prior, columns, by_states, jump)
+        without = self._normal(self.values - self._nominal, self.prior, columns, by_states, jump)
         room = self._low - self.values, self._high - self.values
         alone, found = without.step(*room)[1], []
         taken = {claim for effect in self.hypothesis for claim in effect.claims}
@@ -438,7 +438,7 @@ class Estimate:
         }
         more = np.zeros(len(amplitudes))
         off = np.append(self.values - self._nominal, more)
-        normal = self._normal(off, np.append(self._prior, more), wide, by_states, jump)
+        normal = self._normal(off, np.append(self.prior, more), wide, by_states, jump)
         low, high = np.array(steps).T
         step, gain = normal.step(np.append(self._low - self.values, low), np.append(self._high - self.values, high))
         m = self.values.size
@@ -482,3 +482,25 @@ def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, f
         return all(windowed_run(problem, run, at, hypothesis) is not None for run in problem.runs)
     except FAILURES:
         return False
+
+
+def intervals_in_windows(problem: Problem, fit: Fit) -> Fit | None:
+    """A fit to one trajectory with its intervals from windows; None where it has none.
+
+    Of one trajectory differences are noise where impacts pass samples, and its valley is narrower than what is known:
+    the curvature is that of the marginal likelihood at the last jump, and how far the two ends are apart is a shift of
+    the values.
+    """
+    if fit.status == FAILED or not has_windows(problem, fit.hypothesis, fit.mapping):
+        return None
+    try:
+        found = Estimate(problem, fit.hypothesis, fit.mapping).anneal()
+    except FAILURES:
+        return None
+    places = [[p.key for p in fit.parameters].index(p.key) for p in found.parameters]
+    values, vectors = np.linalg.eigh(found.stages[-1].hessian - np.diag(found.prior**2))  # bounds count by themselves
+    jacobian, shift = np.zeros(fit.jacobian.shape), np.zeros(fit.values.size)
+    jacobian[: values.size, places] = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    shift[places] = found.values - fit.values[places]
+    slope = np.zeros(fit.values.size)
+    return replace(fit, jacobian=jacobian, slope=slope, shifts=shift[None], draws=None)

@@ -32,7 +32,7 @@ from jointgap.identification.initial_fit import (
     with_effects_absent,
     without_other_effects,
 )
-from jointgap.identification.likelihood import has_windows
+from jointgap.identification.likelihood import has_windows, intervals_in_windows
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import (
     LinearizedFit,
@@ -396,8 +396,10 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
     def stated(fit: Fit) -> Fit:
-        fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
-        return with_other_ends(fit, found)
+        in_windows = intervals_in_windows(baseline.problem, fit)
+        if in_windows is None:
+            fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
+        return with_other_ends(in_windows or fit, found)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
     chosen = decision.chosen
