@@ -12,7 +12,8 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from jointgap.core.candidates import Candidate, FoundStates, Parameter, Series
-from jointgap.identification.likelihood import MISSED, Estimate, has_windows
+from jointgap.identification.fit import Fit
+from jointgap.identification.likelihood import MISSED, Estimate, has_windows, intervals_in_windows
 from jointgap.identification.problem import Noise, Problem, whiten
 from tests.identification.toy import coloured
 
@@ -219,6 +220,20 @@ def test_at_the_smallest_jump_the_estimate_is_the_least_squares_of_one_trajector
     assert estimate.stages[-1].jump == problem.settings.windows.jumps[-1]
     _, at, covariance = exact(problem, (SWING,), 1e-7, 4)
     assert np.abs((estimate.values - at) / np.sqrt(np.diag(covariance))).max() < 0.1
+
+
+def test_intervals_are_those_of_the_likelihood_and_reach_from_one_end_to_the_other(hidden):
+    problem, _, estimate = hidden
+    _, _, covariance = exact(problem, (SWING,), problem.settings.windows.jumps[-1], 4)
+    off = np.sqrt(np.diag(covariance)) * np.where(np.arange(estimate.values.size) == 0, 5.0, 0.0)
+    jacobian = np.zeros((problem.size, estimate.values.size))
+    residual = np.full(problem.size, 0.9)
+    fit = Fit((SWING,), estimate.parameters, estimate.values + off, residual, jacobian, 0, "converged")
+    found = intervals_in_windows(problem, fit)
+    errors = np.sqrt(np.diag(found.distribution.covariance))
+    assert errors[1:] == pytest.approx(np.sqrt(np.diag(covariance))[1:], rel=0.3)
+    assert errors[0] == pytest.approx(math.hypot(1.0, 5.0) * np.sqrt(covariance[0, 0]), rel=0.3)
+    assert intervals_in_windows(problem, replace(fit, status="failed")) is None
 
 
 def test_scores_rank_the_hidden_force_first_and_tell_its_gain(hidden):
