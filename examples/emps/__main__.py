@@ -9,12 +9,13 @@ from examples.emps.model import HELD_OUT, Emps
 from jointgap.core.errors import InputError
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.confirmation import Confirmed, confirm
-from jointgap.identification.decide_verdict import Decision, final_verdict
+from jointgap.identification.evidence import final_verdict
 from jointgap.identification.fit import Fit, effect_estimates, nuisance_estimates
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.noise import degrees_of_freedom, noise_of_model, numerics_noise
 from jointgap.identification.thresholds import screen_candidates
+from jointgap.identification.verdict import Decision
 
 FALSE_ALARMS = 0.01
 """Share of campaigns with nothing hidden in which something is found nevertheless."""

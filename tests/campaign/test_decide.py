@@ -1,7 +1,6 @@
 """Stage decide: what is fitted once more, and what is handed on."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,10 +8,9 @@ from jsonschema import validate
 
 from jointgap.campaign import verdict_json
 from jointgap.campaign.fits_on_disk import outcome_of
-from jointgap.identification import model_selection
 from jointgap.identification.baseline import recalibrate
-from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.thresholds import screen_candidates
 from tests.campaign.conftest import TRUTH
@@ -28,27 +26,12 @@ def test_the_other_one_of_two_effects_is_fitted_alone_where_it_never_was():
     pair = fit_hypothesis(base.problem, (by_label["coulomb"], by_label["spring"]))
     coulomb = fit_hypothesis(base.problem, (by_label["coulomb"],))
     spring = fit_hypothesis(base.problem, (by_label["spring"],))
-    outcome = outcome_of(model_selection.select_hypothesis(base, signatures, [pair, coulomb], limits), {})
+    outcome = outcome_of(select_hypothesis(base, signatures, [pair, coulomb], limits), {})
     assert outcome.chosen.label == "coulomb + spring"
     gains = dict(zip(outcome.ranking["explanation"], outcome.ranking["bic"], strict=True)) | {"base": base.base.bic}
     costs = {one["name"]: one["delta_bic"] for one in verdict_json.effects(outcome.chosen, gains)}
     assert costs["coulomb"] == pytest.approx(spring.bic - pair.bic, rel=1e-3)
     assert costs["spring"] == pytest.approx(coulomb.bic - pair.bic, rel=1e-3)
-
-
-def test_a_better_base_that_was_found_on_the_way_is_the_one_handed_on(chain, monkeypatch):
-    base, fitted = chain.recalibrated.base, []
-    better = replace(base, values=base.values * (1.0 + 1e-5))
-    monkeypatch.setattr(model_selection, "refit_and_decide", lambda *_: Decision("parameters_only", better, better))
-    monkeypatch.setattr(
-        model_selection, "refit_jacobian", lambda _, one: fitted.append(one) or replace(one, status="refined")
-    )
-    outcome = model_selection.select_hypothesis(
-        chain.recalibrated, chain.screening.signatures, [], chain.screening.limits
-    )
-    assert fitted == [better]
-    assert outcome.chosen is outcome.base
-    assert outcome.base.values is better.values
 
 
 def test_a_verdict_tells_which_choices_the_runs_have():

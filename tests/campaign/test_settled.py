@@ -18,8 +18,8 @@ from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import SimulationError
 from jointgap.identification import force_law, model_selection
-from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.disagreement import map_disagreement
+from jointgap.identification.verdict import Decision
 
 pytestmark = pytest.mark.integration
 

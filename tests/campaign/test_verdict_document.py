@@ -17,10 +17,10 @@ from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.schema import TABLES
-from jointgap.identification.decide_verdict import weigh
+from jointgap.identification.evidence import weigh_fit
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS, Fit
 from jointgap.identification.force_law import ForceLawResult
-from jointgap.identification.thresholds import Thresholds
+from jointgap.identification.verdict import Thresholds
 
 SAMPLES = 100
 LN = float(np.log(SAMPLES))
@@ -291,7 +291,7 @@ def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every
     effect = None if known is None else fitted([FRICTION], [1.5, 20.0], known)
     limits = Thresholds(rate=0.01, omnibus=1.05, max_gain_threshold=12.0)
     found = Outcome("unexplained", base, base, [], ranking_frame([]), because="it is poor", best_known=effect)
-    proposed = ForceLawResult(law, False, "it explains little", ranking=[weigh(base, law, limits)])
+    proposed = ForceLawResult(law, False, "it explains little", ranking=[weigh_fit(base, law, limits)])
     outcome = outcome_with_law(found, proposed)
     best = {"law": law, "effect": effect, None: None}[shown]
     assert outcome.best_known is best

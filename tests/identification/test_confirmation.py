@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jointgap.identification.confirmation import confirm, fit_run_parameters, likeliest, share_closed
+from jointgap.identification.confirmation import confirm, fit_run_parameters, likeliest
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import Problem
 from tests.identification.linear import SAMPLES, SLOPE, Levels, stairs
@@ -67,13 +67,6 @@ def test_what_a_held_out_run_has_for_itself_is_fitted_to_it_before_and_after(cas
 def test_the_share_closed_is_of_squares_beyond_noise(case):
     before, after = (gap(case, "held", "confirm", column) for column in ("before", "after"))
     assert gap(case, "held", "confirm", "closed") == pytest.approx(1 - (after**2 - 1) / (before**2 - 1))
-    assert share_closed(3.0, 2.0) == pytest.approx(1 - 3 / 8)
-    assert share_closed(3.0, 1.0) == 1.0
-    assert share_closed(3.0, 0.5) == pytest.approx(1 + 0.75 / 8)
-    assert share_closed(1.5, 2.0) == pytest.approx(1 - 3 / 1.25)
-    assert np.isnan(share_closed(1.0, 1.0))
-    assert np.isnan(share_closed(0.9, 1.0))
-    assert np.isfinite(share_closed(1.001, 1.0))
 
 
 def test_intervals_hold_the_gap_and_are_repeated_by_the_same_seed(case):

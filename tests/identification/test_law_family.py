@@ -9,7 +9,6 @@ import pytest
 
 from jointgap.identification import law_family, model_selection
 from jointgap.identification.baseline import other_numerics, recalibrate
-from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.law_family import (
@@ -25,6 +24,7 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
+from jointgap.identification.verdict import Decision
 from tests.identification.toy import FALLING_SPEED, RINGING, Toy, candidate_of, stated_noise, toy
 
 pytestmark = pytest.mark.integration

@@ -26,7 +26,8 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Signature, Signatures, simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.identification.thresholds import Thresholds, thresholds
+from jointgap.identification.thresholds import thresholds
+from jointgap.identification.verdict import Thresholds
 from tests.identification.toy import RINGING, candidate_of, ringing, stated_noise, toy
 
 SAMPLES = 200
@@ -315,16 +316,6 @@ def test_effects_that_predict_the_same_and_are_no_limits_of_each_other_stay_two(
     spring, inertia = fitted(300.0, effect("spring")), fitted(300.0, effect("inertia"), effect("more"))
     best = {frozenset([fit.label]): fit for fit in (spring, inertia)}
     assert without_repetitions(best, lambda special, general: False, 10.0) == best
-
-
-@pytest.mark.parametrize(
-    ("status", "gain", "is_asked"), [("converged", 50.0, True), (FAILED, 50.0, False), ("converged", -1.0, False)]
-)
-def test_members_of_the_pair_that_gains_most_are_fitted_alone_though_it_is_not_admissible(status, gain, is_asked):
-    base, pair = SimpleNamespace(hypothesis=()), SimpleNamespace(status=status)
-    ranked = SimpleNamespace(fit=pair, delta_bic=gain, admissible=False)
-    decision = SimpleNamespace(chosen=base, equivalent=[], ranking=[ranked])
-    assert (pair in model_selection._proposed(decision)) == is_asked
 
 
 # Before a name

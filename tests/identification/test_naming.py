@@ -7,7 +7,6 @@ import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.baseline import other_numerics, recalibrate
-from jointgap.identification.decide_verdict import Decision
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.initial_fit import fit_screened
@@ -21,6 +20,7 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import SignatureRegression, SignatureSubspaces, simulate_signatures
 from jointgap.identification.thresholds import thresholds
+from jointgap.identification.verdict import Decision
 from tests.identification.toy import CANDIDATES, RINGING, Toy, stated_noise, toy
 
 

@@ -16,10 +16,10 @@ from jointgap.identification.initial_fit import (
     with_effects_absent,
     without_other_effects,
 )
-from jointgap.identification.model_selection import refit_and_decide
+from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
-from jointgap.identification.thresholds import Thresholds
+from jointgap.identification.verdict import Thresholds
 from tests.identification.knocks import knocking
 from tests.identification.toy import RINGING, candidate_of, stated_noise, toy
 
@@ -162,8 +162,9 @@ def test_an_effect_that_won_by_its_nuisances_better_valley_is_not_named(label):
     winner = fit_hypothesis(base.problem, hypothesis, start, differences=base.differences)
     assert astray.chi2 > 10.0 * winner.chi2
     assert LIMITS.numerical_noise == 0.0
-    decision = refit_and_decide(baseline, signatures, [winner], LIMITS)
+    decision = select_hypothesis(baseline, signatures, [winner], LIMITS)
     assert decision.verdict == "parameters_only"
+    assert decision.chosen is decision.base  # the better one that was found on the way
     assert decision.base.chi2 < 1.1 * winner.chi2
 
 
@@ -183,6 +184,6 @@ def test_an_effect_that_is_there_keeps_the_base_where_it_is():
     model = toy({"viscous": {"damping_N_s_m": 0.15}}, seed=11)
     base, signatures = recalibrated(model)
     found = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences)
-    decision = refit_and_decide(base, signatures, [found], LIMITS)
+    decision = select_hypothesis(base, signatures, [found], LIMITS)
     assert decision.verdict == "named"
     assert decision.base is base.base

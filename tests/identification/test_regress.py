@@ -10,7 +10,7 @@ from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.force_law import find_force_law, law_of, term_of
 from jointgap.identification.problem import Problem
-from jointgap.identification.thresholds import Thresholds
+from jointgap.identification.verdict import Thresholds
 from tests.identification.toy import Toy, stated_noise, toy
 
 TERMS = {

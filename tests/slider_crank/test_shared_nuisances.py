@@ -7,13 +7,13 @@ import pytest
 
 from jointgap.core.joints import PINS
 from jointgap.identification.baseline import other_numerics, recalibrate
-from jointgap.identification.decide_verdict import rank
+from jointgap.identification.evidence import row_of
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.model_selection import refit_and_decide
 from jointgap.identification.problem import Noise
 from jointgap.identification.screening import simulate_signatures
-from jointgap.identification.thresholds import Thresholds, thresholds
+from jointgap.identification.thresholds import thresholds
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import campaign, mechanism, recorded
@@ -69,9 +69,7 @@ def test_that_nothing_is_left_of_what_both_pins_share_is_a_size_like_others(labe
     for end in (change.low, change.high):
         parameters = (replace(change, name=f"{label}.change"),)
         fit = Fit((candidate,), parameters, np.array([end]), np.zeros(100), np.ones((100, 1)), 1, "converged")
-        base = replace(fit, hypothesis=(), parameters=(), values=np.empty(0), jacobian=np.empty((100, 0)))
         ranges = {"joint_friction": (0.1, 0.05, 0.15), "restitution": (0.46, 0.3, 0.9)}
-        (ranked,) = rank(base, [fit], Thresholds(0.01, 1.0, 0.0), ranges)
-        objections[end] = ranked.remark
+        objections[end] = row_of(fit, ranges).objection
     assert "is drawn to the bound" not in objections[change.low]
     assert "is drawn to the bound" in objections[change.high]

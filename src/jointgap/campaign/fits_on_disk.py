@@ -13,7 +13,6 @@ from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.decide_verdict import Decision, Ranked
 from jointgap.identification.fit import FAILED, LEVELS, Fit, compress_rows, effect_estimates, nuisance_estimates
 from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.law_family import FamilyInterval
@@ -21,6 +20,7 @@ from jointgap.identification.noise import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
 from jointgap.identification.screening import LinearizedFit, Signature, Signatures, only_searched
 from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.verdict import Decision, Row
 
 JOINED = " + "
 """What stands between the labels of effects that are one explanation."""
@@ -308,7 +308,7 @@ def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
     return replace(outcome, because=f"{outcome.because}; {proposed.reason}", ranking=ranking, best_known=best)
 
 
-def ranking_frame(ranking: Sequence[Ranked], seconds: Mapping[str, float] | None = None) -> pd.DataFrame:
+def ranking_frame(ranking: Sequence[Row], seconds: Mapping[str, float] | None = None) -> pd.DataFrame:
     """Table `RANKING`, with no explanation named."""
     fits = [ranked.fit for ranked in ranking]
     frame = fits_to_frames(fits, [(seconds or {}).get(fit.label, np.nan) for fit in fits])["fits"]

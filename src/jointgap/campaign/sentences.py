@@ -11,8 +11,8 @@ from jointgap.core import words
 from jointgap.core.words import in_words, joined, number, percent, reading_unit, rounded_gap
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import parameters_of
-from jointgap.identification.confirmation import RISES, STAYS, HeldOutTest, share_closed
 from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.verdict import RISES, STAYS, HeldOutTest, share_closed
 from jointgap.rig.sensors import FAULTS
 
 ENOUGH = ("no_disagreement", "parameters_only")

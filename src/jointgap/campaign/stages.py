@@ -222,7 +222,7 @@ def regress(state: "CampaignState") -> None:
     """Where no effect explains what is missing: look for a force law as a formula."""
     from jointgap.campaign.fits_on_disk import outcome_with_law
     from jointgap.identification import force_law
-    from jointgap.identification.decide_verdict import UNEXPLAINED
+    from jointgap.identification.verdict import UNEXPLAINED
 
     outcome = state.outcome("decide")
     if outcome.verdict == UNEXPLAINED:
@@ -241,7 +241,7 @@ def confirm(state: "CampaignState") -> None:
     """Predict the held-out runs with and without what was found, and come to the final verdict."""
     from jointgap.campaign.fits_on_disk import channel_errors, residuals_as_read
     from jointgap.identification.confirmation import confirm as confirmed_with
-    from jointgap.identification.decide_verdict import final_verdict
+    from jointgap.identification.evidence import final_verdict
 
     outcome = state.outcome("regress")
     proposed = outcome.proposed

@@ -16,12 +16,12 @@ from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TABLES
 from jointgap.identification.baseline import Baseline, probed_differences
-from jointgap.identification.decide_verdict import NO_DISAGREEMENT, UNEXPLAINED
 from jointgap.identification.fit import Fit
 from jointgap.identification.noise import NoiseEstimate
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.thresholds import Screening, Thresholds
+from jointgap.identification.thresholds import Screening
+from jointgap.identification.verdict import NO_DISAGREEMENT, UNEXPLAINED, Thresholds
 from jointgap.rig.recording import Contradiction, from_frame, sentences
 
 if TYPE_CHECKING:

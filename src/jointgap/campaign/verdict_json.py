@@ -14,7 +14,7 @@ from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
 from jointgap.identification.confirmation import held_out_test
-from jointgap.identification.decide_verdict import certain_effects
+from jointgap.identification.evidence import certain_effects
 from jointgap.identification.fit import Fit, coordinate_estimate, effect_estimates, is_taken_over
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of

@@ -5,6 +5,7 @@ They choose one thing: with which of the values that the fit leaves open they ar
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -13,47 +14,20 @@ from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Noise, Problem
-from jointgap.identification.settings import (
-    DEFAULT_SETTINGS,
-    ConfirmationSettings,
-    IdentificationSettings,
+from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
+from jointgap.identification.verdict import (
+    CANNOT_TELL,
+    FALLS,
+    NOT_SIMULATED,
+    NOTHING_HELD_OUT,
+    RISES,
+    STAYS,
+    HeldOut,
+    HeldOutTest,
+    share_closed,
 )
 
 _ENDS = (0.05, 0.95)  # [1] quantiles between which a 90 % interval lies
-
-
-FALLS, STAYS, RISES = "falls", "stays", "rises"
-CANNOT_TELL, NOT_SIMULATED, NOTHING_HELD_OUT = "cannot_tell", "not_simulated", "nothing_held_out"
-
-
-@dataclass(frozen=True)
-class HeldOutTest:
-    """What becomes of the gap of the held-out data once the effects of a verdict are in the model."""
-
-    outcome: str  # ``falls`` or ``rises``
-    before: float = np.nan  # Gaps [1] of the runs that could be simulated; NaN where none could
-    after: float = np.nan  # Gaps [1] of the runs that could be simulated; NaN where none could
-    after_low: float = np.nan  # Lower end [1] of the 90 % interval of the gap after
-
-    @property
-    def words(self) -> str:
-        """``falls from 3.00 to 1.02``, ``stays at 1.18``, ``rises from 1.09 to 1.12``; more digits where two show no
-        difference."""
-        digits = next((n for n in (2, 3, 4) if f"{self.before:.{n}f}" != f"{self.after:.{n}f}"), 2)
-        before, after = (f"{gap:.{digits if gap < 100 else 0}f}" for gap in (self.before, self.after))
-        if self.outcome in (FALLS, RISES):
-            return f"it {self.outcome} from {before} to {after}"
-        if f"{self.before:.2f}" == f"{self.after:.2f}":
-            return f"it stays at {self.after:.2f}"
-        return f"it stays within what noise leaves open, {self.before:.2f} before and {self.after:.2f} after"
-
-
-@dataclass(frozen=True)
-class Rest:
-    """What the effects leave in one channel."""
-
-    channel: str
-    gap: float  # [1] Root mean square over the runs
 
 
 @dataclass(frozen=True)
@@ -69,28 +43,34 @@ class Confirmed:
         """What the held-out data say of the effects."""
         return held_out_test(self.gaps)
 
+    @property
+    def held_out(self) -> HeldOut:
+        """What a verdict asks of it."""
+        worst = (max(self.rests(role), key=lambda rest: rest[0], default=(0.0, "")) for role in ("identify", "confirm"))
+        return HeldOut(self.test, self.gap("confirm"), *worst, self.largest_noise)
+
+    @property
+    def largest_noise(self) -> tuple[float, str]:
+        """The largest part [1] that noise is of what a channel varies by in a run, and which channel."""
+        series = self.residuals.groupby(["run", "channel"], sort=False)["spread"]
+        shares = [(root_mean_square(own) / (self.variation[key] or np.inf), key[1]) for key, own in series]
+        share, channel = max(shares, key=lambda each: each[0])
+        return share, channel.replace("_", " ")
+
     def gap(self, role: str) -> float:
         """Gap [1] with the effects over all runs of a role, ``identify`` or ``confirm``, that can be simulated."""
         rows = self.gaps.query("role == @role and channel != 'all'")["after"].dropna()
-        return float(np.sqrt(np.mean(rows**2))) if len(rows) else np.nan
+        return root_mean_square(rows) if len(rows) else np.nan
 
-    @property
-    def largest_noise(self) -> tuple[str, float]:
-        """The channel whose noise is the largest part of what it varies by in a run, and that part [1]."""
-        series = self.residuals.groupby(["run", "channel"], sort=False)["spread"]
-        shares = {key: mean_square_root(spread) / (self.variation[key] or np.inf) for key, spread in series}
-        (_, channel), share = max(shares.items(), key=lambda item: item[1])
-        return channel.replace("_", " "), share
-
-    def rests(self, role: str) -> list["Rest"]:
-        """What the effects leave in each channel of the runs of a role, ``identify`` or ``confirm``, that can be
-        simulated."""
+    def rests(self, role: str) -> list[tuple[float, str]]:
+        """The gap [1] that the effects leave in each channel of the runs of a role that can be simulated."""
         own = self.residuals[self.residuals["held_out"] == (role == "confirm")].dropna(subset=["augmented"])
-        gaps = own.groupby(["channel", "run"], sort=False)["whitened_augmented"].apply(mean_square_root)
-        return [Rest(channel, mean_square_root(of_runs)) for channel, of_runs in gaps.groupby("channel", sort=False)]
+        gaps = own.groupby(["channel", "run"], sort=False)["whitened_augmented"].apply(root_mean_square)
+        by_channel = gaps.groupby("channel", sort=False)
+        return [(root_mean_square(of_runs), channel.replace("_", " ")) for channel, of_runs in by_channel]
 
 
-def mean_square_root(values: Sequence[float]) -> float:
+def root_mean_square(values: Sequence[float]) -> float:
     """The root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -108,9 +88,8 @@ def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
     rows = held_out[held_out["run"] == "all"].dropna(subset=["after"])
     if rows.empty:
         rows = held_out[held_out["run"] != "all"].dropna(subset=["after"])
-    tests = [
-        HeldOutTest(_outcome(row), row["before"], row["after"], row["after_low"]) for row in rows.to_dict("records")
-    ]
+    seen = zip(rows.apply(_outcome, axis=1), rows["before"], rows["after"], rows["after_low"], strict=True)
+    tests = [HeldOutTest(*each) for each in seen] if len(rows) else []
     order = (RISES, STAYS, FALLS, CANNOT_TELL)
     return min(tests, key=lambda test: order.index(test.outcome), default=HeldOutTest(NOT_SIMULATED))
 
@@ -121,11 +100,6 @@ def _outcome(row: Mapping[str, float]) -> str:
     if row["fall_high"] < 0.0:
         return RISES
     return CANNOT_TELL if row["fall_high"] >= row["fall_expected"] else STAYS
-
-
-def share_closed(before: float, after: float) -> float:
-    """Share of what exceeds the noise that is gone, in squares; NaN where nothing exceeded it."""
-    return 1.0 - (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 else np.nan
 
 
 def confirm(
@@ -145,8 +119,8 @@ def confirm(
     together have none either.
     """
     named = base if named is None else named
-    used = Problem(model, noise, settings=settings)
-    frames, remarks = [_compared(used, base.mapping, named.mapping, named.hypothesis).assign(role="identify")], {}
+    used, frames, remarks = Problem(model, noise, settings=settings), [], {}
+    frames.append(_compared(used, base.mapping, named.mapping, named.hypothesis))
     runs = Problem(model, noise, held_out=True, settings=settings).runs
     problems = {run: Problem(_Alone(model, run), noise, held_out=True, settings=settings) for run in runs}
     likely_base = likeliest(problems.values(), base)
@@ -155,15 +129,13 @@ def confirm(
         before = fit_run_parameters(problem, likely_base)
         try:
             after = before if named is base else fit_run_parameters(problem, likely)
-            frame = _compared(problem, before, after, named.hypothesis)
+            frames.append(_compared(problem, before, after, named.hypothesis))
         except (InputError, SimulationError) as error:
             remarks[run] = str(error)
-            frame = _compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan)
-        frames.append(frame.assign(role="confirm"))
+            frames.append(_compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan))
     residuals = pd.concat(frames, ignore_index=True)
     gaps = _gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation)
-    variation = {series.key: series.variation(series.value) for series in model.series}
-    return Confirmed(residuals.drop(columns="role"), gaps, variation)
+    return Confirmed(residuals, gaps, {series.key: series.variation(series.value) for series in model.series})
 
 
 class _Alone:
@@ -192,27 +164,24 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     own = []
     for problem in problems:
         try:
-            own.append((problem, *_with_run_parameters(problem, fit)))
+            own.append((problem, *_with_run_parameters(problem, fit), _choices_of_run(problem, fit)))
         except (InputError, SimulationError):
             continue
-    keys = [parameter.key for parameter in fit.parameters]
 
     def left(values: np.ndarray, turn: int | None = None) -> np.ndarray:
         """chi2 of each run for each sample at `values` (k,), by the choices that were fitted or those of a `turn`; by
         any of all without."""
-        shared = dict(zip(keys, map(float, values), strict=True))
-        found = []
-        for (problem, fitted, directions), others in zip(own, choices, strict=True):
+        shared, found = replace(fit, values=values).mapping, []
+        for problem, fitted, directions, others in own:
             tried = [{}, *(others if turn is None else others[turn : turn + 1])]
             chi2 = min(_left(problem, fit.hypothesis, fitted | other | shared, directions) for other in tried)
             found.append(chi2 / problem.size)
         return np.array(found)
 
-    choices = [_choices_of_run(problem, fit) for problem, _, _ in own]
-    sizes = np.array([problem.size for problem, _, _ in own])
+    sizes = np.array([problem.size for problem, *_ in own])
     if not own or left(fit.values) @ sizes <= sizes.sum() * fit.settings.decision.max_gap_of_noise**2:
         return fit
-    settings, most = fit.settings.confirmation, max(map(len, choices))
+    settings, most = fit.settings.confirmation, max(len(choices) for *_, choices in own)
     drawn = [fit.values, *fit.draws[:: -(-len(fit.draws) // settings.valley_draws)]]
     found = [left(values, number % most if most else 0) for number, values in enumerate(drawn)]
     if most:  # runs may be met by different ones, so that one that is met says that others may be
@@ -267,28 +236,22 @@ def _compared(problem: Problem, before: dict, after: dict | None = None, hypothe
     for run in problem.runs:
         predicted = problem.predict(run, before)
         augmented = problem.predict(run, after, hypothesis) if hypothesis else predicted
-        for part in problem.parts:
-            series = part.series
-            if series.run != run:
-                continue
-            used = part.used
-            frames.append(
-                pd.DataFrame(
-                    {
-                        "run": run,
-                        "channel": series.channel,
-                        "sample": np.flatnonzero(used),
-                        "crank_angle": series.angle[used],
-                        "held_out": series.held_out[used],
-                        "measured": series.value[used],
-                        "base": predicted[series.channel][used],
-                        "augmented": augmented[series.channel][used],
-                        "whitened_base": whitened[part.place],
-                        "whitened_augmented": whitened_after[part.place],
-                        "spread": np.broadcast_to(part.noise.spread, used.shape)[used],
-                    }
-                )
-            )
+        for part in (part for part in problem.parts if part.series.run == run):
+            series, used = part.series, part.used
+            columns = {
+                "run": run,
+                "channel": series.channel,
+                "sample": np.flatnonzero(used),
+                "crank_angle": series.angle[used],
+                "held_out": series.held_out[used],
+                "measured": series.value[used],
+                "base": predicted[series.channel][used],
+                "augmented": augmented[series.channel][used],
+                "whitened_base": whitened[part.place],
+                "whitened_augmented": whitened_after[part.place],
+                "spread": np.broadcast_to(part.noise.spread, used.shape)[used],
+            }
+            frames.append(pd.DataFrame(columns))
     return pd.concat(frames, ignore_index=True)
 
 
@@ -297,60 +260,43 @@ def _gaps(
 ) -> pd.DataFrame:
     """Rows of the table gaps: each run and channel, each run, and all, by role; remarks by held-out run."""
     rows = []
-    for role, of_role in residuals.groupby("role", sort=False):
-        squares_of = {
-            key: _squares(series, random, settings) for key, series in of_role.groupby(["run", "channel"], sort=False)
-        }
-        runs = dict.fromkeys(run for run, _ in squares_of)
-        for run in (*runs, "all"):
-            within = {key: squares for key, squares in squares_of.items() if run in ("all", key[0])}
-            if run != "all":
-                rows += [_row(run, role, channel, [squares]) for (_, channel), squares in within.items()]
-            rows.append(_row(run, role, "all", list(within.values())))
-    gaps = pd.DataFrame(rows)
-    return gaps.assign(remark=gaps["run"].map(remarks).where(gaps["role"] == "confirm", None).astype(object))
+    for held_out, of_role in residuals.groupby("held_out", sort=False):
+        by_series = of_role.groupby(["run", "channel"], sort=False)
+        squares = {key: _squares(series, random, settings) for key, series in by_series}
+        for run in (*dict.fromkeys(run for run, _ in squares), "all"):
+            own = {key: each for key, each in squares.items() if run in ("all", key[0])}
+            channels = [] if run == "all" else [(channel, [each]) for (_, channel), each in own.items()]
+            for channel, parts in (*channels, ("all", [*own.values()])):
+                remark = remarks.get(run) if held_out else None
+                place = {"run": run, "role": "confirm" if held_out else "identify", "channel": channel}
+                rows.append(place | _gap(parts) | {"remark": remark})
+    return pd.DataFrame(rows).astype({"remark": object})
 
 
-@dataclass(frozen=True)
-class _Squares:
-    """Mean squared whitened residuals of a series, columns before and after: as they are, and of bootstrap samples; and
-    the mean square of what lies between the two."""
+class _Squares(NamedTuple):
+    """Mean squared whitened residuals of a series."""
 
-    mean: np.ndarray
-    drawn: np.ndarray
-    between: float
+    mean: np.ndarray  # Before, after, and of what lies between the two
+    drawn: np.ndarray  # Before and after, of bootstrap samples (draws, 2)
     samples: int
 
 
 def _squares(series: pd.DataFrame, random: np.random.Generator, settings: ConfirmationSettings) -> _Squares:
-    whitened = series[["whitened_base", "whitened_augmented"]].to_numpy()
-    squared, between = whitened**2, float(np.mean((whitened[:, 0] - whitened[:, 1]) ** 2))
-    blocks = np.array_split(squared, min(settings.blocks, len(squared)))
+    before, after = series[["whitened_base", "whitened_augmented"]].to_numpy().T
+    squared = np.column_stack([before, after, before - after]) ** 2
+    blocks = np.array_split(squared[:, :2], min(settings.blocks, len(squared)))
     means, sizes = np.array([block.mean(axis=0) for block in blocks]), np.array([len(block) for block in blocks])
     chosen = random.integers(len(blocks), size=(settings.draws, len(blocks)))
     weights = sizes[chosen][..., None]
-    drawn = (means[chosen] * weights).sum(axis=1) / weights.sum(axis=1)
-    return _Squares(squared.mean(axis=0), drawn, between, len(squared))
+    return _Squares(squared.mean(axis=0), (means[chosen] * weights).sum(axis=1) / weights.sum(axis=1), len(squared))
 
 
-def _row(run: str, role: str, channel: str, parts: list[_Squares]) -> dict[str, object]:
-    before, after = np.sqrt(np.mean([part.mean for part in parts], axis=0))
+def _gap(parts: Sequence[_Squares]) -> dict[str, float]:
+    """The columns of the table gaps for some series together."""
+    before, after, between = np.mean([part.mean for part in parts], axis=0) ** [0.5, 0.5, 1.0]
     drawn = np.mean([part.drawn for part in parts], axis=0)
-    low, high = np.quantile(np.sqrt(drawn), _ENDS, axis=0)
-    fall_low, fall_high = np.quantile(drawn[:, 0] - drawn[:, 1], _ENDS)
-    return {
-        "run": run,
-        "role": role,
-        "channel": channel,
-        "samples": sum(part.samples for part in parts),
-        "before": before,
-        "after": after,
-        "before_low": low[0],
-        "before_high": high[0],
-        "after_low": low[1],
-        "after_high": high[1],
-        "fall_low": fall_low,
-        "fall_high": fall_high,
-        "fall_expected": np.mean([part.between for part in parts]),
-        "closed": share_closed(before, after),
-    }
+    names = [f"{name}_{end}" for end in ("low", "high") for name in ("before", "after", "fall")]
+    ends = np.quantile(np.column_stack([np.sqrt(drawn), drawn[:, 0] - drawn[:, 1]]), _ENDS, axis=0)
+    found = {"samples": sum(part.samples for part in parts), "before": before, "after": after}
+    found |= dict(zip(names, ends.ravel(), strict=True))
+    return found | {"fall_expected": between, "closed": share_closed(before, after)}

@@ -15,13 +15,13 @@ import numpy as np
 
 from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import with_intervals
-from jointgap.identification.decide_verdict import Ranked, reduced_chi2, weigh
+from jointgap.identification.evidence import reduced_chi2, weigh_fit
 from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import LinearizedFit, Signature, SignatureRegression, simulate_signatures
 from jointgap.identification.settings import ForceLawSettings, IdentificationSettings
-from jointgap.identification.thresholds import Thresholds
+from jointgap.identification.verdict import Row, Thresholds
 
 COEFFICIENTS = ("c1", "c2")
 """Names of the coefficients in a formula, as many as a law may have terms."""
@@ -59,7 +59,7 @@ class ForceLawResult:
     rivals: list[Fit] = field(default_factory=list)  # Other laws that the data cannot tell from it, best first
     others: list[Fit] = field(default_factory=list)  # The rest that was simulated, best first, the failed ones last
     failed: Mapping[str, str] = field(default_factory=dict)  # Terms that could not be simulated
-    ranking: list[Ranked] = field(default_factory=list)  # All laws that were simulated beside the base
+    ranking: list[Row] = field(default_factory=list)  # All laws that were simulated beside the base
 
     @property
     def named(self) -> bool:
@@ -132,7 +132,7 @@ def find_force_law(
     best = fits[0]
     if best.status == FAILED:
         return ForceLawResult(
-            None, False, best.reason, [], fits, signatures.failed, [weigh(base, fit, limits) for fit in fits]
+            None, False, best.reason, [], fits, signatures.failed, [weigh_fit(base, fit, limits) for fit in fits]
         )
     best = next(
         (fit for fit in fits if len(fit.hypothesis) == 1 and cost[fit.label] - cost[best.label] < min_delta_bic), best
@@ -148,7 +148,7 @@ def find_force_law(
     differences = differences or FiniteDifferences(problem)
     best = fit_hypothesis(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
     best = with_intervals(problem, best, differences)
-    ranking = [weigh(base, fit, limits) for fit in (best, *rivals, *others)]
+    ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
     return ForceLawResult(best, accepted, because, rivals, others, signatures.failed, ranking)
 
 
@@ -217,7 +217,7 @@ def _differs(fit: Fit, best: Fit, base: Fit, same_share: float) -> bool:
 
 def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds, settings: IdentificationSettings) -> tuple[bool, str]:
     """Whether a law may be reported, and why."""
-    ranked = weigh(base, best, limits)
+    ranked = weigh_fit(base, best, limits)
     if base.bic - cost < max(settings.decision.min_delta_bic, limits.max_gain_threshold):
         return False, f"the best sum, {best.label}, is not better than chance"
     if ranked.passes:

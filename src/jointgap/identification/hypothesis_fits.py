@@ -8,7 +8,7 @@ import numpy as np
 
 from jointgap.core.progress import followed
 from jointgap.identification.baseline import Baseline, probed_differences
-from jointgap.identification.decide_verdict import reduced_chi2
+from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened, labels_of, lowest_of_each, not_above_its_parts
 from jointgap.identification.likelihood import has_windows
@@ -26,7 +26,7 @@ from jointgap.identification.screening import (
     shortlist,
     simulate_signatures,
 )
-from jointgap.identification.thresholds import Thresholds
+from jointgap.identification.verdict import Thresholds
 from jointgap.identification.window_search import search_in_windows
 
 TimedFits = tuple[list[Fit], list[float]]

@@ -14,19 +14,19 @@ from scipy.stats import chi2 as chi_squared
 
 from jointgap.core.candidates import Candidate, LawFamily
 from jointgap.identification.baseline import Baseline, with_intervals
-from jointgap.identification.decide_verdict import (
+from jointgap.identification.evidence import weigh_fit
+from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit, fit_hypothesis
+from jointgap.identification.problem import Problem
+from jointgap.identification.screening import only_searched
+from jointgap.identification.verdict import (
     AMBIGUOUS,
     NAMED,
     NAMED_WITH_REMAINING_MISFIT,
     UNEXPLAINED,
     Decision,
-    Ranked,
-    rank,
+    Row,
+    Thresholds,
 )
-from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit, fit_hypothesis
-from jointgap.identification.problem import Problem
-from jointgap.identification.screening import only_searched
-from jointgap.identification.thresholds import Thresholds
 
 
 @dataclass(frozen=True)
@@ -276,10 +276,9 @@ def _asked(
     return fit, FamilyInterval(*names, float(fit.values[place]), low, high, fits, fits and not others)
 
 
-def _weighed(baseline: Baseline, decision: Decision, fit: Fit, limits: Thresholds) -> Ranked:
+def _weighed(baseline: Baseline, decision: Decision, fit: Fit, limits: Thresholds) -> Row:
     bounds = {p.name: (p.nominal, p.low, p.high) for p in baseline.problem.nuisances}
-    (ranked,) = rank(decision.base, [fit], limits, bounds, baseline.problem.settings.decision)
-    return ranked
+    return weigh_fit(decision.base, fit, limits, bounds)
 
 
 def _named(baseline: Baseline, decision: Decision, found: Fit, limits: Thresholds) -> Decision:

@@ -14,12 +14,7 @@ from jointgap.identification.baseline import (
     other_numerics,
     with_intervals,
 )
-from jointgap.identification.decide_verdict import (
-    PARAMETERS_ONLY,
-    Decision,
-    decide,
-    reduced_chi2,
-)
+from jointgap.identification.evidence import reduced_chi2, row_of
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import (
     chi2_without_effects,
@@ -46,7 +41,7 @@ from jointgap.identification.screening import (
     shortlist,
 )
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.thresholds import Thresholds
+from jointgap.identification.verdict import ALONE, PARAMETERS_ONLY, Decision, Evidence, Row, Thresholds, verdict
 
 
 def shortlist_singles(
@@ -152,7 +147,7 @@ def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
 
 
 def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
-    """Weigh the fits (`jointgap.identification.decide_verdict.decide`), the best of each hypothesis.
+    """The verdict of the fits (`jointgap.identification.verdict`), the best of each hypothesis.
 
     A hypothesis must not win by having found a deeper valley of parameters that all share. So no fit stays above that
     of a part of it, the base is fitted again from the nuisances of what beats it by more than its effects account for
@@ -162,56 +157,50 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
 
     Arguments as in `select_hypothesis`.
     """
-    settings, selection = baseline.problem.settings.decision, baseline.problem.settings.selection
+    problem, base = baseline.problem, baseline.base
+    settings, selection = problem.settings.decision, problem.settings.selection
     second = two_effect_thresholds(baseline, fits, limits)
     limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
     lowest = lowest_of_each(fits)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
     # in windows of the record nuisances were found from no start at all: none is to be copied
-    alone = has_windows(baseline.problem, (), baseline.base.mapping)
-    base = baseline.base
+    alone = has_windows(problem, (), base.mapping)
     if not alone:
         base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
-    if baseline.problem.has_statistics:
-        base, lowest = leading_over_ensembles(baseline.problem, base, lowest)
+    if problem.has_statistics:
+        base, lowest = leading_over_ensembles(problem, base, lowest)
     best = none_above_its_parts(baseline, [base, *lowest], limits)
-    ranked = sorted(best.values(), key=lambda fit: fit.bic)
-    is_rough = limits.numerical_noise > selection.smooth_numerical_noise and not baseline.problem.has_statistics
+    ranked = sorted((fit for fit in best.values() if fit.status != FAILED), key=lambda fit: fit.bic)
+    is_rough = limits.numerical_noise > selection.smooth_numerical_noise and not problem.has_statistics
     if ranked and is_rough and not alone and ranked[0].bic < base.bic:
-        base = moved(baseline.problem, baseline.differences, base, ranked[0])
-        for fit in ranked[1 : 1 + selection.partners]:
-            if fit.status != FAILED:
-                best[labels_of(fit.hypothesis)] = moved(baseline.problem, baseline.differences, fit, ranked[0])
+
+        def move(chosen: Sequence[Fit], to: Fit) -> None:
+            for labels in (labels_of(fit.hypothesis) for fit in chosen):
+                best[labels] = moved(problem, baseline.differences, best[labels], to)
+
+        base = moved(problem, baseline.differences, base, ranked[0])
+        move(ranked[1 : 1 + selection.partners], ranked[0])
         hardly_visible = reduced_chi2(base) <= max(limits.omnibus, settings.tolerated_reduced_chi2)
         if hardly_visible and base.bic - ranked[0].bic > settings.min_delta_bic:
-            deeper = deepest_base(baseline.problem, base, baseline.differences, selection.drawn_starts)
+            deeper = deepest_base(problem, base, baseline.differences, selection.drawn_starts)
             if deeper.chi2 < base.chi2:
                 base = deeper
-                for fit in ranked[: 1 + selection.partners]:
-                    if fit.status != FAILED:
-                        labels = labels_of(fit.hypothesis)
-                        best[labels] = moved(baseline.problem, baseline.differences, best[labels], deeper)
+                move(ranked[: 1 + selection.partners], deeper)
         best = none_above_its_parts(baseline, [base, *best.values()], limits)
-    subspaces = SignatureSubspaces(signatures, baseline.problem.settings.screening)
+    subspaces = SignatureSubspaces(signatures, problem.settings.screening)
     best = without_repetitions(best, subspaces.is_special_case, settings.min_delta_bic)
-    similarity = {
-        fit.label: subspaces.nearest(fit.hypothesis)[1]
-        for fit in best.values()
-        if fit.status != FAILED and fit.hypothesis
-    }
-    bounds = {p.name: (p.nominal, p.low, p.high) for p in baseline.problem.nuisances}
-    return decide(
-        base,
-        baseline.nominal,
-        list(best.values()),
-        limits,
-        similarity,
-        bounds,
-        subspaces.is_special_case,
-        second.max_gain_threshold,
-        settings,
-        orders_of_cranks(baseline.problem.parts, baseline.problem.settings.screening),
-    )
+    bounds = {p.name: (p.nominal, p.low, p.high) for p in problem.nuisances}
+    order_in_words = orders_of_cranks(problem.parts, problem.settings.screening)
+    rows = []
+    for fit in best.values():
+        similarity = 0.0 if fit.status == FAILED else subspaces.nearest(fit.hypothesis)[1]
+        rows.append(row_of(fit, bounds, settings, order_in_words, similarity))
+
+    def is_special_case(special: Row, general: Row) -> bool:
+        return subspaces.is_special_case(special.fit.hypothesis, general.fit.hypothesis)
+
+    of_base, of_nominal, pair_gain = row_of(base), row_of(baseline.nominal), second.max_gain_threshold
+    return verdict(Evidence(of_base, of_nominal, rows, limits, pair_gain, is_special_case), settings)
 
 
 def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit]) -> list[Fit]:
@@ -384,15 +373,12 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     Where more than noise is left, errors of what is stated hold another end of its fits that is as good: chi2 has
     valleys, and the deepest one that was found need not be that of the truth.
     """
-    fits = [*fits, *fits_beyond_bounds(baseline, fits)]
-    fits, done, given = [*fits, *swap_one_effect(baseline, signatures, fits)], set(), baseline.base
-    decision, found = refit_and_decide(baseline, signatures, fits, limits), list(fits)
-    while further := [
-        *_members_alone(baseline, _proposed(decision), done),
-        *_look_alikes(baseline, signatures, decision, done),
-    ]:
+    fits, given = [*fits, *fits_beyond_bounds(baseline, fits)], baseline.base
+    found = fits = [*fits, *swap_one_effect(baseline, signatures, fits)]
+    decision, done = refit_and_decide(baseline, signatures, fits, limits), set()
+    while further := _needed(baseline, signatures, decision, done):
         baseline = replace(baseline, base=decision.base)
-        fits, found = [*(ranked.fit for ranked in decision.ranking), *further], [*found, *further]
+        fits, found = [*(row.fit for row in decision.ranking), *further], [*found, *further]
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
     def stated(fit: Fit) -> Fit:
@@ -414,22 +400,23 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     return replace(decision, chosen=chosen, base=base, equivalent=equivalent, best_known=best_known)
 
 
-def _proposed(decision: Decision) -> list[Fit]:
-    """What a decision names or calls equivalent, and what gains most, admissible or not."""
-    first = [ranked.fit for ranked in decision.ranking[:1] if ranked.fit.status != FAILED and ranked.delta_bic > 0.0]
-    return [decision.chosen, *decision.equivalent, *first]
+def _needed(baseline: Baseline, signatures: Signatures, decision: Decision, done: set[tuple[str, str]]) -> list[Fit]:
+    """Fits of what a decision needs that is not `done` yet; then it is."""
+    fits = []
+    for kind, label, fit in decision.needs:
+        if (kind, label) not in done:
+            done.add((kind, label))
+            fits += _fit_alone(baseline, fit, label) if kind == ALONE else fit_look_alikes(baseline, signatures, fit)
+    return fits
 
 
-def _look_alikes(baseline: Baseline, signatures: Signatures, decision: Decision, done: set[str]) -> list[Fit]:
-    """Fits of what looks like the explanation that would be named, or that is best and leaves no more than null
-    campaigns do; if it is not `done` yet, and then it is."""
-    best = decision.proposed
-    if best is None or (label := f"like {best.label}") in done:
-        return []
-    if best is decision.best_known and reduced_chi2(best) > decision.thresholds.omnibus:
-        return []
-    done.add(label)
-    return fit_look_alikes(baseline, signatures, best)
+def _fit_alone(baseline: Baseline, pair: Fit, label: str) -> list[Fit]:
+    """Fits of one effect of a pair alone, from its nuisances and from nominal ones that all runs share."""
+    kept = tuple(candidate for candidate in pair.hypothesis if candidate.label == label)
+    own = _values_without_others(pair, *kept)
+    shared = {p.key: p.nominal for p in baseline.problem.nuisances if p.run is None and p.key in own}
+    starts = own, own | shared
+    return [fit_hypothesis(baseline.problem, kept, start, differences=baseline.differences) for start in starts]
 
 
 def with_other_ends(fit: Fit, others: Sequence[Fit]) -> Fit:
@@ -446,18 +433,3 @@ def with_other_ends(fit: Fit, others: Sequence[Fit]) -> Fit:
     errors = np.sqrt(np.diag(fit.covariance()))
     farthest = max(ends, key=lambda end: np.max(np.abs(end[errors > 0.0]) / errors[errors > 0.0], initial=0.0))
     return replace(fit, shifts=np.vstack([*([] if fit.shifts is None else [fit.shifts]), farthest]))
-
-
-def _members_alone(baseline: Baseline, chosen: Sequence[Fit], done: set[str]) -> list[Fit]:
-    """Fits of single effects of the pairs among `chosen` that are not `done` yet; then they are."""
-    problem, differences, fits = baseline.problem, baseline.differences, []
-    for pair in (fit for fit in chosen if len(fit.hypothesis) > 1):
-        for kept in pair.hypothesis:
-            if kept.label in done:
-                continue
-            done.add(kept.label)
-            own = _values_without_others(pair, kept)
-            shared = {p.key: p.nominal for p in problem.nuisances if p.run is None and p.key in own}
-            fits.append(fit_hypothesis(problem, (kept,), own, differences=differences))
-            fits.append(fit_hypothesis(problem, (kept,), own | shared, differences=differences))
-    return fits

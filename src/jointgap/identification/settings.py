@@ -322,7 +322,7 @@ class ConfirmationSettings:
 
 @dataclass(frozen=True)
 class DecisionSettings:
-    """What a name asks for (`jointgap.identification.decide_verdict`)."""
+    """What a name asks for (`jointgap.identification.verdict`)."""
 
     # [BIC] Two explanations whose BIC differ by less are not told apart: odds of 150 to 1 (Kass and Raftery 1995:
     # very strong)

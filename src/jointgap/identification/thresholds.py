@@ -1,7 +1,6 @@
 """Thresholds from simulated campaigns in which nothing is hidden: noise, and the disagreement of equally good
 numerics."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -9,16 +8,7 @@ import numpy as np
 from jointgap.identification.baseline import Baseline, other_numerics
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Signatures, SignatureSubspaces, orthonormal, simulate_signatures
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """What the null campaigns exceed with the stated rate."""
-
-    rate: float  # [1] Share of null campaigns that exceed each threshold
-    omnibus: float  # [1] Of the base's chi2 over its degrees of freedom
-    max_gain_threshold: float
-    numerical_noise: float = 0.0  # [chi2] What a fit may gain by numerical noise alone
+from jointgap.identification.verdict import Thresholds
 
 
 class Screening(NamedTuple):

@@ -8,11 +8,11 @@ import numpy as np
 
 from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import Baseline
-from jointgap.identification.decide_verdict import reduced_chi2
+from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.likelihood import FAILURES, Estimate, has_windows
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.thresholds import Thresholds
+from jointgap.identification.verdict import Thresholds
 
 
 def search_in_windows(baseline: Baseline, limits: Thresholds, sizes: bool = True) -> list[Fit]:

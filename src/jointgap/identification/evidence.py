@@ -1,0 +1,131 @@
+"""The table of evidence that a verdict rests on, made of fits and of the prediction of all runs."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.identification.confirmation import Confirmed
+from jointgap.identification.fit import FAILED, Fit, chance
+from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
+from jointgap.identification.verdict import Decision, Evidence, Row, Thresholds, verdict, weigh
+
+Bounds = Mapping[str, tuple[float, float, float]]
+"""Nominal value, lower and upper bound of each nuisance, by name."""
+
+_Decided = TypeVar("_Decided", bound=Decision)
+
+
+def reduced_chi2(fit: Fit) -> float:
+    """chi2 over its degrees of freedom; infinite where the fit failed."""
+    return fit.chi2 / max(fit.residual.size - len(fit.parameters), 1)
+
+
+def row_of(
+    fit: Fit,
+    bounds: Bounds | None = None,
+    settings: DecisionSettings = DEFAULT_SETTINGS.decision,
+    order_in_words: Callable[[float], str] = lambda _: "",
+    similarity: float = 0.0,
+) -> Row:
+    """A fit in the table, with what speaks against its effects where the `bounds` of nuisances are given."""
+    ends = zip(fit.parameters, fit.values, fit.active, strict=True)
+    return Row(
+        fit,
+        tuple(candidate.label for candidate in fit.hypothesis),
+        fit.chi2,
+        fit.residual.size,
+        len(fit.parameters),
+        fit.bic,
+        fit.status == FAILED,
+        "" if bounds is None or fit.status == FAILED else _objection(fit, bounds, settings, order_in_words),
+        fit.reason,
+        similarity,
+        tuple(p.name for p, value, active in ends if active and _is_shared(p) and not p.low < value < p.high),
+        any(candidate.search_range and not candidate.is_perturbation for candidate in fit.hypothesis),
+    )
+
+
+def _is_shared(parameter: Parameter) -> bool:
+    """Whether it is a nuisance that all runs share."""
+    return parameter.run is None and "." not in parameter.name
+
+
+def weigh_fit(base: Fit, fit: Fit, limits: Thresholds, bounds: Bounds | None = None) -> Row:
+    """A fit beside the base; with `bounds` of nuisances, whether it is admissible too."""
+    settings = fit.settings.decision
+    return weigh(row_of(base), row_of(fit, bounds, settings), limits, settings)
+
+
+def final_verdict(
+    decision: _Decided,
+    confirmed: Confirmed,
+    doubted_channels: Collection[str] = (),
+    settings: DecisionSettings = DEFAULT_SETTINGS.decision,
+) -> _Decided:
+    """The verdict with the held-out data heard, and channels that contradict others; its fits know the gap that they
+    leave there (`Fit.gap_left`)."""
+    base, limits, gap = row_of(decision.base), Thresholds(0.0, 0.0, 0.0), confirmed.gap("confirm")
+    rows = [row_of(fit) for fit in (decision.proposed,) if fit]
+    heard = Evidence(base, base, rows, limits, by_fits=decision, held_out=confirmed.held_out, doubted=doubted_channels)
+    found = verdict(heard, settings)
+    if not gap > 1.0:
+        return found
+    leaving = {id(fit) for fit in (found.proposed or found.chosen, *found.equivalent)}
+    fits = {name: getattr(found, name) for name in ("chosen", "best_known")}
+    fits = {name: replace(fit, gap_left=gap) if id(fit) in leaving else fit for name, fit in fits.items()}
+    return replace(found, equivalent=[replace(fit, gap_left=gap) for fit in found.equivalent], **fits)
+
+
+def certain_effects(equivalent: Sequence[Fit], close: Collection[Collection[str]] = ()) -> list[Candidate]:
+    """Effects that all of several explanations hold, in the order of the first; those that are as `close` too."""
+    if not equivalent:
+        return []
+    explanations = [{candidate.label for candidate in fit.hypothesis} for fit in equivalent]
+    shared = set.intersection(*explanations, *map(set, close))
+    return [candidate for candidate in equivalent[0].hypothesis if candidate.label in shared]
+
+
+def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_in_words: Callable[[float], str]) -> str:
+    """Why an explanation claims an effect that is not there, or is none; empty where it does not."""
+    values = fit.mapping
+    for candidate in (one for one in fit.hypothesis if one.steady_counterpart):
+        frequency = values.get(f"{candidate.label}.frequency_Hz")
+        if frequency is not None and (order := order_in_words(frequency)):
+            return f"{candidate.label} swings at {frequency:.4g} Hz, which is {order}"
+    for candidate in fit.hypothesis:
+        own = [p for p in fit.parameters if p.key.startswith(f"{candidate.label}.")]
+        sizes = [p for p in own if p.key.removeprefix(f"{candidate.label}.") in candidate.amplitudes]
+        if not any(values[p.key] for p in sizes):
+            return f"{candidate.label} is fitted with no size"
+        for p in sizes:
+            # at the lower bound of a change of something known nothing is left of that: a size like others
+            at_low = values[p.key] <= p.low and not candidate.is_perturbation
+            if values[p.key] != 0.0 and (at_low or values[p.key] >= p.high):
+                key = p.key.removeprefix(f"{candidate.label}.")
+                return f"{candidate.label} is drawn to the bound of {key}: what it explains is something else"
+        if _is_within_range(fit, candidate, bounds):
+            return f"{candidate.label} is {' and '.join(candidate.replaces)} within its range: a parameter, no effect"
+    for candidate in fit.hypothesis:
+        if chance(fit, candidate) > settings.max_chance_of_size:
+            return f"{candidate.label} may as well be absent: the interval of its size holds 0"
+    return ""
+
+
+def _is_within_range(fit: Fit, candidate: Candidate, bounds: Bounds) -> bool:
+    """Whether an effect is no more than nuisances that it replaces, within their ranges."""
+    # Where it leaves the rest of a shared nuisance to be fitted, the effect is that the two differ.
+    if not candidate.replaces or candidate.replaces.keys() & {p.name for p in candidate.coordinates}:
+        return False
+    replaced = {f"{candidate.label}.{key}": bounds[name] for name, key in candidate.replaces.items()}
+    sizes, errors = {f"{candidate.label}.{key}" for key in candidate.amplitudes}, np.sqrt(np.diag(fit.covariance()))
+    for p, value, error in zip(fit.parameters, fit.values, errors, strict=True):
+        if p.key in replaced:
+            nominal, low, high = replaced[p.key]
+            if not low <= nominal + value <= high:
+                return False
+        elif p.key in sizes and abs(value) > 2.0 * error:  # 95 %: a sign of it
+            return False
+    return True

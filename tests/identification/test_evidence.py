@@ -1,0 +1,271 @@
+"""What speaks against an effect, and what held-out data show, of fits and residuals made up for it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jointgap.core.candidates import Candidate, Parameter, Series
+from jointgap.identification.confirmation import Confirmed
+from jointgap.identification.evidence import certain_effects, final_verdict, reduced_chi2, row_of, weigh_fit
+from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.verdict import Decision, Thresholds
+
+SAMPLES = 1000
+NOISE = SAMPLES - 1.0
+
+
+def effect(name, *more, low=-np.inf, high=np.inf, **attributes):
+    """An effect with one amplitude, and `more` coordinates."""
+    return Candidate(name, "slider", (Parameter("size", 0.0, low, high), *more), ("size",), **attributes)
+
+
+BOTH = Parameter("joint_friction", 0.1, 0.0, 0.2)
+COULOMB, SPRING = effect("coulomb"), effect("spring")
+MASS = effect("mass", replaces={"slider_mass": "size"})
+PIN = effect("pin", BOTH, replaces={"joint_friction": "size"})
+LENGTHS = Candidate("lengths", "rod", (Parameter("a", 0.0), Parameter("b", 0.0)), ("a", "b"), replaces={"length": "a"})
+
+
+def fitted(chi2, *effects, values=(1.0,), slope=1e6, nuisances=1, **more):
+    """A fit with that chi2; its effects' coordinates have `values`, or all the last one of them."""
+    parameters = [Parameter(f"n{place}", 0.5, 0.0, 1.0) for place in range(nuisances)]
+    own = [replace(p, name=f"{one.label}.{p.name}") for one in effects for p in one.coordinates]
+    residual, jacobian = np.zeros(SAMPLES), np.zeros((SAMPLES, nuisances + len(own)))
+    residual[-1] = np.sqrt(chi2)
+    np.fill_diagonal(jacobian, slope)
+    values = np.array([0.5] * nuisances + [*values, *values[-1:] * len(own)][: len(own)])
+    return Fit(effects, (*parameters, *own), values, residual, jacobian, 1, more.pop("status", "converged"), **more)
+
+
+def objection(*effects, bounds=None, order_in_words=lambda _: "", **more):
+    return row_of(fitted(NOISE, *effects, **more), bounds or {}, order_in_words=order_in_words).objection
+
+
+# Effects that are not there
+
+
+def test_an_effect_of_no_size_is_none():
+    assert objection(COULOMB, values=[0.0]) == "coulomb is fitted with no size"
+    assert objection(COULOMB, SPRING, values=[1.0, 0.0]) == "spring is fitted with no size"
+    assert objection(COULOMB) == ""
+
+
+@pytest.mark.parametrize(("value", "is_there"), [(1.646, True), (1.644, False)])
+def test_nor_one_whose_90_percent_interval_holds_zero(value, is_there):
+    found = objection(COULOMB, values=[value], slope=1.0)  # a standard error of 1
+    assert found == ("" if is_there else "coulomb may as well be absent: the interval of its size holds 0")
+
+
+@pytest.mark.parametrize(
+    ("value", "is_perturbation", "is_there"),
+    [
+        (0.5, False, False),
+        (0.499, False, True),
+        (-0.5, False, False),
+        (-0.499, False, True),
+        (-0.5, True, True),  # nothing is left of what was known
+        (0.5, True, False),
+    ],
+)
+def test_nor_one_drawn_to_the_bound_of_its_size(value, is_perturbation, is_there):
+    found = objection(effect("length", low=-0.5, high=0.5, is_perturbation=is_perturbation), values=[value])
+    assert found == ("" if is_there else "length is drawn to the bound of size: what it explains is something else")
+
+
+def test_shapes_may_end_at_bounds():
+    assert objection(effect("drag", Parameter("exponent", 2.0, 1.0, 3.0)), values=[1.0, 3.0]) == ""
+
+
+@pytest.mark.parametrize("order", ["order 1 of the crank in run slow", ""])
+@pytest.mark.parametrize("beside", [(), (COULOMB,)])
+def test_nor_one_that_swings_at_an_order_of_a_crank(beside, order):
+    swing = effect("swing", Parameter("frequency_Hz", 5.0), steady_counterpart="push")
+    values, asked = [1.0] * len(beside) + [1.0, 5.04], []
+    found = objection(*beside, swing, values=values, order_in_words=lambda hertz: asked.append(hertz) or order)
+    assert (found, asked) == (f"swing swings at 5.04 Hz, which is {order}" if order else "", [5.04])
+
+
+# Parameters within their ranges
+
+
+@pytest.mark.parametrize(
+    ("value", "is_effect"), [(0.51, True), (0.49, False), (1e-4, False), (-0.09, False), (-0.11, True)]
+)
+def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range(value, is_effect):
+    found = objection(MASS, values=[value], bounds={"slider_mass": (1.0, 0.9, 1.5)})
+    assert found == ("" if is_effect else "mass is slider_mass within its range: a parameter, no effect")
+
+
+@pytest.mark.parametrize(("value", "is_effect"), [(0.51, True), (0.49, False), (-0.51, True), (-0.49, False)])
+def test_a_further_size_of_such_an_effect_counts_from_two_standard_errors_on(value, is_effect):
+    slope = [1.0, 100.0, 4.0]  # standard errors of 0.01 and 0.25
+    found = objection(LENGTHS, values=[0.05, value], slope=slope, bounds={"length": (1.0, 0.9, 1.1)})
+    assert (found == "") == is_effect
+
+
+def test_an_effect_that_replaces_two_nuisances_names_both():
+    two = replace(LENGTHS, replaces={"crank_length": "a", "rod_length": "b"})
+    found = objection(two, values=[0.05], bounds=dict.fromkeys(two.replaces, (1.0, 0.9, 1.1)))
+    assert found == "lengths is crank_length and rod_length within its range: a parameter, no effect"
+
+
+def test_an_effect_that_leaves_the_rest_of_a_shared_nuisance_to_be_fitted_is_one_within_the_range_too():
+    bounds = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
+    assert objection(PIN, values=[0.05, 0.1], bounds=bounds) == ""
+    assert objection(PIN, MASS, values=[0.05, 0.1, 0.05], bounds=bounds).startswith("mass is slider_mass within")
+
+
+def test_a_failed_fit_is_not_looked_into():
+    found = row_of(fitted(10.0, MASS, values=[0.0], status=FAILED, reason="it stopped"), {})
+    assert (found.admissible, found.remark, found.misfit) == (False, "it stopped", np.inf)
+    assert reduced_chi2(found.fit) == np.inf
+
+
+# The row of a fit
+
+
+def test_a_row_has_the_numbers_of_the_fit_and_what_it_is_weighed_by():
+    base, fit = fitted(2000.0), fitted(1000.0, COULOMB, SPRING)
+    row = weigh_fit(base, fit, Thresholds(0.01, 1.05, 12.0))
+    assert (row.fit, row.label, row.misfit) == (fit, "coulomb + spring", pytest.approx(1000.0 / 997.0))
+    assert (row.bic, row.delta_bic) == (pytest.approx(fit.bic), pytest.approx(base.bic - fit.bic))
+    assert (row.passes, row.admissible, row.is_rough) == (True, True, False)
+    assert reduced_chi2(fit) == row.misfit
+    assert not weigh_fit(base, fitted(1000.0, COULOMB, values=[0.0]), Thresholds(0.01, 1.05, 12.0), {}).admissible
+
+
+def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
+    fit = fitted(NOISE, COULOMB, nuisances=3)
+    own = replace(fit.parameters[2], run="slow")
+    fit = replace(fit, values=np.array([0.0, 1.0, 1.0, 1.0]), parameters=(*fit.parameters[:2], own, fit.parameters[3]))
+    assert row_of(fit).at_bounds == ("n0", "n1")
+    assert row_of(replace(fit, jacobian=fit.jacobian * [0, 1, 1, 1])).at_bounds == ("n1",)  # the first changes nothing
+
+
+def test_motion_depends_roughly_on_a_joint_that_became_loose_not_on_one_that_was():
+    ranges = {"search_range": (0.1, 2.0)}
+    assert row_of(fitted(NOISE, effect("loose", low=0.0, **ranges))).is_rough
+    looser = effect("looser", low=-1.0, high=2.0, is_perturbation=True, search_range=(-0.5, 2.0))
+    assert not row_of(fitted(NOISE, looser)).is_rough
+
+
+def test_a_replaced_nuisance_still_counts_in_the_bic():
+    assert fitted(100.0, MASS).bic - fitted(100.0, COULOMB).bic == pytest.approx(np.log(SAMPLES))
+
+
+def test_what_all_explanations_hold_is_certain_and_what_one_as_near_does_without_is_not():
+    shared = [fitted(NOISE, COULOMB, SPRING), fitted(NOISE, MASS, COULOMB, SPRING)]
+    assert [one.label for one in certain_effects(shared)] == ["coulomb", "spring"]
+    assert [one.label for one in certain_effects(shared, [["coulomb"]])] == ["coulomb"]
+    assert certain_effects([fitted(NOISE, COULOMB), fitted(NOISE, SPRING)]) == certain_effects([]) == []
+
+
+# What held-out data show
+
+
+def confirmed(identify=1.0, confirm=1.0, channel="crank_torque", variation=2.0, run=""):
+    """Residuals of one channel that leave these gaps with the effects, a noise of 1, and the gaps of 2 before."""
+    frames, gaps = [], []
+    for role, gap in (("identify", identify), ("confirm", confirm)):
+        series = {"run": run or role, "channel": channel, "held_out": role == "confirm", "spread": np.ones(9)}
+        frames.append(pd.DataFrame(series | {"augmented": 1.0, "whitened_augmented": gap}))
+        row = {"role": role, "before": 2.0, "after": gap, "after_low": 1.0, "fall_low": 2.0, "fall_high": 4.0}
+        names = ((run or role, channel), (run or role, "all"), ("all", "all"))
+        gaps += [row | {"fall_expected": 3.0, "run": run, "channel": of} for run, of in names]
+    return Confirmed(
+        pd.concat(frames, ignore_index=True),
+        pd.DataFrame(gaps),
+        {key: variation for key, _ in pd.concat(frames).groupby(["run", "channel"])},
+    )
+
+
+def together(*parts):
+    """Several channels or runs; the gaps are those of the first."""
+    variation = {key: value for part in parts for key, value in part.variation.items()}
+    return Confirmed(pd.concat([part.residuals for part in parts]), parts[0].gaps, variation)
+
+
+def test_the_channel_with_the_largest_rest_counts_however_many_are_met():
+    found = together(confirmed(4.0, 0.5), *(confirmed(1.0, 2.0, f"other_{number}") for number in range(9))).held_out
+    assert (found.fitted, found.held_out) == ((4.0, "crank torque"), (2.0, "other 0"))
+    assert (found.gap, found.test.outcome) == (0.5, "falls")
+
+
+def test_runs_count_by_the_root_mean_square_of_their_rests():
+    found = together(confirmed(1.0, run="a"), confirmed(4.0, run="b")).held_out
+    assert found.fitted == (pytest.approx(np.sqrt((1 + 16) / 2)), "crank torque")
+
+
+def test_noise_is_the_largest_part_of_what_a_channel_varies_by():
+    found = together(confirmed(), confirmed(channel="slider_x", variation=1.25)).held_out
+    assert found.noise == (pytest.approx(0.8), "slider x")
+
+
+def test_a_crank_angle_varies_by_no_more_than_a_turn_however_long_it_ran():
+    angle = np.linspace(0.0, 60 * 2 * np.pi, 5000)
+    series = Series("run", "crank_angle", "rad", angle, angle, angle, angle > 0)
+    assert series.variation(angle) == pytest.approx(2 * np.pi / np.sqrt(12))
+    assert replace(series, unit="m").variation(angle) == pytest.approx(angle.std())
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "outcome"),
+    [(0.01, 0.02, "falls"), (-0.02, -0.01, "rises"), (-0.01, 0.02, "stays"), (-0.01, 0.5, "cannot_tell")],
+)
+def test_the_gap_falls_or_rises_by_more_than_noise_leaves_open_or_stays_where_it_should_fall(low, high, outcome):
+    found = confirmed()
+    found = replace(found, gaps=found.gaps.assign(fall_low=low, fall_high=high, fall_expected=0.5))
+    assert (found.test.outcome, found.test.before, found.test.after) == (outcome, 2.0, 1.0)
+
+
+def test_of_held_out_runs_one_of_which_cannot_be_simulated_the_one_that_speaks_against_counts():
+    held = confirmed()
+    lost = held.gaps[held.gaps["role"] == "confirm"].assign(after=np.nan)
+    rises = lost.query("run == 'confirm' and channel == 'all'").assign(
+        run="b", after=2.2, fall_low=-1.0, fall_high=-0.5
+    )
+    falls = rises.assign(run="c", after=1.0, fall_low=1.0, fall_high=2.0)
+    for rows, outcome in (
+        ([falls], "falls"),
+        ([falls, rises], "rises"),
+        ([rises, falls], "rises"),
+        ([], "not_simulated"),
+    ):
+        assert replace(held, gaps=pd.concat([lost, *rows])).test.outcome == outcome
+    assert replace(held, gaps=held.gaps.query("role == 'identify'")).test.outcome == "nothing_held_out"
+
+
+# With held-out data heard
+
+
+BASE = fitted(4.0 * SAMPLES)
+
+
+def test_a_name_that_the_held_out_data_bear_out_stands_as_it_is():
+    found = Decision("named", fitted(990.0, COULOMB), BASE)
+    assert final_verdict(found, confirmed()) is found
+
+
+@pytest.mark.parametrize(("gap", "scale"), [(0.9, 1.0), (1.4, 1.4)])
+def test_errors_of_what_is_named_grow_with_the_gap_that_is_left_of_held_out_data(gap, scale):
+    found = final_verdict(Decision("named", fitted(990.0, COULOMB), BASE), confirmed(confirm=gap)).chosen
+    assert found.scale == pytest.approx(scale)
+    rest = Decision("named_with_remaining_misfit", fitted(4.0 * (SAMPLES - 2), COULOMB), fitted(9e4))
+    assert final_verdict(rest, confirmed(confirm=gap)).chosen.scale == pytest.approx(2.0)
+
+
+def test_so_do_those_of_what_is_best_known_and_equivalent_and_of_the_base_where_nothing_is_proposed():
+    withheld = final_verdict(Decision("named", fitted(990.0, COULOMB), BASE), confirmed(confirm=4.0))
+    assert (withheld.verdict, withheld.chosen, withheld.best_known.gap_left) == ("unexplained", BASE, 4.0)
+    rivals = Decision("ambiguous", BASE, BASE, [fitted(990.0, COULOMB), fitted(991.0, SPRING)])
+    heard = final_verdict(rivals, confirmed(confirm=1.4))
+    assert ([fit.gap_left for fit in heard.equivalent], heard.chosen.gap_left) == ([1.4, 1.4], 1.0)
+    alone = final_verdict(Decision("parameters_only", BASE, BASE), confirmed(confirm=1.4))
+    assert (alone.chosen.gap_left, alone.best_known) == (1.4, None)
+
+
+def test_channels_in_doubt_are_no_evidence():
+    found = final_verdict(Decision("named", fitted(990.0, COULOMB), BASE), confirmed(), ["torque"])
+    assert found.because.startswith("what torque reads contradicts")
