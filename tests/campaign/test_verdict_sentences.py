@@ -8,7 +8,7 @@ from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 
 FRICTION = "Missing in the model is Coulomb friction of the slider."
-TOLERATED = DEFAULT_SETTINGS.decision.tolerated_reduced_chi2
+TOLERATED = DEFAULT_SETTINGS.decision.noise_gap
 UNMET = "It does not fit the held-out data"
 
 
@@ -100,7 +100,7 @@ def test_the_gap_on_held_out_data_where_nothing_was_added():
     assert held_out_in_words(VERDICTS["parameters_only"]) == "On held-out data it is 1.02"
 
 
-@pytest.mark.parametrize(("before", "told"), [(TOLERATED**0.5 - 1e-6, False), (TOLERATED**0.5 + 1e-6, True)])
+@pytest.mark.parametrize(("before", "told"), [(TOLERATED - 1e-6, False), (TOLERATED + 1e-6, True)])
 def test_of_a_gap_that_counts_as_a_slight_misfit_no_share_is_told(before, told):
     assert ("of what exceeds the noise is gone" in held_out_in_words(held_out("named", before, 0.99))) == told
 

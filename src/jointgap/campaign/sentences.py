@@ -203,7 +203,7 @@ def answer(verdict: Mapping[str, Any]) -> str:
             fault = f"The measurement has a fault: {explanation_in_words(faults)}."
             found = f"{found} {fault}" if missing else f"The mechanism lacks nothing. {fault}"
         fit = "fits the data used for fitting within the noise"
-        if gap["identify"]["after"] ** 2 > _DECISION.tolerated_reduced_chi2:
+        if gap["identify"]["after"] > _DECISION.noise_gap:
             before, after = map(rounded_gap, gap["identify"].values())
             fit = f"has a gap of {after} instead of {before}; none of the effects tried explains this rest"
         return f"{found} With this the model {fit}.{_held_out_rest(verdict)}"
@@ -273,7 +273,7 @@ def held_out_in_words(verdict: Mapping[str, Any], gap: Mapping[str, float | None
     if not (verdict["effects"] or verdict["best_known"]):
         return f"On held-out data it is {rounded_gap(before)}"
     said = f"On held-out data {HeldOutTest(test, before, after).words}"
-    if test == "falls" and before**2 > _DECISION.tolerated_reduced_chi2:
+    if test == "falls" and before > _DECISION.noise_gap:
         said += f": {percent(min(share_closed(before, after), 1.0))} of what exceeds the noise is gone"
     return said + _OF_TEST.get(test, "")
 

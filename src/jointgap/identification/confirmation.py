@@ -181,11 +181,11 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     sizes = np.array([problem.size for problem, *_ in own])
     if not own or left(fit.values) @ sizes <= sizes.sum() * fit.settings.decision.max_gap_of_noise**2:
         return fit
-    settings, most = fit.settings.confirmation, max(len(choices) for *_, choices in own)
-    drawn = [fit.values, *fit.draws[:: -(-len(fit.draws) // settings.valley_draws)]]
+    count, most = fit.settings.confirmation.valley_draws, max(len(choices) for *_, choices in own)
+    drawn = [fit.values, *fit.draws[:: -(-len(fit.draws) // count)]]
     found = [left(values, number % most if most else 0) for number, values in enumerate(drawn)]
     if most:  # runs may be met by different ones, so that one that is met says that others may be
-        best = np.argsort(np.min(found, axis=1), kind="stable")[: settings.choosing_draws]
+        best = np.argsort(np.min(found, axis=1), kind="stable")[: max(count // most, 1)]
         drawn = [fit.values, *(drawn[number] for number in best)]
         found = [left(values) for values in drawn]
     return replace(fit, values=drawn[int(np.argmin(np.array(found) @ sizes))])

@@ -20,7 +20,7 @@ from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypo
 from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import LinearizedFit, Signature, SignatureRegression, simulate_signatures
-from jointgap.identification.settings import ForceLawSettings, IdentificationSettings
+from jointgap.identification.settings import IdentificationSettings, ModelSelectionSettings
 from jointgap.identification.verdict import Row, Thresholds
 
 COEFFICIENTS = ("c1", "c2")
@@ -107,7 +107,7 @@ def find_force_law(
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
     signatures = simulate_signatures(problem, base, differences, library)
-    screen, settings = SignatureRegression(signatures), problem.settings.force_law
+    screen, settings = SignatureRegression(signatures), problem.settings.selection
     sums = [screen.explained(chosen) for chosen in _subsets(signatures.entries)]
     if not sums:
         return ForceLawResult(None, False, "no term of the library could be simulated", failed=signatures.failed)
@@ -138,11 +138,7 @@ def find_force_law(
         (fit for fit in fits if len(fit.hypothesis) == 1 and cost[fit.label] - cost[best.label] < min_delta_bic), best
     )
     rest = [fit for fit in fits if fit is not best]
-    rivals = [
-        fit
-        for fit in rest
-        if cost[fit.label] - cost[best.label] < min_delta_bic and _differs(fit, best, base, settings.same_law_share)
-    ]
+    rivals = [fit for fit in rest if cost[fit.label] - cost[best.label] < min_delta_bic and _differs(fit, best, base)]
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
     differences = differences or FiniteDifferences(problem)
@@ -183,36 +179,36 @@ def _subsets(signatures: Sequence[Signature]) -> Iterator[tuple[Signature, ...]]
                 yield chosen
 
 
-def _singles(sums: Sequence[LinearizedFit], settings: ForceLawSettings) -> list[LinearizedFit]:
+def _singles(sums: Sequence[LinearizedFit], settings: ModelSelectionSettings) -> list[LinearizedFit]:
     """The single terms that explain most, among them some of each effect; `sums` is best first."""
     singles = [screened for screened in sums if len(screened.signatures) == 1]
-    chosen = singles[: settings.max_fitted]
+    chosen = singles[: settings.max_singles]
     for effect in dict.fromkeys(effect_of(screened.hypothesis[0]) for screened in singles):
         of_effect = [screened for screened in singles if effect_of(screened.hypothesis[0]) == effect]
-        chosen += [screened for screened in of_effect[: settings.fitted_per_effect] if screened not in chosen]
+        chosen += [screened for screened in of_effect[: settings.partners] if screened not in chosen]
     return chosen
 
 
 def _pairs(
-    sums: Sequence[LinearizedFit], alone: Fit, sufficient: bool, settings: ForceLawSettings
+    sums: Sequence[LinearizedFit], alone: Fit, sufficient: bool, settings: ModelSelectionSettings
 ) -> list[LinearizedFit]:
     """The pairs that add to the best single term, and the best others where it is not enough; `sums` is best first."""
     pairs = [screened for screened in sums if len(screened.signatures) > 1]
     adding = [
         screened for screened in pairs if {c.label for c in alone.hypothesis} < {c.label for c in screened.hypothesis}
     ]
-    chosen = adding[: settings.fitted_per_effect]
-    return chosen if sufficient else chosen + [pair for pair in pairs[: settings.max_fitted] if pair not in chosen]
+    chosen = adding[: settings.partners]
+    return chosen if sufficient else chosen + [pair for pair in pairs[: settings.max_singles] if pair not in chosen]
 
 
-def _differs(fit: Fit, best: Fit, base: Fit, same_share: float) -> bool:
+def _differs(fit: Fit, best: Fit, base: Fit) -> bool:
     """Whether a sum says something else than the best one: not the same force in another form, nor with a term
     added."""
     if {c.label for c in fit.hypothesis} > {c.label for c in best.hypothesis}:
         return False
     another = effect_of(fit.hypothesis[0]) != effect_of(best.hypothesis[0])
-    distance = np.linalg.norm(fit.residual - best.residual)
-    return another or bool(distance > same_share * np.linalg.norm(base.residual - best.residual))
+    apart, change = (np.sum((one.residual - best.residual) ** 2) for one in (fit, base))
+    return another or bool(apart > (1.0 - base.settings.decision.sure_explained_share) * change)
 
 
 def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds, settings: IdentificationSettings) -> tuple[bool, str]:
@@ -222,6 +218,6 @@ def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds, settings: Ident
         return False, f"the best sum, {best.label}, is not better than chance"
     if ranked.passes:
         return True, "with it the model leaves noise alone"
-    if ranked.share >= settings.force_law.min_explained_share:
+    if ranked.share >= settings.decision.sure_explained_share:
         return True, f"it explains {ranked.share:.1%} of the misfit"
     return False, f"the best sum, {best.label}, explains {ranked.share:.1%} of the misfit only"

@@ -55,10 +55,10 @@ def shortlist_singles(
     if chi2 > limits.omnibus * dof:
         return shortlist(singles, selection.max_singles)
     # the base leaves noise alone: effects are small, and signatures nearly exact
-    min_gain = selection.min_gain_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
+    min_gain = selection.linear_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
     limit = chi2 + len(signatures.parameters) * np.log(signatures.residual.size) - min_gain
-    count = sum(single.bic < min(singles[0].bic + selection.max_delta_bic, limit) for single in singles)
-    return shortlist(singles[: max(count, selection.min_singles)], selection.max_singles)
+    count = sum(single.bic < limit for single in singles)
+    return shortlist(singles[: max(count, selection.partners)], selection.max_singles)
 
 
 def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
@@ -171,7 +171,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
         base, lowest = leading_over_ensembles(problem, base, lowest)
     best = none_above_its_parts(baseline, [base, *lowest], limits)
     ranked = sorted((fit for fit in best.values() if fit.status != FAILED), key=lambda fit: fit.bic)
-    is_rough = limits.numerical_noise > selection.smooth_numerical_noise and not problem.has_statistics
+    is_rough = limits.numerical_noise > problem.settings.stopping.min_decrease and not problem.has_statistics
     if ranked and is_rough and not alone and ranked[0].bic < base.bic:
 
         def move(chosen: Sequence[Fit], to: Fit) -> None:
@@ -180,9 +180,9 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
 
         base = moved(problem, baseline.differences, base, ranked[0])
         move(ranked[1 : 1 + selection.partners], ranked[0])
-        hardly_visible = reduced_chi2(base) <= max(limits.omnibus, settings.tolerated_reduced_chi2)
+        hardly_visible = reduced_chi2(base) <= max(limits.omnibus, settings.noise_gap**2)
         if hardly_visible and base.bic - ranked[0].bic > settings.min_delta_bic:
-            deeper = deepest_base(problem, base, baseline.differences, selection.drawn_starts)
+            deeper = deepest_base(problem, base, baseline.differences, problem.settings.baseline.drawn_starts)
             if deeper.chi2 < base.chi2:
                 base = deeper
                 move(ranked[: 1 + selection.partners], deeper)
@@ -345,7 +345,7 @@ def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float)
     rest to their nuisances, which the base has too.
     """
     problem, base = baseline.problem, baseline.base
-    share = problem.settings.selection.min_accounted_share
+    share = problem.settings.selection.linear_share
     for fit in ranked[: 1 + problem.settings.selection.partners]:
         if base.bic - fit.bic <= needed:
             break
@@ -423,7 +423,7 @@ def with_other_ends(fit: Fit, others: Sequence[Fit]) -> Fit:
     """The `fit`; where it leaves more than noise, with the farthest end of those `others` of the same hypothesis that
     leave hardly more as a shift of its values."""
     settings, noise = fit.settings.decision, fit.residual.size - len(fit.parameters)
-    if fit.status == FAILED or reduced_chi2(fit) <= settings.tolerated_reduced_chi2:
+    if fit.status == FAILED or reduced_chi2(fit) <= settings.noise_gap**2:
         return fit
     labels, most = labels_of(fit.hypothesis), noise + (fit.chi2 - noise) / settings.max_share_of_wrong_misfit
     as_good = (other for other in others if labels_of(other.hypothesis) == labels and other.chi2 <= most)

@@ -168,19 +168,17 @@ class WindowSettings:
 class ModelSelectionSettings:
     """Which hypotheses are worth a fit, and how fits are made comparable before the decision."""
 
-    max_singles: int = 8  # Candidates that are fitted alone (experience)
-    # [BIC] Where the baseline leaves no more than noise, effects are small and signatures nearly exact: candidates
-    # this much behind the best are not fitted. Three times the 10 of a very strong preference
-    max_delta_bic: float = 30.0
-    # [1, of the gain that is called an effect] There, candidates that promise less than half of it are not fitted
-    # either
-    min_gain_share: float = 0.5
-    # Candidates that are fitted there in any case, so that the best one has a rival to be compared with
-    min_singles: int = 2
+    # Candidates that are fitted alone, and sums of terms of one size where a law is sought (experience)
+    max_singles: int = 8
+    # [1] Of what derivatives say of gains: a candidate that promises less than this of what is called an effect is not
+    # fitted where the base leaves noise alone, and the base is fitted again from the nuisances of a hypothesis whose
+    # effects account for less than this of what it gains. Half, since residuals are not linear
+    linear_share: float = 0.5
     # [1] Of the signatures of two effects beside the nuisances: what is more alike is fitted before one is named
     alike_cosine: float = 0.7
     # Partners of a sufficient or a leading effect that are fitted, pairs whose signatures explain nearly all, rivals
-    # that are fitted again from the best one's nuisances, and swaps of each effect of a pair
+    # that are fitted again from the best one's nuisances, swaps of each effect of a pair, terms of each effect that may
+    # be a law, and single effects that are fitted in any case, so that the best one has rivals to be compared with
     partners: int = 3
     # Single effects beside which pairs are fitted where none is sufficient, those of least chi2, one of each
     # exclusion group; `partners` of each. Two effects that mask each other need not lead alone (experience)
@@ -190,16 +188,6 @@ class ModelSelectionSettings:
     max_simulations: int = 5000
     # The same of motion that never repeats, of which a run takes as long as four others (experience)
     max_simulations_of_statistics: int = 1500
-    # [chi2] With less numerical noise the base and the next best are not fitted again from the winner's nuisances
-    # before they are compared. That chi2 has no valleys then does not follow: with settled loose joints it has many
-    smooth_numerical_noise: float = 0.01
-    # [1, of what a hypothesis gains] What its effects have to account for in its own valley of the nuisances for
-    # the base to be in the same one: half, since residuals are not linear
-    min_accounted_share: float = 0.5
-    # Drawn values of the nuisances from which the baseline is fitted again before an effect is named that hardly
-    # shows: a badly converged base makes any effect look useful. A clearance some percent off has impacts at other
-    # instants and a valley of its own
-    drawn_starts: int = 3
 
 
 @dataclass(frozen=True)
@@ -289,22 +277,6 @@ class DetectabilitySettings:
 
 
 @dataclass(frozen=True)
-class ForceLawSettings:
-    """The search for a force law where no listed effect explains what is missing."""
-
-    # [1, of the misfit] What a law has to explain where it leaves more than noise: it is then within 10 % (rms) of
-    # the force. More than of a listed effect, as the library of terms can imitate much
-    min_explained_share: float = 0.99
-    # [1, of the law's own change] Laws of one effect whose predictions differ by less are one law in two forms
-    same_law_share: float = 0.1
-    # Sums of one size that are simulated, of those that would explain most if all were linear (experience)
-    max_fitted: int = 6
-    # Single terms of each effect, and pairs that add to the best one, that are simulated in any case: where joints
-    # are loose, the linear order misleads
-    fitted_per_effect: int = 3
-
-
-@dataclass(frozen=True)
 class ConfirmationSettings:
     """Held-out data: the bootstrap of their gaps, and with which values of the parameters they are predicted."""
 
@@ -313,11 +285,9 @@ class ConfirmationSettings:
     blocks: int = 20
     draws: int = 1000  # Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width
     # Draws along a curved valley of chi2 with which held-out runs are simulated at most: of 200 one in twenty met a
-    # run at twice the speed as noise does, where the values at the minimum left a gap of 2.2
+    # run at twice the speed as noise does, where the values at the minimum left a gap of 2.2. Where a run has choices,
+    # such as starts of a motion, as many simulations again try all of them at the best draws
     valley_draws: int = 100
-    # Of these the best, at which every choice of a held-out run is tried: eight starts of a motion cost eight
-    # simulations of the run
-    choosing_draws: int = 10
 
 
 @dataclass(frozen=True)
@@ -330,15 +300,17 @@ class DecisionSettings:
     # [1, of the misfit] What an explanation has to explain where it leaves more than noise; the rest is a small
     # part of it
     min_explained_share: float = 0.95
-    # [1] chi2 over its degrees of freedom up to which nothing is called missing unless an effect is found: a gap of
-    # 1.05
-    tolerated_reduced_chi2: float = 1.1
-    # [1] Such an explanation must leave less than this part of what it would leave if the effect most like it were
-    # the cause: half way between right and wrong
+    # [standard deviations of the noise] Up to this gap nothing is called missing unless an effect is found; where the
+    # 90 % interval of the held-out gap begins above it, more than noise is left there
+    noise_gap: float = 1.05
+    # [1] What an explanation leaves must be less than this part of what it would leave if the effect most like it were
+    # the cause; and of held-out data, where more than noise is left, of what was there before: half way between right
+    # and wrong
     max_share_of_wrong_misfit: float = 0.5
     # [1, of the misfit] From here on the fits of other explanations decide, not how alike signatures look: what is
-    # left is within a tenth, root mean square, of what is missing, as of a force law. Below, a law that is not on
-    # the list explains as much by one that is: the cube of the speed by its square and a force that swings 98.4 %
+    # left is within a tenth, root mean square, of what is missing. Below, a law that is not on the list explains as
+    # much by one that is: the cube of the speed by its square and a force that swings 98.4 %. A force law has to
+    # explain as much, as the library of terms can imitate a lot, and laws that differ by no more are one law
     sure_explained_share: float = 0.99
     # [1] An effect whose size chance alone makes more often is not there: outside of a 90 % interval about it lies
     # 0
@@ -349,10 +321,6 @@ class DecisionSettings:
     # [standard deviations of the noise] The same of all channels of the held-out data together. Of the one real
     # machine of the examples 7 are left, 6 % of the force: it is explained in part
     max_gap_held_out: float = 1.5
-    # [standard deviations of the noise] Where the 90 % interval of the held-out gap begins above it, more than
-    # noise is left there
-    max_low_end_of_gap: float = 1.05
-    least_closed: float = 0.5  # [1, of the squared excess of the held-out gap] What has to be gone of it then
     # Nuisances that end at bounds from which on a fit is not believed where noise is large too: they make up for
     # what the model lacks
     many_at_bounds: int = 3
@@ -524,7 +492,6 @@ class IdentificationSettings:
     noise: NoiseSettings = field(default_factory=NoiseSettings)
     screening: ScreeningSettings = field(default_factory=ScreeningSettings)
     detectability: DetectabilitySettings = field(default_factory=DetectabilitySettings)
-    force_law: ForceLawSettings = field(default_factory=ForceLawSettings)
     confirmation: ConfirmationSettings = field(default_factory=ConfirmationSettings)
     decision: DecisionSettings = field(default_factory=DecisionSettings)
     disagreement: DisagreementSettings = field(default_factory=DisagreementSettings)

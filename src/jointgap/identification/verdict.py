@@ -167,10 +167,10 @@ class Case:
         self.needed = max(settings.min_delta_bic, self.limits.max_gain_threshold)
         self.apart = settings.min_delta_bic + self.limits.numerical_noise
         # A share of what hardly shows says nothing; what is left of it would not be called missing either.
-        self.hardly_shows = self.base.misfit <= settings.tolerated_reduced_chi2
+        self.hardly_shows = self.base.misfit <= settings.noise_gap**2
         if said:
             self.held_out, self.test = evidence.held_out, evidence.held_out.test
-            self.leaves_more = self.test.after_low > settings.max_low_end_of_gap
+            self.leaves_more = self.test.after_low > settings.noise_gap
             self.leaves_rest = self.leaves_more or said.verdict != NAMED
             self.closed, self.ends = share_closed(self.test.before, self.test.after), ", ".join(self.best.at_bounds)
 
@@ -363,7 +363,7 @@ OF_HELD_OUT = (
     Rule(
         UNEXPLAINED,
         "{c.best.label} explains less than half of the gap on the held-out data: {c.test.words}",
-        lambda c: c.counts_held_out and c.leaves_more and c.closed < c.settings.least_closed,
+        lambda c: c.counts_held_out and c.leaves_more and 1.0 - c.closed > c.settings.max_share_of_wrong_misfit,
     ),
     Rule(AS_THE_FITS_SAY, "", lambda c: c.said.verdict == NAMED_WITH_REMAINING_MISFIT),
     Rule(
@@ -397,7 +397,7 @@ def weigh(base: Row, row: Row, limits: Thresholds, settings: DecisionSettings = 
     # within a standard deviation of chi2 it may be noise
     share = (base.chi2 - row.chi2) / excess if excess > np.sqrt(2 * base.samples) else np.nan
     # null campaigns leave much where the noise is known poorly: that says little of what is explained
-    explains = row.misfit <= settings.tolerated_reduced_chi2 or not share < settings.min_explained_share
+    explains = row.misfit <= settings.noise_gap**2 or not share < settings.min_explained_share
     passes = bool(row.misfit <= limits.omnibus and explains)
     return replace(row, delta_bic=base.bic - row.bic, share=share, passes=passes)
 
