@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.candidates import Candidate
 from jointgap.identification.confirmation import Confirmed
 from jointgap.identification.fit import FAILED, Fit, chance
 from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
@@ -31,26 +31,24 @@ def row_of(
     similarity: float = 0.0,
 ) -> Row:
     """A fit in the table, with what speaks against its effects where the `bounds` of nuisances are given."""
-    ends = zip(fit.parameters, fit.values, fit.active, strict=True)
+    objection = (fit.reason or fit.status) if fit.status == FAILED else ""
+    if bounds is not None and not objection:
+        objection = _objection(fit, bounds, settings, order_in_words)
+    active = zip(fit.parameters, fit.values, fit.active, strict=True)
+    shared = [(p, value) for p, value, moves in active if moves and p.run is None and "." not in p.name]
     return Row(
-        fit,
-        tuple(candidate.label for candidate in fit.hypothesis),
-        fit.chi2,
-        fit.residual.size,
-        len(fit.parameters),
-        fit.bic,
-        fit.status == FAILED,
-        "" if bounds is None or fit.status == FAILED else _objection(fit, bounds, settings, order_in_words),
-        fit.reason,
-        similarity,
-        tuple(p.name for p, value, active in ends if active and _is_shared(p) and not p.low < value < p.high),
-        any(candidate.search_range and not candidate.is_perturbation for candidate in fit.hypothesis),
+        fit=fit,
+        effects=tuple(candidate.label for candidate in fit.hypothesis),
+        chi2=fit.chi2,
+        samples=fit.residual.size,
+        parameters=len(fit.parameters),
+        bic=fit.bic,
+        objection=objection,
+        reason=fit.reason,
+        similarity=similarity,
+        at_bounds=tuple(p.name for p, value in shared if not p.low < value < p.high),
+        is_rough=any(candidate.search_range and not candidate.is_perturbation for candidate in fit.hypothesis),
     )
-
-
-def _is_shared(parameter: Parameter) -> bool:
-    """Whether it is a nuisance that all runs share."""
-    return parameter.run is None and "." not in parameter.name
 
 
 def weigh_fit(base: Fit, fit: Fit, limits: Thresholds, bounds: Bounds | None = None) -> Row:

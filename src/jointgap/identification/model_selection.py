@@ -1,7 +1,8 @@
 """From a base to a decision: which hypotheses are worth a fit, and how fits are made comparable."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import permutations, product
 
 import numpy as np
 
@@ -126,13 +127,12 @@ def nonlinearity(problem: Problem, fit: Fit) -> float:
         step = min(error, value - p.low, p.high - value)
         if p.run is not None or not step > 0.0:
             continue
+        places = [fit.mapping | {p.key: value + signed} for signed in (step, -step)]
         try:
-            above, below = (
-                problem.residual(fit.mapping | {p.key: value + signed}, fit.hypothesis) for signed in (step, -step)
-            )
+            sides = [problem.residual(place, fit.hypothesis) for place in places]
         except (InputError, SimulationError):
             continue
-        for simulated, opposite in ((above, below), (below, above)):
+        for simulated, opposite in permutations(sides):
             predicted = np.sum((2.0 * fit.residual - opposite) ** 2)
             largest = max(largest, abs(float(np.sum(simulated**2) - predicted)))
     return largest
@@ -211,7 +211,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     ends in another one, and from there none leads back.
     Arguments as in `select_hypothesis`.
     """
-    best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic, default=None)
+    best = _best(fits)
     if best is None or len(best.hypothesis) < 2:
         return []
     problem, differences = baseline.problem, baseline.differences
@@ -229,10 +229,9 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
         about = signatures.about(alone)
         partners = SignatureRegression(about.without_nuisances() if in_valley else about, alone.hypothesis).singles()
         for pair in shortlist(partners, problem.settings.selection.partners):
-            labels = labels_of(pair.hypothesis)
-            if labels in done:
+            if labels_of(pair.hypothesis) in done:
                 continue
-            done.add(labels)
+            done.add(labels_of(pair.hypothesis))
             if in_valley:
                 start = alone.mapping | pair.start
                 swapped.append(fit_hypothesis(problem, pair.hypothesis, start, differences=differences))
@@ -274,33 +273,34 @@ def fits_beyond_bounds(baseline: Baseline, fits: Sequence[Fit]) -> list[Fit]:
     with the gain of a sensor was best, and the slider's mass at its bound; hidden was an added mass.
     Arguments as in `select_hypothesis`.
     """
-    best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic, default=None)
+    best = _best(fits)
     if best is None or not best.hypothesis or best.bic >= baseline.base.bic:
         return []
-    problem, done, beyond = baseline.problem, {labels_of(fit.hypothesis) for fit in fits}, []
-    for hypothesis in _hypotheses_beyond_bounds(problem, best):
-        if labels_of(hypothesis) not in done and len(beyond) < problem.settings.selection.partners:
-            done.add(labels_of(hypothesis))
-            start = with_effects_absent(problem, hypothesis, best)
-            beyond.append(fit_hypothesis(problem, hypothesis, start, differences=baseline.differences))
-    return beyond
+    problem, done = baseline.problem, {labels_of(fit.hypothesis) for fit in fits}
+    beyond = {labels_of(each): each for each in _beyond_bounds(problem, best) if labels_of(each) not in done}
+    return [
+        fit_hypothesis(problem, each, with_effects_absent(problem, each, best), differences=baseline.differences)
+        for each in list(beyond.values())[: problem.settings.selection.partners]
+    ]
 
 
-def _hypotheses_beyond_bounds(problem: Problem, best: Fit) -> list[Hypothesis]:
+def _best(fits: Sequence[Fit]) -> Fit | None:
+    return min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic, default=None)
+
+
+def _beyond_bounds(problem: Problem, best: Fit) -> Iterator[Hypothesis]:
     """The hypothesis of a fit, each effect in turn replaced by one that takes a nuisance at its bound beyond that."""
-    found = []
-    for p, value in zip(best.parameters, best.values, strict=True):
-        if p.run is not None or p.low < value < p.high:
+    ends = {p.name: (p, value) for p, value in zip(best.parameters, best.values, strict=True) if p.run is None}
+    ends = {name: value - p.nominal for name, (p, value) in ends.items() if not p.low < value < p.high}
+    for name, candidate in product(ends, problem.model.candidates):
+        if name not in candidate.replaces:
             continue
-        for candidate in (one for one in problem.model.candidates if p.name in one.replaces):
-            amplitude = next(each for each in candidate.coordinates if each.key == candidate.replaces[p.name])
-            if not amplitude.low < value - p.nominal < amplitude.high:
-                continue  # it ends there too
+        amplitude = next(each for each in candidate.coordinates if each.key == candidate.replaces[name])
+        if amplitude.low < ends[name] < amplitude.high:  # else it ends there too
             for out in best.hypothesis:
                 kept = tuple(one for one in best.hypothesis if one is not out)
                 if not any({*candidate.replaces} & {*one.replaces} for one in kept):
-                    found.append((*kept, candidate))
-    return found
+                    yield (*kept, candidate)
 
 
 def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> dict[frozenset[str], Fit]:
@@ -310,8 +310,7 @@ def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit], limits: Thresh
     where it is far behind one that is sufficient by the `limits`.
     """
     done: list[Fit] = []
-    sound = (fit for fit in fits if fit.status != FAILED)
-    sufficient = min((fit.chi2 for fit in sound if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
+    sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
     for fit in sorted(fits, key=lambda fit: len(fit.hypothesis)):
         done.append(not_above_its_parts(baseline.problem, baseline.differences, fit, done, sufficient))
     return {labels_of(fit.hypothesis): fit for fit in done if fit.hypothesis}
@@ -388,13 +387,10 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         return with_other_ends(in_windows or fit, found)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
-    chosen = decision.chosen
-    if chosen is decision.base:
-        if decision.verdict == PARAMETERS_ONLY:  # else something is missing, and its parameters are not to be believed
-            base = with_intervals(baseline.problem, base, baseline.differences)
-        chosen = base
-    elif chosen.hypothesis:
-        chosen = stated(chosen)
+    if decision.verdict == PARAMETERS_ONLY:  # else something is missing, and its parameters are not to be believed
+        base = with_intervals(baseline.problem, base, baseline.differences)
+    chosen = base if decision.chosen is decision.base else decision.chosen
+    chosen = stated(chosen) if chosen.hypothesis else chosen
     equivalent = [stated(fit) for fit in decision.equivalent]
     best_known = stated(decision.best_known) if decision.best_known else None
     return replace(decision, chosen=chosen, base=base, equivalent=equivalent, best_known=best_known)

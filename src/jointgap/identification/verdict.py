@@ -45,8 +45,7 @@ class Row:
     samples: int
     parameters: int  # How many were fitted
     bic: float
-    failed: bool = False
-    objection: str = ""  # Why it is not admissible: an effect is not there, or is no effect
+    objection: str = ""  # Why it is not admissible: the fit failed, or an effect is not there or is none
     reason: str = ""  # What the fit says of itself
     similarity: float = 0.0  # [1] Squared cosine with the effect that is most like it
     at_bounds: tuple[str, ...] = ()  # Shared nuisances at an end of their range
@@ -68,8 +67,8 @@ class Row:
 
     @property
     def admissible(self) -> bool:
-        """Whether all its effects are there, and none is a nuisance within its range."""
-        return not self.failed and not self.objection
+        """Whether it may be named: all its effects are there, and none is a nuisance within its range."""
+        return not self.objection
 
     @property
     def remark(self) -> str:
@@ -162,7 +161,7 @@ class Case:
         self.evidence, self.settings, self.said = evidence, settings, said
         self.base, self.nominal, self.limits = evidence.base, evidence.nominal, evidence.limits
         rows = [weigh(self.base, row, self.limits, settings) for row in evidence.rows]
-        self.ranking = sorted(rows, key=lambda row: (row.failed, -row.delta_bic))
+        self.ranking = sorted(rows, key=lambda row: -row.delta_bic)
         # The base is a rival too, and the best of many explanations gains something by chance alone.
         self.needed = max(settings.min_delta_bic, self.limits.max_gain_threshold)
         self.apart = settings.min_delta_bic + self.limits.numerical_noise
