@@ -256,7 +256,7 @@ class Rule(NamedTuple):
     """A row of the table of rules."""
 
     verdict: str
-    because: str  # The reason in plain words, with what it tells of the case `c`
+    because: str  # The reason in plain words, which names the rule; {c} is the case
     holds: Callable[[Case], Any]
 
 
@@ -345,7 +345,7 @@ OF_HELD_OUT = (
         "the best, {c.best.label}, leaves a gap of {c.held_out.gap:.3g} on the held-out data: no small rest",
         lambda c: c.counts_held_out and c.held_out.gap > c.settings.max_gap_held_out,
     ),
-    Rule(AS_THE_FITS_SAY, "", lambda c: c.said.verdict == AMBIGUOUS),
+    Rule(AS_THE_FITS_SAY, "several explanations are equally good", lambda c: c.said.verdict == AMBIGUOUS),
     # Of what the effects change in the held-out data the share a is there: the squared gap falls by (2 a - 1) times
     # that change's mean square. Where it falls at all, more of the change is there than not.
     Rule(
@@ -364,7 +364,7 @@ OF_HELD_OUT = (
         "{c.best.label} explains less than half of the gap on the held-out data: {c.test.words}",
         lambda c: c.counts_held_out and c.leaves_more and 1.0 - c.closed > c.settings.max_share_of_wrong_misfit,
     ),
-    Rule(AS_THE_FITS_SAY, "", lambda c: c.said.verdict == NAMED_WITH_REMAINING_MISFIT),
+    Rule(AS_THE_FITS_SAY, "the fits leave a rest", lambda c: c.said.verdict == NAMED_WITH_REMAINING_MISFIT),
     Rule(
         NAMED_WITH_REMAINING_MISFIT,
         "it leaves noise alone on the data used for fitting, but more on the held-out data",
@@ -375,7 +375,7 @@ OF_HELD_OUT = (
         "the gap on the held-out data falls by less than noise leaves open: {c.test.words}",
         lambda c: c.test.outcome == STAYS,
     ),
-    Rule(AS_THE_FITS_SAY, "", lambda c: True),
+    Rule(AS_THE_FITS_SAY, "noise alone is left of all data", lambda c: True),
 )
 """What is left of that once the held-out data are heard."""
 
