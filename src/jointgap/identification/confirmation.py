@@ -85,21 +85,14 @@ def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
     held_out = gaps.query("role == 'confirm' and channel == 'all'")
     if held_out.empty:
         return HeldOutTest(NOTHING_HELD_OUT)
-    rows = held_out[held_out["run"] == "all"].dropna(subset=["after"])
-    if rows.empty:
-        rows = held_out[held_out["run"] != "all"].dropna(subset=["after"])
-    seen = zip(rows.apply(_outcome, axis=1), rows["before"], rows["after"], rows["after_low"], strict=True)
-    tests = [HeldOutTest(*each) for each in seen] if len(rows) else []
-    order = (RISES, STAYS, FALLS, CANNOT_TELL)
+    simulated = held_out.dropna(subset=["after"])
+    together = simulated[simulated["run"] == "all"]
+    order, tests = (RISES, STAYS, FALLS, CANNOT_TELL), []
+    for row in (simulated if together.empty else together).to_dict("records"):
+        outcome = CANNOT_TELL if row["fall_high"] >= row["fall_expected"] else STAYS
+        outcome = FALLS if row["fall_low"] > 0.0 else RISES if row["fall_high"] < 0.0 else outcome
+        tests.append(HeldOutTest(outcome, row["before"], row["after"], row["after_low"]))
     return min(tests, key=lambda test: order.index(test.outcome), default=HeldOutTest(NOT_SIMULATED))
-
-
-def _outcome(row: Mapping[str, float]) -> str:
-    if row["fall_low"] > 0.0:
-        return FALLS
-    if row["fall_high"] < 0.0:
-        return RISES
-    return CANNOT_TELL if row["fall_high"] >= row["fall_expected"] else STAYS
 
 
 def confirm(

@@ -105,12 +105,12 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
         return limits
     changed = float(max((np.sum((row - nuisances @ (nuisances.T @ row)) ** 2) for row in changes), default=0.0))
     small = (1.0 - baseline.problem.settings.decision.min_explained_share) * (baseline.base.chi2 - best.chi2)
-    second = replace(limits, max_gain_threshold=max(limits.max_gain_threshold, min(changed, small)))
+    gain, omnibus = max(limits.max_gain_threshold, min(changed, small)), limits.omnibus
     if limits.max_gain_threshold < changed <= small:
-        second = replace(second, omnibus=limits.omnibus + changed / best.residual.size)
-    if reduced_chi2(best) > second.omnibus:
-        return second
-    return replace(second, max_gain_threshold=max(second.max_gain_threshold, nonlinearity(baseline.problem, best)))
+        omnibus += changed / best.residual.size
+    if reduced_chi2(best) <= omnibus:
+        gain = max(gain, nonlinearity(baseline.problem, best))
+    return replace(limits, max_gain_threshold=gain, omnibus=omnibus)
 
 
 def nonlinearity(problem: Problem, fit: Fit) -> float:
