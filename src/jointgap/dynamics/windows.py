@@ -197,14 +197,9 @@ def _begin(p, time, k, slow, speed, carried):
 
 
 @compiled
-def _run(p, k, slow, speed, carried, found, angles, bounds, tolerance, limit, room, end, after):
-    """Integrate window `k` from the state `slow` (d,): whether it went well.
-
-    Its samples are rows of `found`, the last one at its end, whose state and what goes with it are row `k` of `end` and
-    `after`.
-    """
-    first, last = bounds[k], bounds[k + 1]
-    part = IntegrationResult(
+def _part(found, first, last):
+    """Rows of an integration."""
+    return IntegrationResult(
         found.times[first:last],
         found.states[first:last],
         found.auxiliary_states[first:last],
@@ -215,8 +210,19 @@ def _run(p, k, slow, speed, carried, found, angles, bounds, tolerance, limit, ro
         found.events,
         0,
     )
+
+
+@compiled
+def _run(p, k, slow, speed, carried, rows, tolerance, room, end, after):
+    """Integrate window `k` from the state `slow` (d,): whether it went well.
+
+    Its samples are of the `rows`, the last one at its end, whose
+    state and what goes with it are row `k` of `end` and `after`.
+    """
+    found, first, last = rows.found, rows.bounds[k], rows.bounds[k + 1]
+    part = _part(found, first, last)
     progress = _begin(p, part.times[0], k, slow, speed, carried)
-    status, _, _, _ = integrate(p, progress, part, angles[first:last], tolerance, limit, room)
+    status, _, _, _ = integrate(p, progress, part, rows.angles[first:last], tolerance, rows.limits[k], room)
     if status != DONE:
         return False
     y, x, n = part.states[-1], part.auxiliary_states[-1], last - 1
@@ -245,11 +251,11 @@ def _run(p, k, slow, speed, carried, found, angles, bounds, tolerance, limit, ro
 
 
 @compiled
-def _run_all(p, slow, carried, found, angles, bounds, tolerance, limits, room, end, after, done):
+def _run_all(p, slow, carried, rows, tolerance, room, end, after, done):
     """`_run` of all windows; `done` (k,) says which went well."""
     speed = abs(p.drive.speed)
     for k in range(len(slow)):
-        done[k] = _run(p, k, slow[k], speed, carried, found, angles, bounds, tolerance, limits[k], room, end, after)
+        done[k] = _run(p, k, slow[k], speed, carried, rows, tolerance, room, end, after)
 
 
 class Rows(NamedTuple):
@@ -297,7 +303,7 @@ def simulate_windows(
     """
     end, after, done = np.full(slow.shape, np.nan), _like(carried), np.zeros(len(slow), bool)
     room = room_for_stages()
-    _run_all(p, slow, carried, rows.found, rows.angles, rows.bounds, tolerance, rows.limits, room, end, after, done)
+    _run_all(p, slow, carried, rows, tolerance, room, end, after, done)
     window = np.repeat(np.arange(done.size), np.diff(rows.bounds))
     chosen = np.flatnonzero((rows.sample >= 0) & done[window])
     columns, count = rows.found.part(chosen).observed(p), int(rows.sample.max()) + 1
@@ -356,18 +362,7 @@ class FilterSettings(NamedTuple):
 @compiled
 def _misfit(p, found, first, last, samples, numbers, readings, heavy, out):
     """Residuals of the rows from `first` to `last`, into `out` (c n,): how many, and the sum of their squares."""
-    part = IntegrationResult(
-        found.times[first:last],
-        found.states[first:last],
-        found.auxiliary_states[first:last],
-        found.modes[first:last],
-        found.approaches[first:last],
-        found.begins[first:last],
-        found.directions[first:last],
-        found.events,
-        0,
-    )
-    fill_samples(p, part, samples[first:last])
+    fill_samples(p, _part(found, first, last), samples[first:last])
     n, total = 0, 0.0
     for i in range(first, last):
         for c in range(readings.columns.size):
@@ -391,9 +386,18 @@ def _turned_by(after, before, out):
             out[i] -= 2.0 * math.pi * math.floor(out[i] / (2.0 * math.pi) + 0.5)
 
 
-class _Work(NamedTuple):
-    """Room for one window in the filter."""
+class _Filtering(NamedTuple):
+    """What the filter goes over, and its room."""
 
+    rows: Rows
+    readings: Readings
+    settings: FilterSettings
+    tolerance: float  # [m]
+    carried: Carried  # what the windows take over
+    after: Carried  # and hand on
+    room: np.record  # for the stages of a step
+    samples: np.ndarray  # (n,) of the rows, and the same as numbers (n, s)
+    numbers: np.ndarray
     residual: np.ndarray  # (m,) of the state that is kept, and of one that is tried
     moved: np.ndarray
     jacobian: np.ndarray  # (m, d)
@@ -405,15 +409,15 @@ class _Work(NamedTuple):
 
 
 @compiled
-def _tried(p, k, state, into, rows, carried, tolerance, room, samples, numbers, readings, heavy, end, after):
-    """Simulate window `k` from a `state`: how many residuals it leaves, in `into`, and their squares; none and infinity
-    where it cannot be simulated."""
-    speed = abs(p.drive.speed)
-    limit = rows.limits[k]
-    if not _run(p, k, state, speed, carried, rows.found, rows.angles, rows.bounds, tolerance, limit, room, end, after):
+def _tried(p, k, state, of, into, end):
+    """Simulate window `k` from a `state`: how many residuals it leaves, in
+    `into`, and their squares; none and infinity where it cannot be simulated."""
+    rows, speed = of.rows, abs(p.drive.speed)
+    if not _run(p, k, state, speed, of.carried, rows, of.tolerance, of.room, end, of.after):
         return 0, math.inf
-    first, last = rows.bounds[k], rows.bounds[k + 1]
-    return _misfit(p, rows.found, first, last, samples, numbers, readings, heavy, into)
+    return _misfit(
+        p, rows.found, rows.bounds[k], rows.bounds[k + 1], of.samples, of.numbers, of.readings, of.settings.heavy, into
+    )
 
 
 @compiled
@@ -424,37 +428,30 @@ def _pull(state, mean, precision, change):
 
 
 @compiled
-def _polished(
-    p, k, state, mean, precision, rows, carried, tolerance, room, samples, numbers, readings, settings, work, after
-):
+def _polished(p, k, state, mean, precision, of):
     """The state of window `k` that fits best near `state`, by Levenberg-Marquardt steps: it, and its squares of
     residuals and of how far it is off its `mean`."""
-    d, heavy = state.size, settings.heavy
-    n, total = _tried(
-        p, k, state, work.residual, rows, carried, tolerance, room, samples, numbers, readings, heavy, work.end, after
-    )
+    d, settings = state.size, of.settings
+    n, total = _tried(p, k, state, of, of.residual, of.end)
     damping = 1e-3
     for _ in range(settings.iterations):
         if n == 0:
             break
-        here = total + _pull(state, mean, precision, work.change)
-        off = work.change.copy()
+        here = total + _pull(state, mean, precision, of.change)
+        off = of.change.copy()
         for i in range(d):
             step = settings.angle_step if i % 2 == 0 else settings.rate_step
             other = state.copy()
             other[i] += step
-            m, _ = _tried(
-                p, k, other, work.moved, rows, carried, tolerance, room, samples, numbers, readings, heavy,
-                work.tried_end, after,
-            )  # fmt: skip
-            _turned_by(work.tried_end[k], work.end[k], work.change)
+            m, _ = _tried(p, k, other, of, of.moved, of.tried_end)
+            _turned_by(of.tried_end[k], of.end[k], of.change)
             for j in range(n):
-                work.jacobian[j, i] = (work.moved[j] - work.residual[j]) / step if m == n else 0.0
+                of.jacobian[j, i] = (of.moved[j] - of.residual[j]) / step if m == n else 0.0
             for j in range(d):
-                work.forward[j, i] = work.change[j] / step if m == n else (1.0 if i == j else 0.0)
-        jacobian = work.jacobian[:n]
-        work.sensed[:] = jacobian.T @ jacobian
-        hessian, gradient = work.sensed + precision, jacobian.T @ work.residual[:n] + precision @ off
+                of.forward[j, i] = of.change[j] / step if m == n else (1.0 if i == j else 0.0)
+        jacobian = of.jacobian[:n]
+        of.sensed[:] = jacobian.T @ jacobian
+        hessian, gradient = of.sensed + precision, jacobian.T @ of.residual[:n] + precision @ off
         if gradient @ np.linalg.solve(hessian, gradient) < _NEGLIGIBLE:
             break
         better = False
@@ -466,43 +463,33 @@ def _polished(
             for i in range(d):
                 reach = 0.8 if i % 2 == 0 else 3.0
                 other[i] -= min(max(step_to[i], -reach), reach)
-            m, squares = _tried(
-                p, k, other, work.moved, rows, carried, tolerance, room, samples, numbers, readings, heavy,
-                work.tried_end, after,
-            )  # fmt: skip
-            there = squares + _pull(other, mean, precision, work.change)
+            m, squares = _tried(p, k, other, of, of.moved, of.tried_end)
+            there = squares + _pull(other, mean, precision, of.change)
             if there < here:
                 better, state, total = True, other, squares
-                work.residual[:n] = work.moved[:n]
-                work.end[k] = work.tried_end[k]
+                of.residual[:n] = of.moved[:n]
+                of.end[k] = of.tried_end[k]
                 break
             damping = max(8.0 * damping, 1e-3)
         if not better or (here - there < 0.02 * here and here - there < 3.0):
             break
         damping *= 0.2
-    return state, n, total, _pull(state, mean, precision, work.change)
+    return state, n, total, _pull(state, mean, precision, of.change)
 
 
 @compiled
-def find_states(
-    p, rows, tolerance, room, samples, numbers, readings, settings, guesses, first_is_known, others, carried, slow
-):
+def find_states(p, of, guesses, first_is_known, others, slow):
     """Find the states of all windows one after the other, each from where the one before ended.
 
     An iterated extended Kalman filter. The first state is near the best of the `guesses`, or near the first of them if
     that is known and does well. Where a window leaves much, the one of the `others` (k, d) is tried too, unless it is
-    NaN. Fills `slow` (k, d) and `carried`. Returns the sums over the windows of squares of residuals and jumps and of
-    the logarithms of determinants, of which minus twice the logarithm of the marginal likelihood is made; squares (k,)
-    of the residuals alone, and how many there are (k,).
+    NaN. Fills `slow` (k, d) and what windows take over. Returns the sums over the windows of squares of residuals and
+    jumps and of the logarithms of determinants, of which minus twice the logarithm of the marginal likelihood is made;
+    squares (k,) of the residuals alone, and how many there are (k,).
     """
     count, d = slow.shape
-    after = _like(carried)
+    rows, settings = of.rows, of.settings
     squares, sizes = np.zeros(count), np.zeros(count)
-    most = np.max(rows.bounds[1 : count + 1] - rows.bounds[:count]) * readings.columns.size
-    work = _Work(
-        np.zeros(most), np.zeros(most), np.zeros((most, d)), np.eye(d), np.zeros((d, d)), np.zeros(d),
-        np.zeros((count, d)), np.zeros((count, d)),
-    )  # fmt: skip
     mean, covariance = guesses[0].copy(), np.eye(d) * settings.first**2
     cost = log_determinant = 0.0
     for k in range(count):
@@ -510,19 +497,13 @@ def find_states(
         precision, state, least = np.linalg.inv(prior), mean.copy(), math.inf
         if k == 0:
             for g in range(guesses.shape[0]):
-                m, total = _tried(
-                    p, k, guesses[g], work.moved, rows, carried, tolerance, room, samples, numbers, readings,
-                    settings.heavy, work.tried_end, after,
-                )  # fmt: skip
+                m, total = _tried(p, k, guesses[g], of, of.moved, of.tried_end)
                 if total < least and (g == 0 or not first_is_known or least > settings.bad * m):
                     least, state = total, guesses[g].copy()
             mean = state.copy()
         elif not math.isnan(others[k, 0]):
             for other in (mean, others[k]):
-                m, total = _tried(
-                    p, k, other, work.moved, rows, carried, tolerance, room, samples, numbers, readings,
-                    settings.heavy, work.tried_end, after,
-                )  # fmt: skip
+                m, total = _tried(p, k, other, of, of.moved, of.tried_end)
                 if total < (least if least < math.inf else total + 1.0) and least > settings.bad * m:
                     lost = least < math.inf and total < 0.5 * least
                     state = other.copy()
@@ -530,41 +511,22 @@ def find_states(
                         mean, prior = other.copy(), np.eye(d) * settings.first**2
                         precision = np.linalg.inv(prior)
                 least = min(least, total)
-        state, n, total, pull = _polished(
-            p,
-            k,
-            state,
-            mean,
-            precision,
-            rows,
-            carried,
-            tolerance,
-            room,
-            samples,
-            numbers,
-            readings,
-            settings,
-            work,
-            after,
-        )
+        state, n, total, pull = _polished(p, k, state, mean, precision, of)
         # what is tried last is no state that is kept
-        n, total = _tried(
-            p, k, state, work.residual, rows, carried, tolerance, room, samples, numbers, readings, settings.heavy,
-            work.end, after,
-        )  # fmt: skip
+        n, total = _tried(p, k, state, of, of.residual, of.end)
         slow[k] = state
         if n > 0:
             squares[k], sizes[k] = total, n
             cost += total + pull
-            log_determinant += np.linalg.slogdet(np.eye(d) + prior @ work.sensed)[1]
-            covariance = work.forward @ np.linalg.inv(work.sensed + precision) @ work.forward.T
+            log_determinant += np.linalg.slogdet(np.eye(d) + prior @ of.sensed)[1]
+            covariance = of.forward @ np.linalg.inv(of.sensed + precision) @ of.forward.T
             values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
             for i in range(d):
                 values[i] = min(max(values[i], 1e-12), 10.0)
             covariance = (vectors * values) @ vectors.T
-            mean = work.end[k].copy()
+            mean = of.end[k].copy()
             if k + 1 < count:
-                _hand_on(after, k, carried, k + 1)
+                _hand_on(of.after, k, of.carried, k + 1)
         elif rows.bounds[k + 1] - rows.bounds[k] > 2 or total == math.inf:
             squares[k] = total
             turned = rows.angles[rows.bounds[k + 1] - 1] - rows.angles[rows.bounds[k]]
@@ -572,9 +534,9 @@ def find_states(
                 mean[i], mean[i + 1] = state[i] + state[i + 1] * turned, state[i + 1]
             covariance = np.eye(d)
         else:  # nothing was read
-            mean, covariance = work.end[k].copy(), prior
+            mean, covariance = of.end[k].copy(), prior
             if k + 1 < count:
-                _hand_on(after, k, carried, k + 1)
+                _hand_on(of.after, k, of.carried, k + 1)
     return cost, log_determinant, squares, sizes
 
 
@@ -604,12 +566,15 @@ def filtered(
     tolerance: float,
 ) -> tuple[Found, Sums]:
     """States of the first `count` windows of the `rows`, by `find_states`, of which the arguments are."""
-    slow, carried = np.zeros((count, others.shape[1])), resting(p, count)
-    numbers, room = np.zeros((rows.angles.size, len(SAMPLE.names))), room_for_stages()
-    samples = np.frombuffer(numbers, dtype=SAMPLE)
-    cost, determinant, squares, sizes = find_states(
-        p, rows, tolerance, room, samples, numbers, readings, settings, guesses, first_is_known, others, carried, slow
-    )
+    d, carried = others.shape[1], resting(p, count)
+    slow, numbers = np.zeros((count, d)), np.zeros((rows.angles.size, len(SAMPLE.names)))
+    most = int(np.max(np.diff(rows.bounds[: count + 1]))) * readings.columns.size
+    of = _Filtering(
+        rows, readings, settings, tolerance, carried, _like(carried), room_for_stages(),
+        np.frombuffer(numbers, dtype=SAMPLE), numbers, np.zeros(most), np.zeros(most), np.zeros((most, d)), np.eye(d),
+        np.zeros((d, d)), np.zeros(d), np.zeros((count, d)), np.zeros((count, d)),
+    )  # fmt: skip
+    cost, determinant, squares, sizes = find_states(p, of, guesses, first_is_known, others, slow)
     lost = ~np.isfinite(squares)
     # a window that cannot be simulated tells as much against it as one that misses all of its readings
     usual = float(np.mean(sizes[~lost])) if (~lost).any() else float(np.count_nonzero(readings.weight))
