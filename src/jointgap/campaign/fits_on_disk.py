@@ -187,6 +187,7 @@ _MATRICES = {
     "fit_curvature": ("sample", "derivative"),
     "fit_shifts": ("numerics", "shift"),
     "fit_draws": ("draw", "value"),
+    "fit_windows": ("row", "entry"),
 }
 """Tables of a matrix with a column for each parameter of a fit: what counts its rows, and what its entries are."""
 
@@ -209,7 +210,8 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
         residuals = pd.DataFrame({"sample": np.arange(fit.residual.size), "residual": fit.residual})
         parts["fit_residuals"].append(residuals.assign(**label))
         jacobian = fit.jacobian if whole_jacobian else compress_rows(fit.jacobian)[0]
-        for (table, (count, entry)), matrix in zip(_MATRICES.items(), (jacobian, fit.shifts, fit.draws), strict=True):
+        matrices = jacobian, fit.shifts, fit.draws, fit.windows
+        for (table, (count, entry)), matrix in zip(_MATRICES.items(), matrices, strict=True):
             if matrix is not None:
                 first = int(count == "numerics")  # these count from 1
                 parts[table].append(_long(matrix, count, "key", entry, keys, first).assign(**label))
@@ -242,11 +244,11 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
             for table, (count, entry) in _MATRICES.items()
             if label in own[table]
         }
-        jacobian, shifts, draws = (matrices.get(table) for table in _MATRICES)
+        jacobian, shifts, draws, windows = (matrices.get(table) for table in _MATRICES)
         if jacobian is None:
             jacobian = np.empty((problem.size, 0))
         status = row["simulations"], row["status"], row["reason"] or ""
-        known = slope, shifts, draws, problem.settings, row["gap_left"]
+        known = slope, shifts, draws, problem.settings, row["gap_left"], windows
         fits.append(Fit(hypothesis, parameters, values, residual, jacobian, *status, *known))
     return fits
 

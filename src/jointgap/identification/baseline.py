@@ -20,7 +20,7 @@ from jointgap.identification.fit import (
     fit_hypothesis,
 )
 from jointgap.identification.initial_fit import with_nuisances_of
-from jointgap.identification.likelihood import FAILURES, Estimate, has_windows
+from jointgap.identification.likelihood import FAILURES, Estimate, fitted_from, has_windows
 from jointgap.identification.noise import numerics_noise
 from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.settings import (
@@ -413,6 +413,7 @@ def recalibrate(
         vary=[p for p in problem.nuisances if p.run is not None],
     )
     base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
+    base = replace(base, windows=start.windows)
     if problem.has_statistics:
         base = fit_over_ensembles(problem, base, _enough(problem, base))
     # differences probed anew, as they are when a later stage reads the fits from files
@@ -435,8 +436,8 @@ def deepest_base(
             start = Estimate(problem, (), {key: base.mapping[key] for key in base.mapping if "@" in key}).anneal()
         except FAILURES:
             return base
-        fit = fit_hypothesis(problem, start=start.mapping, differences=differences)
-        return min(base, fit, key=lambda fit: fit.chi2)
+        fit = fitted_from(start, differences)
+        return min(replace(base, windows=fit.windows), fit, key=lambda fit: fit.chi2)
     shared = [p for p in problem.nuisances if p.run is None and np.isfinite(p.high - p.low)]
     generator = np.random.default_rng(0)
     for _ in range(drawn_starts if shared else 0):

@@ -357,6 +357,9 @@ class Fit:
     draws: np.ndarray | None = None
     settings: IdentificationSettings = DEFAULT_SETTINGS  # Those of the problem that was fitted
     gap_left: float = 1.0  # [1] Gap on the held-out data, where these were predicted
+    # (1 + r, k) Where it began in windows of the record: the values [SI] there and, of an estimate that came to its
+    # end, r rows of which the inner products are the curvature there
+    windows: np.ndarray | None = None
 
     @property
     def label(self) -> str:

@@ -18,7 +18,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from jointgap.core.candidates import Candidate, WindowedRun
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.identification.fit import FAILED, Fit, bounded_step, bounds_of
+from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, bounded_step, bounds_of, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Part, Problem, label_of, values_in_run, whiten
 from jointgap.identification.settings import WindowSettings
 
@@ -227,6 +227,14 @@ class Estimate:
             columns.append(self._by_value(p.run, step, moved, self.hypothesis))
         return {run: tuple(np.stack([c[run][j] for c in columns], axis=-1) for j in (0, 1)) for run in self._runs}
 
+    def _nothing(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Derivatives by parameters that are held."""
+        shape = (self.values.size,)
+        return {
+            run: (np.zeros(motion.residual.shape + shape), np.zeros(motion.ends.shape + shape))
+            for run, motion in self._motions.items()
+        }
+
     def _by_value(
         self, own_run: str | None, step: float, moved: Mapping[str, float], hypothesis: Hypothesis
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -299,11 +307,11 @@ class Estimate:
             states.append(solved)
         return _Normal(0.5 * (hessian + hessian.T), gradient, determinant, states, gain)
 
-    def anneal(self, rival: "Estimate | None" = None) -> "Estimate":
-        """Fit at one jump after the other, while that leads on and the `rival` is not far ahead."""
+    def anneal(self, rival: "Estimate | None" = None, below: float = math.inf) -> "Estimate":
+        """Fit at one jump `below` some after the other, while that leads on and the `rival` is not far ahead."""
         settings = self.settings
         behind = settings.far_behind * self.problem.size
-        for place, jump in enumerate(settings.jumps):
+        for place, jump in enumerate(jump for jump in settings.jumps if jump < below):
             if place:
                 for run, one in self._runs.items():
                     one.hand_on(self._slow[run], self._motions[run])
@@ -334,46 +342,56 @@ class Estimate:
             self._runs, self._slow, self._columns = before
 
     def _descend(self, jump: float, held: bool) -> None:
-        """Gauss-Newton steps at one jump, damped where they overreach."""
+        """Gauss-Newton steps at one jump, damped where they overreach, until the next one promises little."""
         settings, last = self.settings, jump <= self.settings.jumps[-1]
-        worthwhile = settings.last_decrease if last else settings.decrease
+        share = settings.last_decrease if last else settings.decrease
         self._motions = self._simulate(self.values, self._slow)
-        cost, damping, ratio, fresh = self._cost(self.values, self._slow, self._motions, jump), 0.0, 1.0, False
+        cost, damping = self._cost(self.values, self._slow, self._motions, jump), 0.0
+        by_states, still = self._by_states(self.values), np.zeros(self.values.size)
+        fresh, stale = False, self._columns is None
         for _ in range(settings.iterations):
-            if self._columns is None or ratio < 0.7:
-                self._columns, fresh = self._by_values(self.values), True
-            by_states, better = self._by_states(self.values), False
+            if stale:
+                self._columns = self._nothing() if held else self._by_values(self.values)
+                fresh, stale = True, False
+            room = (still, still) if held else (self._low - self.values, self._high - self.values)
+            moved, negligible = False, max(1.0, share * cost)
             for _ in range(8):
                 normal = self._at(jump, by_states, damping)
-                room = (0.0, 0.0) if held else (self._low - self.values, self._high - self.values)
-                step, gain = normal.step(*np.broadcast_arrays(*room, self.values)[:2], damping)
+                step, gain = normal.step(*room, damping)
                 values = np.clip(self.values + step, self._low, self._high)
-                slow = self._followed(normal, values - self.values)
-                try:
-                    motions = self._simulate(values, slow)
-                except FAILURES:
-                    damping = max(10.0 * damping, 1e-3)
-                    continue
-                new = self._cost(values, slow, motions, jump)
-                ratio = (cost - new) / max(gain + normal.gain, 1e-300)
+                slow, promised = self._followed(normal, values - self.values), gain + normal.gain
+                motions, new = self._tried(values, slow, jump)
                 if new < cost:
-                    better = True
+                    moved = True
                     break
                 damping = max(10.0 * damping, 1e-3)
-            if not better:
-                if fresh:
+                if promised < negligible:
                     break
-                ratio, damping = 0.0, 0.0
-                continue
-            decrease, cost, fresh = cost - new, new, False
-            self.values, self._slow, self._motions = values, slow, motions
-            damping = damping * (0.1 if ratio > 0.75 else 0.5) if damping > 1e-4 else 0.0
-            if decrease < max(2.0, worthwhile * cost) and ratio > 0.25:
+            if moved:
+                ratio, decrease, cost = (cost - new) / max(promised, 1e-300), cost - new, new
+                self.values, self._slow, self._motions = values, slow, motions
+                damping = damping * (0.1 if ratio > 0.75 else 0.5) if damping > 1e-4 else 0.0
+                by_states = self._by_states(self.values)
+                if max(decrease, promised) < negligible:
+                    break
+            elif fresh or promised < negligible:
                 break
-        normal = self._at(jump, self._by_states(self.values))
+            fresh, stale = False, not moved or ratio < settings.renewed_below
+            if not moved:
+                damping = 0.0
+        normal = self._at(jump, by_states)
         lost = float(np.mean(np.concatenate([~motion.done for motion in self._motions.values()])))
-        deviance = cost + normal.determinant
-        self.stages.append(Stage(jump, cost, deviance, lost, self.values.copy(), normal.hessian))
+        if held:
+            self._columns = None
+        self.stages.append(Stage(jump, cost, cost + normal.determinant, lost, self.values.copy(), normal.hessian))
+
+    def _tried(self, values: np.ndarray, slow: Mapping, jump: float) -> tuple[dict[str, _Motion], float]:
+        """The motions from there, and their cost: infinity where they cannot be simulated."""
+        try:
+            motions = self._simulate(values, slow)
+        except FAILURES:
+            return {}, math.inf
+        return motions, self._cost(values, slow, motions, jump)
 
     def _at(self, jump: float, by_states: Mapping, damping: float = 0.0) -> _Normal:
         return self._normal(self.values - self._nominal, self.prior, self._columns, by_states, jump, damping)
@@ -386,6 +404,19 @@ class Estimate:
             reach = np.tile([0.6, 3.0], slow.shape[1] // 2)  # [rad], [crank's rates] beyond, the linear model is idle
             found[run] = slow + np.clip(change, -reach, reach)
         return found
+
+    def known(self, fit: Fit, ended: bool = False) -> np.ndarray:
+        """`Fit.windows` of a fit that began here; an estimate that ended earlier counts for one at its end if asked."""
+        keys = [p.key for p in fit.parameters]
+        places = [keys.index(p.key) for p in self.parameters]
+        values, rows = fit.values.copy(), np.zeros((0, fit.values.size))
+        values[places] = self.values
+        if ended or self.stages[-1].jump <= self.settings.jumps[-1]:
+            # bounds count by themselves
+            roots, vectors = np.linalg.eigh(self.stages[-1].hessian - np.diag(self.prior**2))
+            rows = np.zeros((roots.size, fit.values.size))
+            rows[:, places] = np.sqrt(np.maximum(roots, 0.0))[:, None] * vectors.T
+        return np.vstack([values, rows])
 
     def scores(self, candidates: Sequence[Candidate]) -> list[tuple[float, Candidate, dict[str, float]]]:
         """By how much each candidate would lower the deviance here if all were linear, and at which values; the most
@@ -484,6 +515,15 @@ def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, f
         return False
 
 
+def fitted_from(estimate: Estimate, differences: FiniteDifferences, sufficient_chi2: float = math.inf) -> Fit:
+    """The fit to one trajectory of each run that begins where an estimate ended, and knows that."""
+    problem, hypothesis = estimate.problem, estimate.hypothesis
+    fit = fit_hypothesis(
+        problem, hypothesis, estimate.mapping, differences=differences, sufficient_chi2=sufficient_chi2
+    )
+    return replace(fit, windows=estimate.known(fit))
+
+
 def intervals_in_windows(problem: Problem, fit: Fit) -> Fit | None:
     """A fit to one trajectory with its intervals from windows; None where it has none.
 
@@ -493,14 +533,13 @@ def intervals_in_windows(problem: Problem, fit: Fit) -> Fit | None:
     """
     if fit.status == FAILED or not has_windows(problem, fit.hypothesis, fit.mapping):
         return None
-    try:
-        found = Estimate(problem, fit.hypothesis, fit.mapping).anneal()
-    except FAILURES:
-        return None
-    places = [[p.key for p in fit.parameters].index(p.key) for p in found.parameters]
-    values, vectors = np.linalg.eigh(found.stages[-1].hessian - np.diag(found.prior**2))  # bounds count by themselves
-    jacobian, shift = np.zeros(fit.jacobian.shape), np.zeros(fit.values.size)
-    jacobian[: values.size, places] = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-    shift[places] = found.values - fit.values[places]
-    slope = np.zeros(fit.values.size)
-    return replace(fit, jacobian=jacobian, slope=slope, shifts=shift[None], draws=None)
+    windows = fit.windows
+    if windows is None or len(windows) == 1:
+        try:
+            windows = Estimate(problem, fit.hypothesis, fit.mapping).anneal().known(fit, ended=True)
+        except FAILURES:
+            return None
+    jacobian = np.zeros(fit.jacobian.shape)
+    jacobian[: len(windows) - 1] = windows[1:]
+    slope, shifts = np.zeros(fit.values.size), windows[:1] - fit.values
+    return replace(fit, jacobian=jacobian, slope=slope, shifts=shifts, draws=None)

@@ -251,7 +251,7 @@ def fit_look_alikes(baseline: Baseline, signatures: Signatures, best: Fit) -> li
     problem, found = baseline.problem, []
     subspaces = SignatureSubspaces(signatures, problem.settings.screening)
     for out in best.hypothesis:
-        if out.label not in subspaces.of or only_searched(problem, out):
+        if out.label not in subspaces.of or only_searched(problem, out) or best.windows is not None:
             continue
         rest = without_other_effects(problem, best, tuple(one for one in best.hypothesis if one is not out))
         space, regression = subspaces.span([out.label]), SignatureRegression(signatures.about(rest), rest.hypothesis)

@@ -137,7 +137,7 @@ class WindowSettings:
 
     # [rad], [crank's rates] Standard deviations of jumps between windows, one after the other: at the first the misfit
     # is a funnel some 50 % of a clearance wide, at the last a trajectory's, of which no power is lost
-    jumps: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
+    jumps: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.006, 0.001)
     # Windows a turn at most: with 8 the funnel is half as wide, with 2 nothing is left of it
     most_windows: int = 16
     least_windows: int = 4  # And at least, however few the readings are
@@ -153,6 +153,8 @@ class WindowSettings:
     # [1, of the cost] A decrease that is worth another step; at the last jump, whose end counts, less
     decrease: float = 0.01
     last_decrease: float = 0.001
+    # [1, of what a step promised] By which less makes derivatives by parameters be taken anew
+    renewed_below: float = 0.25
     # [1, for each sample] Deviance by which the last two stages of a fit that leads nowhere are behind its best one
     far_behind: float = 0.05
     # [rad], [crank's rates] Jump from which on one that is so far behind another ends

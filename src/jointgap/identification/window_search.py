@@ -9,8 +9,8 @@ import numpy as np
 from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
-from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
-from jointgap.identification.likelihood import FAILURES, Estimate, has_windows
+from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.likelihood import FAILURES, Estimate, fitted_from, has_windows
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.verdict import Thresholds
 
@@ -22,29 +22,34 @@ def search_in_windows(baseline: Baseline, limits: Thresholds, sizes: bool = True
     Of effects slopes in windows say how much they would explain; of clearances each of many `sizes` is tried by the
     filter over one turn of each run.
     """
-    problem, leading = baseline.problem, baseline.problem.settings.windows.leading
+    problem, settings = baseline.problem, baseline.problem.settings.windows
     start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
-    candidates, fits = problem.model.candidates, []
+    candidates, fits, known = problem.model.candidates, [], baseline.base.windows
     if has_windows(problem, (), start):
+        if known is not None:
+            start = dict(zip(baseline.base.mapping, known[0], strict=True))
         try:
-            base = Estimate(problem, (), start).anneal()
+            base = Estimate(problem, (), start).anneal(below=math.inf if known is None else settings.jumps[0])
             scores = base.scores([one for one in candidates if not one.search_range])
         except FAILURES:
             return []
-        fits = _fitted(baseline, [((candidate,), values) for _, candidate, values in scores[:leading]])
+        leading = [((candidate,), values) for _, candidate, values in scores[: settings.leading]]
+        fits = _fitted(baseline, leading, below=settings.jumps[0])
         start = base.mapping
     if sizes and not any(fit.status != FAILED and reduced_chi2(fit) <= limits.omnibus for fit in fits):
         fits += _fitted(baseline, _best_sizes(problem, candidates, start))
     return sorted(fits, key=lambda fit: fit.chi2)
 
 
-def _fitted(baseline: Baseline, starts: Sequence[tuple[Hypothesis, Mapping[str, float]]]) -> list[Fit]:
-    """Fits in windows, and of what is near the best of them fits to one trajectory of each run."""
+def _fitted(
+    baseline: Baseline, starts: Sequence[tuple[Hypothesis, Mapping[str, float]]], below: float = math.inf
+) -> list[Fit]:
+    """Fits in windows at jumps `below` some, and of what is near the best of them fits to one trajectory of each run."""
     problem, estimates, fits = baseline.problem, [], []
     for hypothesis, values in starts:
         rival = min(estimates, key=lambda each: each.best.deviance, default=None)
         try:
-            estimates.append(Estimate(problem, hypothesis, values).anneal(rival))
+            estimates.append(Estimate(problem, hypothesis, values).anneal(rival, below))
         except FAILURES:
             continue
     estimates.sort(key=lambda each: each.best.deviance)
@@ -52,15 +57,7 @@ def _fitted(baseline: Baseline, starts: Sequence[tuple[Hypothesis, Mapping[str, 
         if estimate.best.deviance > estimates[0].best.deviance + problem.settings.windows.far_behind * problem.size:
             break
         least = min((fit.chi2 for fit in fits if fit.status != FAILED), default=math.inf)
-        fits.append(
-            fit_hypothesis(
-                problem,
-                estimate.hypothesis,
-                estimate.mapping,
-                differences=baseline.differences,
-                sufficient_chi2=least,
-            )
-        )
+        fits.append(fitted_from(estimate, baseline.differences, least))
     return fits
 
 
@@ -68,38 +65,45 @@ def _best_sizes(
     problem: Problem, candidates: Sequence[Candidate], start: Mapping[str, float]
 ) -> list[tuple[Hypothesis, dict[str, float]]]:
     """The best of all sizes of clearances, no two of them neighbours, each with the best of its shapes; best first."""
-    settings, found = problem.settings.windows, []
+    settings, found = problem.settings.windows, {}
+    grids = {one: _sizes(one, settings.size_factor) for one in candidates if one.search_range}
 
-    def deviance(candidate: Candidate, values: Mapping[str, float]) -> float:
+    def values_of(candidate: Candidate, place: int, shape: int = 0) -> dict[str, float]:
+        guess, size = candidate.initial_guesses[shape], candidate.vanishing_amplitude + grids[candidate][place]
+        shapes = {key: value for key, value in guess.items() if key not in candidate.amplitudes}
+        own = shapes | {candidate.amplitudes[0]: float(size)}
+        return dict(start) | {f"{candidate.label}.{key}": value for key, value in own.items()}
+
+    def deviance(candidate: Candidate, place: int, shape: int = 0) -> float:
         try:
-            return Estimate(problem, (candidate,), values).find_states(settings.jumps[0], turns=1.0)
+            estimate = Estimate(problem, (candidate,), values_of(candidate, place, shape))
+            return estimate.find_states(settings.jumps[0], turns=1.0)
         except FAILURES:
             return math.inf
 
-    for candidate in (one for one in candidates if one.search_range):
-        vanishing, label = candidate.vanishing_amplitude, candidate.label
-        low, high = (end - vanishing for end in candidate.search_range)
-        count = max(math.ceil(math.log(high / low) / math.log(settings.size_factor)), 1) + 1
-        shapes = [_shapes(candidate, guess) for guess in candidate.initial_guesses]
-        for place, size in enumerate(np.geomspace(low, high, count)):
-            values = dict(start) | shapes[0] | {f"{label}.{candidate.amplitudes[0]}": float(vanishing + size)}
-            if not has_windows(problem, (candidate,), values):
-                break
-            found.append((deviance(candidate, values), place, candidate, values, shapes[1:]))
-    found.sort(key=lambda each: each[0])
-    best: list[tuple] = []
-    for each in found:
-        if len(best) < settings.tried_sizes and not any(
-            each[2] is other[2] and abs(each[1] - other[1]) < 2 for other in best
-        ):
-            best.append(each)
-    tried = [(least, candidate, values) for least, _, candidate, values, _ in best]
-    for _, _, candidate, values, shapes in best:
-        tried += [(deviance(candidate, values | other), candidate, values | other) for other in shapes]
+    def best() -> list[tuple[Candidate, int]]:
+        chosen: list[tuple[Candidate, int]] = []
+        for candidate, place in sorted(found, key=found.__getitem__):
+            if all(candidate is not other or abs(place - there) > 1 for other, there in chosen):
+                chosen.append((candidate, place))
+        return chosen[: settings.tried_sizes]
+
+    for candidate, sizes in grids.items():
+        if has_windows(problem, (candidate,), values_of(candidate, 0)):
+            found |= {(candidate, place): deviance(candidate, place) for place in range(0, sizes.size, 2)}
+    # the funnel is wider than two steps: what is between is tried near the best alone
+    between = {(one, near) for one, place in best() for near in (place - 1, place + 1) if 0 <= near < grids[one].size}
+    found |= {each: deviance(*each) for each in between}
+    tried = [
+        (deviance(candidate, place, shape) if shape else found[candidate, place], candidate, place, shape)
+        for candidate, place in best()
+        for shape in range(len(candidate.initial_guesses))
+    ]
     tried.sort(key=lambda each: each[0])
-    return [((candidate,), values) for _, candidate, values in tried[: settings.fitted_sizes]]
+    return [((one,), values_of(one, place, shape)) for _, one, place, shape in tried[: settings.fitted_sizes]]
 
 
-def _shapes(candidate: Candidate, guess: Mapping[str, float]) -> dict[str, float]:
-    """By key, what a guess says but for the size."""
-    return {f"{candidate.label}.{key}": value for key, value in guess.items() if key not in candidate.amplitudes}
+def _sizes(candidate: Candidate, factor: float) -> np.ndarray:
+    """Sizes by about the same factor over the range of a candidate [SI]."""
+    low, high = (end - candidate.vanishing_amplitude for end in candidate.search_range)
+    return np.geomspace(low, high, max(math.ceil(math.log(high / low) / math.log(factor)), 1) + 1)
