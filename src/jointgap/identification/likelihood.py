@@ -319,7 +319,7 @@ class Estimate:
                 self._filtered(jump, anew=not place)
             self._descend(jump, held=jump > settings.held_above)
             # of a wrong model the likelihood is largest somewhere in between
-            if all(stage.deviance > self.best.deviance + behind for stage in self.stages[-2:]):
+            if self.stages[-1].deviance > self.best.deviance + behind:
                 break
             if rival and jump <= settings.compared_below and self._is_behind(rival, behind):
                 break
@@ -343,8 +343,7 @@ class Estimate:
 
     def _descend(self, jump: float, held: bool) -> None:
         """Gauss-Newton steps at one jump, damped where they overreach, until the next one promises little."""
-        settings, last = self.settings, jump <= self.settings.jumps[-1]
-        share = settings.last_decrease if last else settings.decrease
+        settings = self.settings
         self._motions = self._simulate(self.values, self._slow)
         cost, damping = self._cost(self.values, self._slow, self._motions, jump), 0.0
         by_states, still = self._by_states(self.values), np.zeros(self.values.size)
@@ -354,7 +353,7 @@ class Estimate:
                 self._columns = self._nothing() if held else self._by_values(self.values)
                 fresh, stale = True, False
             room = (still, still) if held else (self._low - self.values, self._high - self.values)
-            moved, negligible = False, max(1.0, share * cost)
+            moved, negligible = False, max(1.0, settings.decrease * cost)
             for _ in range(8):
                 normal = self._at(jump, by_states, damping)
                 step, gain = normal.step(*room, damping)
@@ -372,13 +371,12 @@ class Estimate:
                 self.values, self._slow, self._motions = values, slow, motions
                 damping = damping * (0.1 if ratio > 0.75 else 0.5) if damping > 1e-4 else 0.0
                 by_states = self._by_states(self.values)
-                if max(decrease, promised) < negligible:
-                    break
-            elif fresh or promised < negligible:
+                ends = max(decrease, promised) < negligible
+            else:
+                ends, ratio, damping = True, 0.0, 0.0
+            if ends and fresh:
                 break
-            fresh, stale = False, not moved or ratio < settings.renewed_below
-            if not moved:
-                damping = 0.0
+            fresh, stale = False, ends or ratio < settings.renewed_below
         normal = self._at(jump, by_states)
         lost = float(np.mean(np.concatenate([~motion.done for motion in self._motions.values()])))
         if held:

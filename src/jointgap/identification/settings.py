@@ -150,13 +150,13 @@ class WindowSettings:
     # [rad], [crank's rates] Standard deviation of the first state about that of the filter: next to nothing is known
     first_state: float = 3.0
     iterations: int = 12  # Gauss-Newton steps at a jump at most; 2 to 5 are usual
-    # [1, of the cost] A decrease that is worth another step; at the last jump, whose end counts, less
-    decrease: float = 0.01
-    last_decrease: float = 0.001
+    # [1, of the cost] A decrease that is worth another step. Twice that at each jump but the last ends in other
+    # valleys and takes more steps in all
+    decrease: float = 0.005
     # [1, of what a step promised] By which less makes derivatives by parameters be taken anew
     renewed_below: float = 0.25
-    # [1, for each sample] Deviance by which the last two stages of a fit that leads nowhere are behind its best one
-    far_behind: float = 0.05
+    # [1, for each sample] Deviance by which a fit that leads nowhere is behind its best jump, or behind a rival
+    far_behind: float = 0.03
     # [rad], [crank's rates] Jump from which on one that is so far behind another ends
     compared_below: float = 0.1
     # [1] Sizes of a clearance that are tried, by this factor: half the width of the funnel
@@ -164,6 +164,8 @@ class WindowSettings:
     tried_sizes: int = 4  # The best of these, which are tried with all shapes
     fitted_sizes: int = 2  # And the best of those, from which a fit starts
     leading: int = 4  # Effects that are fitted in windows, by what slopes say of them
+    # [1, of what slopes say of the best] And from which on: the true one promised two thirds of it at least
+    leading_share: float = 0.5
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,8 @@ def search_in_windows(baseline: Baseline, limits: Thresholds, sizes: bool = True
             scores = base.scores([one for one in candidates if not one.search_range])
         except FAILURES:
             return []
-        leading = [((candidate,), values) for _, candidate, values in scores[: settings.leading]]
+        worth = [each for each in scores[: settings.leading] if each[0] > settings.leading_share * scores[0][0]]
+        leading = [((candidate,), values) for _, candidate, values in worth]
         fits = _fitted(baseline, leading, below=settings.jumps[0])
         start = base.mapping
     if sizes and not any(fit.status != FAILED and reduced_chi2(fit) <= limits.omnibus for fit in fits):
@@ -44,7 +45,7 @@ def search_in_windows(baseline: Baseline, limits: Thresholds, sizes: bool = True
 def _fitted(
     baseline: Baseline, starts: Sequence[tuple[Hypothesis, Mapping[str, float]]], below: float = math.inf
 ) -> list[Fit]:
-    """Fits in windows at jumps `below` some, and of what is near the best of them fits to one trajectory of each run."""
+    """Fits in windows, at jumps `below` some; of what is near the best of them fits to one trajectory of each run."""
     problem, estimates, fits = baseline.problem, [], []
     for hypothesis, values in starts:
         rival = min(estimates, key=lambda each: each.best.deviance, default=None)
@@ -66,41 +67,43 @@ def _best_sizes(
 ) -> list[tuple[Hypothesis, dict[str, float]]]:
     """The best of all sizes of clearances, no two of them neighbours, each with the best of its shapes; best first."""
     settings, found = problem.settings.windows, {}
-    grids = {one: _sizes(one, settings.size_factor) for one in candidates if one.search_range}
+    grids = {one.label: _sizes(one, settings.size_factor) for one in candidates if one.search_range}
+    by_label = {one.label: one for one in candidates}
 
-    def values_of(candidate: Candidate, place: int, shape: int = 0) -> dict[str, float]:
-        guess, size = candidate.initial_guesses[shape], candidate.vanishing_amplitude + grids[candidate][place]
+    def values_of(label: str, place: int, shape: int = 0) -> dict[str, float]:
+        candidate = by_label[label]
+        guess, size = candidate.initial_guesses[shape], candidate.vanishing_amplitude + grids[label][place]
         shapes = {key: value for key, value in guess.items() if key not in candidate.amplitudes}
         own = shapes | {candidate.amplitudes[0]: float(size)}
-        return dict(start) | {f"{candidate.label}.{key}": value for key, value in own.items()}
+        return dict(start) | {f"{label}.{key}": value for key, value in own.items()}
 
-    def deviance(candidate: Candidate, place: int, shape: int = 0) -> float:
+    def deviance(label: str, place: int, shape: int = 0) -> float:
         try:
-            estimate = Estimate(problem, (candidate,), values_of(candidate, place, shape))
+            estimate = Estimate(problem, (by_label[label],), values_of(label, place, shape))
             return estimate.find_states(settings.jumps[0], turns=1.0)
         except FAILURES:
             return math.inf
 
-    def best() -> list[tuple[Candidate, int]]:
-        chosen: list[tuple[Candidate, int]] = []
-        for candidate, place in sorted(found, key=found.__getitem__):
-            if all(candidate is not other or abs(place - there) > 1 for other, there in chosen):
-                chosen.append((candidate, place))
+    def best() -> list[tuple[str, int]]:
+        chosen: list[tuple[str, int]] = []
+        for label, place in sorted(found, key=found.__getitem__):
+            if all(label != other or abs(place - there) > 1 for other, there in chosen):
+                chosen.append((label, place))
         return chosen[: settings.tried_sizes]
 
-    for candidate, sizes in grids.items():
-        if has_windows(problem, (candidate,), values_of(candidate, 0)):
-            found |= {(candidate, place): deviance(candidate, place) for place in range(0, sizes.size, 2)}
+    for label, sizes in grids.items():
+        if has_windows(problem, (by_label[label],), values_of(label, 0)):
+            found |= {(label, place): deviance(label, place) for place in range(0, sizes.size, 2)}
     # the funnel is wider than two steps: what is between is tried near the best alone
-    between = {(one, near) for one, place in best() for near in (place - 1, place + 1) if 0 <= near < grids[one].size}
-    found |= {each: deviance(*each) for each in between}
+    for label, place in best():
+        near = (other for other in (place - 1, place + 1) if 0 <= other < grids[label].size)
+        found |= {(label, other): deviance(label, other) for other in near if (label, other) not in found}
     tried = [
-        (deviance(candidate, place, shape) if shape else found[candidate, place], candidate, place, shape)
-        for candidate, place in best()
-        for shape in range(len(candidate.initial_guesses))
+        (deviance(label, place, shape) if shape else found[label, place], label, place, shape)
+        for label, place in best()
+        for shape in range(len(by_label[label].initial_guesses))
     ]
-    tried.sort(key=lambda each: each[0])
-    return [((one,), values_of(one, place, shape)) for _, one, place, shape in tried[: settings.fitted_sizes]]
+    return [((by_label[one],), values_of(one, *at)) for _, one, *at in sorted(tried)[: settings.fitted_sizes]]
 
 
 def _sizes(candidate: Candidate, factor: float) -> np.ndarray:
