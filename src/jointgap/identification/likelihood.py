@@ -307,28 +307,27 @@ class Estimate:
             states.append(solved)
         return _Normal(0.5 * (hessian + hessian.T), gradient, determinant, states, gain)
 
-    def anneal(self, rival: "Estimate | None" = None, below: float = math.inf) -> "Estimate":
-        """Fit at one jump `below` some after the other, while that leads on and the `rival` is not far ahead."""
-        settings = self.settings
-        behind = settings.far_behind * self.problem.size
-        for place, jump in enumerate(jump for jump in settings.jumps if jump < below):
-            if place:
-                for run, one in self._runs.items():
-                    one.hand_on(self._slow[run], self._motions[run])
-            if not place or jump >= settings.filtered_above:
-                self._filtered(jump, anew=not place)
-            self._descend(jump, held=jump > settings.held_above)
-            # of a wrong model the likelihood is largest somewhere in between
-            if self.stages[-1].deviance > self.best.deviance + behind:
-                break
-            if rival and jump <= settings.compared_below and self._is_behind(rival, behind):
-                break
-        return self
+    def fit_at(self, jump: float) -> None:
+        """Fit at a jump, from where the one before ended."""
+        for run, one in self._runs.items():
+            one.hand_on(self._slow[run], self._motions[run])
+        if not self._runs or jump >= self.settings.filtered_above:
+            self._filtered(jump, anew=not self._runs)
+        self._descend(jump, held=jump > self.settings.held_above)
 
-    def _is_behind(self, rival: "Estimate", far: float) -> bool:
-        """Whether the `rival` was ahead by so much more at the same jump, or was never there."""
-        at = {stage.jump: stage.deviance for stage in rival.stages}
-        return self.stages[-1].deviance > at.get(self.stages[-1].jump, rival.best.deviance) + far
+    @property
+    def leads_on(self) -> bool:
+        """Whether the likelihood is about as large as ever; of a wrong model it is largest somewhere in between."""
+        return self.stages[-1].deviance <= self.best.deviance + self.settings.far_behind * self.problem.size
+
+    def anneal(self, below: float = math.inf) -> "Estimate":
+        """Fit at one jump `below` some after the other, while that leads on."""
+        for jump in self.settings.jumps:
+            if jump < below:
+                self.fit_at(jump)
+                if not self.leads_on:
+                    break
+        return self
 
     def _filtered(self, jump: float, anew: bool) -> None:
         """Let the filter find the states, if that makes the cost smaller."""
@@ -511,6 +510,26 @@ def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, f
         return all(windowed_run(problem, run, at, hypothesis) is not None for run in problem.runs)
     except FAILURES:
         return False
+
+
+def compete(estimates: Sequence[Estimate], below: float = math.inf) -> list[Estimate]:
+    """Fit all at one jump `below` some after the other; what is far behind the best, or does not lead on, ends.
+
+    Best first, without those that cannot be simulated.
+    """
+    going, failed = list(estimates), []
+    for jump in (jump for jump in (estimates[0].settings.jumps if estimates else ()) if jump < below):
+        for estimate in going:
+            try:
+                estimate.fit_at(jump)
+            except FAILURES:
+                failed.append(estimate)
+        going = [each for each in going if each not in failed and each.leads_on]
+        if going and jump <= going[0].settings.compared_below:
+            least = min(each.stages[-1].deviance for each in going)
+            far = going[0].settings.far_behind * going[0].problem.size
+            going = [each for each in going if each.stages[-1].deviance <= least + far]
+    return sorted((each for each in estimates if each not in failed), key=lambda each: each.best.deviance)
 
 
 def fitted_from(estimate: Estimate, differences: FiniteDifferences, sufficient_chi2: float = math.inf) -> Fit:

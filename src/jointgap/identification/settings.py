@@ -157,7 +157,8 @@ class WindowSettings:
     renewed_below: float = 0.25
     # [1, for each sample] Deviance by which a fit that leads nowhere is behind its best jump, or behind a rival
     far_behind: float = 0.03
-    # [rad], [crank's rates] Jump from which on one that is so far behind another ends
+    # [rad], [crank's rates] Jump from which on what is so far behind another ends: at larger ones the true effect need
+    # not lead yet
     compared_below: float = 0.1
     # [1] Sizes of a clearance that are tried, by this factor: half the width of the funnel
     size_factor: float = 1.4

@@ -10,7 +10,7 @@ from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.likelihood import FAILURES, Estimate, fitted_from, has_windows
+from jointgap.identification.likelihood import FAILURES, Estimate, compete, fitted_from, has_windows
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.verdict import Thresholds
 
@@ -46,14 +46,8 @@ def _fitted(
     baseline: Baseline, starts: Sequence[tuple[Hypothesis, Mapping[str, float]]], below: float = math.inf
 ) -> list[Fit]:
     """Fits in windows, at jumps `below` some; of what is near the best of them fits to one trajectory of each run."""
-    problem, estimates, fits = baseline.problem, [], []
-    for hypothesis, values in starts:
-        rival = min(estimates, key=lambda each: each.best.deviance, default=None)
-        try:
-            estimates.append(Estimate(problem, hypothesis, values).anneal(rival, below))
-        except FAILURES:
-            continue
-    estimates.sort(key=lambda each: each.best.deviance)
+    problem, fits = baseline.problem, []
+    estimates = compete([Estimate(problem, hypothesis, values) for hypothesis, values in starts], below)
     for estimate in estimates:
         if estimate.best.deviance > estimates[0].best.deviance + problem.settings.windows.far_behind * problem.size:
             break
