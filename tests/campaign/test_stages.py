@@ -145,9 +145,11 @@ def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
 def test_what_a_verdict_states_comes_back_from_files_with_what_intervals_need(chain, tmp_path):
     folder, chosen = ResultsFolder(tmp_path), chain.outcome.chosen
     shifts, draws = (np.arange(count * chosen.values.size, dtype=float).reshape(count, -1) for count in (2, 12))
-    folder.write_all(fits_to_frames([replace(chosen, shifts=shifts, draws=draws, gap_left=1.5)]), "decide")
+    known = {"shifts": shifts, "draws": draws, "windows": draws[:5], "gap_left": 1.5}
+    folder.write_all(fits_to_frames([replace(chosen, **known)]), "decide")
     (again,) = fits_from_frames(folder.read_all(FIT_TABLES, "decide"), chain.recalibrated.problem)
     assert again.gap_left == 1.5
+    np.testing.assert_array_equal(again.windows, draws[:5])
     np.testing.assert_allclose(again.half_derivative, chosen.half_derivative, rtol=1e-12)
     np.testing.assert_array_equal(again.shifts, shifts)
     np.testing.assert_array_equal(again.draws, draws)

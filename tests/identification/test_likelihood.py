@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from jointgap.core.candidates import Candidate, FoundStates, Parameter, Series
 from jointgap.identification.fit import Fit
-from jointgap.identification.likelihood import MISSED, Estimate, has_windows, intervals_in_windows
+from jointgap.identification.likelihood import MISSED, Estimate, compete, has_windows, intervals_in_windows
 from jointgap.identification.problem import Noise, Problem, whiten
 from tests.identification.toy import coloured
 
@@ -233,7 +233,18 @@ def test_intervals_are_those_of_the_likelihood_and_reach_from_one_end_to_the_oth
     errors = np.sqrt(np.diag(found.distribution.covariance))
     assert errors[1:] == pytest.approx(np.sqrt(np.diag(covariance))[1:], rel=0.3)
     assert errors[0] == pytest.approx(math.hypot(1.0, 5.0) * np.sqrt(covariance[0, 0]), rel=0.3)
+    kept = intervals_in_windows(problem, replace(fit, windows=estimate.known(fit)))
+    np.testing.assert_allclose(kept.distribution.covariance, found.distribution.covariance, rtol=0.05, atol=1e-9)
     assert intervals_in_windows(problem, replace(fit, status="failed")) is None
+
+
+def test_what_is_far_behind_a_rival_ends_at_a_larger_jump(hidden):
+    problem, *_ = hidden
+    best, other = compete([Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))])
+    assert best.hypothesis == (SWING,) and other.hypothesis == (WOBBLE,)
+    assert best.stages[-1].jump == problem.settings.windows.jumps[-1] < other.stages[-1].jump
+    below = compete([Estimate(problem, (SWING,))], below=0.1)[0]
+    assert below.stages[0].jump < 0.1 and below.values == pytest.approx(best.values, abs=1e-3)
 
 
 def test_scores_rank_the_hidden_force_first_and_tell_its_gain(hidden):
