@@ -2,136 +2,29 @@
 the marginal likelihood is that of a Gaussian computation, and what a trajectory hides is found."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
-from jointgap.core.candidates import Candidate, FoundStates, Parameter, Series
+from jointgap.core.candidates import Parameter
 from jointgap.identification.fit import Fit
 from jointgap.identification.likelihood import MISSED, Estimate, compete, has_windows, intervals_in_windows
-from jointgap.identification.problem import Noise, Problem, whiten
-from tests.identification.toy import coloured
-
-FREQUENCY, DAMPING = 1.4, 0.05  # rad/s, 1
-SPEEDS, TURNS, PER_TURN, SD, MEMORY = {"slow": 1.0, "fast": 1.7}, 4, 24, 0.02, 0.5
-CHANNELS = ("angle", "rate")
-START = {"slow": (0.4, -0.3), "fast": (-0.5, 0.2)}
-
-
-def force(name: str, low: float = -math.inf) -> Candidate:
-    return Candidate(name, "mass", (Parameter("size", 0.0, low, step=0.01),), ("size",))
-
-
-SWING, WOBBLE, PULL = force("swing"), force("wobble"), force("pull", low=0.0)
-
-
-class Handed(NamedTuple):
-    nothing: np.ndarray
-
-
-@dataclass(frozen=True)
-class States:
-    edges: np.ndarray
-    slow: np.ndarray
-    carried: Handed
-
-
-@dataclass
-class Oscillator:
-    """A `jointgap.core.candidates.Model` of runs that turn at a speed W: x'' + 2 z w x' + w^2 x = drive cos(W t) +
-    (swing - pull) cos(2 W t) + wobble cos(3 W t), of which x, from a zero of each run, and x' are read."""
-
-    nuisances: Sequence[Parameter]
-    series: Sequence[Series] = ()
-    broken: int = -1  # a window that cannot be simulated
-    name: str = "oscillator"
-    candidates: Sequence[Candidate] = (SWING, WOBBLE, PULL)
-    numerics: Sequence[str] = ()
-
-    def windows(self, run, values, effects=()):
-        return Windows(self, run, values, {candidate.name: own["size"] for candidate, own in effects})
-
-
-@dataclass
-class Windows:
-    """A `jointgap.core.candidates.WindowedRun` of it."""
-
-    model: Oscillator
-    run: str
-    values: dict
-    forces: dict
-    size: int = 2
-    turns: float = TURNS
-    channels: Sequence[str] = CHANNELS
-
-    @property
-    def times(self):
-        return np.arange(TURNS * PER_TURN) * math.tau / PER_TURN / SPEEDS[self.run]
-
-    def window_of(self, time, states):
-        return np.clip(np.searchsorted(states.edges, time, side="right") - 1, 0, len(states.slow) - 1)
-
-    def find(self, measured, noise, per_turn, jump, turns):
-        """States at rest: nothing is known of them."""
-        count = round(TURNS * per_turn)
-        edges = np.linspace(0.0, TURNS * math.tau / SPEEDS[self.run], count + 1)
-        return FoundStates(States(edges, np.zeros((count, 2)), Handed(np.zeros((count, 1)))), 0.0, 1.0)
-
-    def _lasting(self, t):
-        w, speed = self.values.get("frequency", FREQUENCY), SPEEDS[self.run]
-        x, v = np.full((2, *t.shape), 0.0)
-        forces, damping = {"swing": 0.0, "pull": 0.0, "wobble": 0.0} | self.forces, self.values.get("damping", DAMPING)
-        for order, size in enumerate((self.values["drive"], forces["swing"] - forces["pull"], forces["wobble"]), 1):
-            at = 1j * order * speed
-            turning = size * np.exp(at * t) / (w**2 + at**2 + 2 * damping * w * at)
-            x, v = x + turning.real, v + (at * turning).real
-        return np.stack([x, v], axis=-1)
-
-    def _decaying(self, t, state):
-        w, damping = self.values.get("frequency", FREQUENCY), self.values.get("damping", DAMPING)
-        at, (x, v) = w * math.sqrt(1 - damping**2), np.moveaxis(state, -1, 0)
-        c, s, falls = np.cos(at * t), np.sin(at * t) / at, np.exp(-damping * w * t)
-        there = c * x + s * (v + damping * w * x), c * v - s * (w**2 * x + damping * w * v)
-        return np.stack([falls * there[0], falls * there[1]], axis=-1)
-
-    def motion(self, t, begin, state):
-        return self._lasting(t) + self._decaying(t - begin, state - self._lasting(begin))
-
-    def simulate(self, states):
-        window = self.window_of(self.times, states)
-        done = np.arange(len(states.slow)) != self.model.broken
-        motion = self.motion(self.times, states.edges[window], states.slow[window])
-        motion[~done[window]] = np.nan
-        ends = np.where(done[:, None], self.motion(states.edges[1:], states.edges[:-1], states.slow), np.nan)
-        readings = {"angle": motion[:, 0] + self.values.get("zero", 0.0), "rate": motion[:, 1]}
-        return readings, ends, states.carried, done
-
-
-def linear(drive=0.3, zero=0.1, bounds=(0.0, 0.6), broken=-1, **hidden) -> Problem:
-    """A problem with forces `hidden` in the truth, and noise that remembers."""
-    own = [Parameter("zero", 0.0, -0.5, 0.5, 0.01, run=run) for run in SPEEDS]
-    model = Oscillator([Parameter("drive", 0.2, *bounds, 0.01), *own], broken=broken)
-    return measured(model, {"drive": drive, "zero": zero}, hidden, MEMORY)
-
-
-def measured(model: Oscillator, values: dict, hidden: dict, memory: float = 0.0) -> Problem:
-    rng, series = np.random.default_rng(5), []
-    for run in dict.fromkeys(p.run for p in model.nuisances if p.run) or ("slow",):
-        truth = Windows(model, run, values, hidden)
-        motion = truth.motion(truth.times, np.zeros(1), np.array([START[run]]))
-        clean = {"angle": motion[:, 0] + values.get("zero", 0.0), "rate": motion[:, 1]}
-        for name in CHANNELS:
-            t = truth.times
-            noisy = clean[name] + SD * coloured(t.size, memory, rng)
-            series.append(Series(run, name, "1", noisy, t, t * SPEEDS[run], np.zeros(t.size, bool)))
-    model.series = series
-    noise = {one.key: Noise(np.full(one.value.size, SD), (memory,) if memory else ()) for one in series}
-    return Problem(model, noise)
+from jointgap.identification.problem import Problem, whiten
+from tests.identification.oscillator import (
+    FREQUENCY,
+    PULL,
+    SD,
+    START,
+    SWING,
+    WOBBLE,
+    Oscillator,
+    Windows,
+    linear,
+    measured,
+)
 
 
 def exact(problem: Problem, hypothesis, jump: float, per_turn: int) -> tuple[float, np.ndarray, np.ndarray]:
@@ -191,7 +84,7 @@ def exact(problem: Problem, hypothesis, jump: float, per_turn: int) -> tuple[flo
 @pytest.fixture(scope="module")
 def hidden():
     """A problem with a hidden swing, and estimates of the base and with it."""
-    problem = linear(swing=0.03)
+    problem = linear(hidden={"swing": {"size": 0.03}})
     return problem, Estimate(problem, ()).anneal(), Estimate(problem, (SWING,)).anneal()
 
 
@@ -258,7 +151,7 @@ def test_scores_rank_the_hidden_force_first_and_tell_its_gain(hidden):
 
 
 def test_bounds_hold():
-    problem = linear(drive=0.3, swing=0.03, bounds=(0.0, 0.25))
+    problem = linear(drive=0.3, hidden={"swing": {"size": 0.03}}, bounds=(0.0, 0.25))
     estimate = Estimate(problem, (PULL,)).anneal()
     for stage in estimate.stages:
         at = dict(zip((p.key for p in estimate.parameters), stage.values, strict=True))
