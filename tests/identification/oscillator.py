@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,8 @@ def force(name: str, low: float = -math.inf) -> Candidate:
 
 
 SWING, WOBBLE, PULL = force("swing"), force("wobble"), force("pull", low=0.0)
+PUSH = replace(force("push"), replaces={"drive": "size"})
+"""What the drive is beyond its nominal size."""
 SPRING = Candidate(
     "spring",
     "mass",
@@ -47,7 +49,8 @@ class States:
     carried: Handed
 
 
-BY_NAME = {candidate.name: candidate for candidate in (SWING, WOBBLE, PULL, SPRING)}
+FORCES = "swing", "pull", "wobble", "push"
+BY_NAME = {candidate.name: candidate for candidate in (SWING, WOBBLE, PULL, PUSH, SPRING)}
 
 
 @dataclass
@@ -59,12 +62,15 @@ class Oscillator:
     nuisances: Sequence[Parameter]
     series: Sequence[Series] = ()
     broken: int = -1  # a window that cannot be simulated
+    broken_above: float = -math.inf  # drive, above which
     failing: Sequence[str] = ()  # effects with which one trajectory cannot be simulated
     windowed: Callable[[dict], bool] = lambda effects: True  # whether there are windows, by the effects' values
+    rest: float = 0.0  # angles and rates that the filter finds
     deviance: Callable[[dict], float] = lambda effects: 0.0  # for each reading, that a filter is to find with effects
     name: str = "oscillator"
     candidates: Sequence[Candidate] = (SWING, WOBBLE, PULL)
     numerics: Sequence[str] = ()
+    per_turn: int = 0  # windows that were asked for at last
     filtered: list = field(default_factory=list)  # values, effects, jump and turns of all searches for states
 
     def windows(self, run, values, effects=()):
@@ -109,17 +115,18 @@ class Windows:
 
     def find(self, measured, noise, per_turn, jump, turns):
         """States at rest: nothing is known of them."""
+        self.model.per_turn = per_turn
         self.model.filtered.append((self.values, self.effects, jump, turns))
         count = round(TURNS * per_turn)
         edges = np.linspace(0.0, TURNS * math.tau / SPEEDS[self.run], count + 1)
-        states = States(edges, np.zeros((count, 2)), Handed(np.zeros((count, 1))))
+        states = States(edges, np.full((count, 2), self.model.rest), Handed(np.zeros((count, 1))))
         return FoundStates(states, self.model.deviance(self.effects), 1.0)
 
     def _lasting(self, t):
         w, damping, speed = self.frequency, self.damping, SPEEDS[self.run]
         x, v = np.full((2, *t.shape), 0.0)
-        swing, pull, wobble = (self.effects.get(name, {"size": 0.0})["size"] for name in ("swing", "pull", "wobble"))
-        for order, size in enumerate((self.values["drive"], swing - pull, wobble), 1):
+        swing, pull, wobble, push = (self.effects.get(name, {"size": 0.0})["size"] for name in FORCES)
+        for order, size in enumerate((self.values["drive"] + push, swing - pull, wobble), 1):
             at = 1j * order * speed
             turning = size * np.exp(at * t) / (w**2 + at**2 + 2 * damping * w * at)
             x, v = x + turning.real, v + (at * turning).real
@@ -137,7 +144,8 @@ class Windows:
 
     def simulate(self, states):
         window = self.window_of(self.times, states)
-        done = np.arange(len(states.slow)) != self.model.broken
+        breaks = self.values["drive"] > self.model.broken_above
+        done = (np.arange(len(states.slow)) != self.model.broken) | (not breaks)
         motion = self.motion(self.times, states.edges[window], states.slow[window])
         motion[~done[window]] = np.nan
         ends = np.where(done[:, None], self.motion(states.edges[1:], states.edges[:-1], states.slow), np.nan)

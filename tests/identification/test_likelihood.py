@@ -10,12 +10,23 @@ from scipy.linalg import block_diag
 from scipy.optimize import least_squares
 
 from jointgap.core.candidates import Parameter
-from jointgap.identification.fit import Fit
-from jointgap.identification.likelihood import MISSED, Estimate, compete, has_windows, intervals_in_windows
+from jointgap.core.errors import SimulationError
+from jointgap.identification.fit import FiniteDifferences, Fit
+from jointgap.identification.likelihood import (
+    Estimate,
+    _band,
+    compete,
+    fitted_from,
+    has_windows,
+    intervals_in_windows,
+    turned,
+)
 from jointgap.identification.problem import Problem, whiten
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.oscillator import (
     FREQUENCY,
     PULL,
+    PUSH,
     SD,
     START,
     SWING,
@@ -79,6 +90,10 @@ def exact(problem: Problem, hypothesis, jump: float, per_turn: int) -> tuple[flo
     left = offset - by_value @ at
     cost = left @ inverse @ left + np.sum((prior * (at - nominal)) ** 2)
     return cost + np.linalg.slogdet(covariance)[1], at, np.linalg.inv(information)
+
+
+def windows(**changed):
+    return replace(DEFAULT_SETTINGS, windows=replace(DEFAULT_SETTINGS.windows, **changed))
 
 
 @pytest.fixture(scope="module")
@@ -150,6 +165,58 @@ def test_scores_rank_the_hidden_force_first_and_tell_its_gain(hidden):
     assert values["swing.size"] == pytest.approx(0.03, abs=0.005)
 
 
+@pytest.mark.parametrize("size", [0.03, -0.03])
+def test_scores_say_to_where_a_size_would_go(size):
+    problem = linear(drive=0.2 + size, hidden={"swing": {"size": size}, "wobble": {"size": 3.0 * size}})
+    base = Estimate(problem, ())
+    base.fit_at(1.0)
+    base.fit_at(0.006)
+    for gain, candidate, values in base.scores([WOBBLE, SWING]):
+        with_it = Estimate(problem, (candidate,))
+        with_it.fit_at(1.0)
+        with_it.fit_at(0.006)
+        assert gain == pytest.approx(base.stages[-1].deviance - with_it.stages[-1].deviance, rel=1e-6)
+        key = f"{candidate.name}.size"
+        assert values[key] == pytest.approx(with_it.mapping[key], abs=1e-6)
+
+
+def test_what_replaces_a_nuisance_is_scored_beyond_its_bounds_and_beside_no_other_such():
+    problem = linear(drive=0.3, bounds=(0.0, 0.25))
+    ((gain, *_),) = Estimate(problem, ()).anneal().scores([PUSH])
+    assert gain > 10.0
+    with_it = Estimate(problem, (PUSH,)).anneal()
+    assert [each.name for _, each, _ in with_it.scores([SWING, PUSH])] == ["swing"]
+
+
+def test_an_effect_that_is_never_small_is_not_scored():
+    problem = linear()
+    finite = replace(SWING, initial_guesses=({"size": 0.1},))
+    assert Estimate(problem, ()).anneal().scores([finite]) == []
+
+
+def test_nothing_is_simulated_beyond_bounds():
+    problem = linear(drive=0.3, hidden={"swing": {"size": 0.03}}, bounds=(0.0, 0.25))
+    make, drives, pulls = problem.model.windows, [], []
+
+    def windows_of(run, values, effects=()):
+        drives.append(values["drive"])
+        pulls.extend(at["size"] for _, at in effects)
+        return make(run, values, effects)
+
+    problem.model.windows = windows_of
+    Estimate(problem, (PULL,)).anneal()
+    Estimate(problem, ()).anneal().scores([PULL])
+    assert 0.0 <= min(drives) and max(drives) == 0.25 and min(pulls) == 0.0
+    drives.clear()
+    problem = linear(drive=0.1, bounds=(0.15, 0.25))
+    problem.model.windows = windows_of
+    assert Estimate(problem, ()).anneal().mapping["drive"] == 0.15 == min(drives)
+    pulls.clear()
+    limited = replace(PULL, coordinates=(replace(PULL.coordinates[0], low=-0.02, high=0.0),))
+    ((_, _, values),) = Estimate(problem, ()).anneal().scores([limited])
+    assert max(pulls) <= 0.0 and -0.02 <= values["pull.size"] <= 0.0
+
+
 def test_bounds_hold():
     problem = linear(drive=0.3, hidden={"swing": {"size": 0.03}}, bounds=(0.0, 0.25))
     estimate = Estimate(problem, (PULL,)).anneal()
@@ -166,7 +233,7 @@ def test_a_window_that_cannot_be_simulated_costs_and_does_not_end_the_fit():
     stage = cut.stages[-1]
     assert stage.jump == whole.stages[-1].jump and stage.lost == 1 / 16
     # of two runs, two channels and six samples each
-    assert stage.cost - whole.stages[-1].cost == pytest.approx(24 * MISSED**2, rel=0.05)
+    assert stage.cost - whole.stages[-1].cost == pytest.approx(24 * 10.0**2, rel=0.05)
     assert cut.values == pytest.approx(whole.values, abs=0.02)
 
 
@@ -187,6 +254,151 @@ def test_what_one_long_trajectory_has_no_slope_to_is_found_in_windows():
     sd = estimate.stages[-1].hessian[0, 0] ** -0.5
     assert estimate.mapping["frequency"] == pytest.approx(FREQUENCY, abs=4.0 * sd) and sd < 0.01
     assert estimate.stages[-1].cost < 1.3 * problem.size
+
+
+def test_a_window_that_other_values_break_has_no_derivatives_by_them():
+    problem = linear(drive=0.2, broken=6, broken_above=0.4)
+    whole, estimate = Estimate(problem, ()).anneal(), Estimate(problem, (), {"drive": 0.4})
+    estimate.fit_at(1.0)
+    estimate.fit_at(0.3)
+    assert np.isfinite(estimate.stages[-1].hessian).all() and estimate.stages[-1].lost == 0.0
+    assert estimate.mapping["drive"] < 0.4
+    estimate.anneal(below=0.3)
+    assert estimate.values == pytest.approx(whole.values, abs=1e-3)
+
+
+def test_angles_differ_the_shorter_way_round_and_rates_as_they_are():
+    after, before = np.array([6.0, 6.0, -6.0, -6.0]), np.array([0.0, 0.0, 0.5, 0.5])
+    assert turned(after, before) == pytest.approx([6.0 - math.tau, 6.0, math.tau - 6.5, -6.5])
+    assert turned(after[None], before[None]).shape == (1, 4)
+
+
+def test_a_banded_matrix_is_that_of_its_blocks_and_damping_raises_its_diagonal():
+    rng = np.random.default_rng(3)
+    diagonal, below = rng.normal(size=(3, 2, 2)), rng.normal(size=(2, 2, 2))
+    diagonal = diagonal + diagonal.transpose(0, 2, 1)
+    dense = block_diag(*diagonal)
+    for k in range(2):
+        dense[2 * k + 2 : 2 * k + 4, 2 * k : 2 * k + 2] = below[k]
+    dense += 0.5 * np.diag(np.diag(dense))
+    band = _band(diagonal, below, 0.5)
+    for i in range(len(band)):
+        assert band[i, : 6 - i] == pytest.approx(np.diag(dense, -i), abs=1e-9)
+    assert len(band) == 4
+
+
+def test_the_filter_says_the_deviance_of_a_reading_of_all_runs():
+    estimate = Estimate(linear(deviance=lambda effects: 3.0), ())
+    assert estimate.find_states(1.0) == 3.0
+    assert [(jump, turns) for _, _, jump, turns in estimate.problem.model.filtered] == [(1.0, math.inf)] * 2
+
+
+@pytest.mark.parametrize(("readings", "count"), [(24.0, 4), (4.8, 5), (3.0, 8), (2.0, 12), (0.5, 16)])
+def test_windows_hold_some_readings_for_each_number_of_a_state_and_are_four_to_sixteen_a_turn(readings, count):
+    problem = linear(settings=windows(readings_per_number=readings))
+    Estimate(problem, ()).find_states(1.0)
+    assert problem.model.per_turn == count
+
+
+def test_states_of_the_filter_are_taken_where_they_lower_the_cost_alone():
+    problem = linear()
+    estimate = Estimate(problem, ())
+    estimate.fit_at(1.0)
+    known, problem.model.rest = {run: slow.copy() for run, slow in estimate._slow.items()}, 3.0
+    estimate._filtered(0.3, anew=False)
+    assert all(np.array_equal(estimate._slow[run], known[run]) for run in problem.runs)
+    estimate._slow, problem.model.rest = {run: slow + 3.0 for run, slow in known.items()}, 0.1
+    estimate._filtered(0.3, anew=False)
+    assert all(np.unique(slow) == [0.1] for slow in estimate._slow.values())
+
+
+def test_the_filter_is_asked_down_to_a_jump_and_parameters_are_held_above_another():
+    problem = linear(settings=windows(filtered_above=0.1, held_above=0.3))
+    estimate = Estimate(problem, ()).anneal()
+    assert [jump for _, _, jump, _ in problem.model.filtered] == [1.0, 1.0, 0.3, 0.3, 0.1, 0.1]
+    held, free = estimate.stages[:2]
+    assert held.values == pytest.approx([0.2, 0.0, 0.0], abs=0.0) and free.values[0] == pytest.approx(0.3, abs=0.02)
+    assert held.lost == 0.0 and [held.jump, free.jump] == [1.0, 0.3]
+    problem.model.filtered.clear()
+    assert [stage.jump for stage in Estimate(problem, ()).anneal(below=0.03).stages] == [0.006, 0.001]
+    assert [jump for _, _, jump, _ in problem.model.filtered] == [0.006, 0.006]
+
+
+def test_a_fit_goes_on_while_its_deviance_falls(hidden):
+    problem = linear(hidden={"swing": {"size": 0.03}}, settings=windows(far_behind=0.0))
+    estimate = Estimate(problem, (SWING,)).anneal()
+    deviances = [stage.deviance for stage in estimate.stages]
+    assert deviances[:-1] == sorted(deviances[:-1], reverse=True) and len(deviances) > 3
+    (alone,) = compete([Estimate(problem, (SWING,))])
+    assert [stage.deviance for stage in alone.stages] == pytest.approx(deviances)
+    assert estimate.best is min(estimate.stages, key=lambda stage: stage.deviance)
+
+
+def test_rivals_that_are_as_good_go_on_to_the_end():
+    problem = linear()
+    both = compete([Estimate(problem, (SWING,)), Estimate(problem, (WOBBLE,))])
+    assert [each.stages[-1].jump for each in both] == [problem.settings.windows.jumps[-1]] * 2
+    assert both[0].best.deviance < both[1].best.deviance
+    assert compete([]) == []
+
+
+def test_rivals_are_not_compared_at_large_jumps():
+    problem = linear(hidden={"swing": {"size": 0.3}})
+    _, other = compete([Estimate(problem, (SWING,)), Estimate(problem, (WOBBLE,))])
+    assert other.stages[-1].jump in (0.3, 0.1)
+    assert len(compete([Estimate(problem, (WOBBLE,))], below=0.3)[0].stages) >= 1
+
+
+def test_what_cannot_be_simulated_is_no_rival():
+    def deviance(effects):
+        if "wobble" in effects:
+            raise SimulationError("no wobble")
+        return 0.0
+
+    problem = linear(deviance=deviance)
+    found = compete([Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))])
+    assert [each.hypothesis for each in found] == [(SWING,)]
+
+
+def test_a_fit_knows_the_curvature_of_an_estimate_that_came_to_its_end(hidden):
+    problem, _, true = hidden
+    fit = fitted_from(true, FiniteDifferences(problem))
+    assert fit.hypothesis == (SWING,) and fit.chi2 < 1.1 * problem.size
+    assert fit.windows[0] == pytest.approx(true.values)
+    hessian = true.stages[-1].hessian - np.diag(true.prior**2)
+    assert fit.windows[1:].T @ fit.windows[1:] == pytest.approx(hessian, rel=1e-6, abs=1e-6)
+    base = Estimate(problem, ())
+    base.fit_at(1.0)
+    base.fit_at(0.006)
+    fit = fitted_from(base, FiniteDifferences(problem))
+    assert fit.windows == pytest.approx(base.values[None])
+    assert len(base.known(fit, ended=True)) == 1 + base.values.size
+    # of a fit that knows no curvature it is that at the end of another estimate
+    found, other = (intervals_in_windows(problem, replace(fit, windows=each)) for each in (fit.windows, None))
+    assert found.jacobian == pytest.approx(other.jacobian) and np.abs(found.jacobian).max() > 0.0
+    assert found.shifts == pytest.approx(other.shifts)
+
+
+def test_what_cannot_be_simulated_in_windows_has_no_intervals_from_them(hidden):
+    problem, base, _ = hidden
+    fit = replace(fitted_from(base, FiniteDifferences(problem)), windows=None)
+
+    def deviance(effects):
+        raise SimulationError("no states")
+
+    other = linear(hidden={"swing": {"size": 0.03}}, deviance=deviance)
+    assert intervals_in_windows(other, fit) is None
+    other.model.windowed = lambda effects: False
+    assert intervals_in_windows(other, replace(fit, windows=np.ones((4, 3)))) is None
+    with pytest.raises(SimulationError, match="run slow is not simulated in windows with base"):
+        Estimate(other, ()).find_states(1.0)
+
+
+def test_statistics_are_not_compared_in_windows():
+    problem = linear()
+    assert has_windows(problem, (), {})
+    problem.model.series = [replace(one, statistic=True) for one in problem.model.series]
+    assert not has_windows(Problem(problem.model, {part.series.key: part.noise for part in problem.parts}), (), {})
 
 
 def test_what_has_no_windows_is_not_fitted_in_them():
