@@ -6,12 +6,8 @@ import pytest
 
 from jointgap.campaign.fits_on_disk import screened_frame, signatures_from_frames, signatures_to_frames
 from jointgap.core.errors import InputError
-from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.model_selection import shortlist_singles
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import simulate_signatures
-from jointgap.identification.thresholds import thresholds
-from tests.identification.toy import RINGING, stated_noise, toy
 
 
 class _Without:
@@ -46,17 +42,3 @@ def test_an_effect_whose_sizes_are_of_other_runs_is_named_too(chain):
     renamed = derivatives["name"].mask(derivatives["label"] == "coulomb", "force_N@other")
     with pytest.raises(InputError, match="holds coulomb of another model"):
         signatures_from_frames(tables | {"signatures": derivatives.assign(name=renamed)}, chain.recalibrated)
-
-
-def test_an_effect_whose_size_is_searched_is_none_that_derivatives_recommend_when_read_from_files_either():
-    model = toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3)
-    model = replace(model, candidates=(*model.candidates, RINGING))
-    base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    tables = signatures_to_frames(signatures) | {"screened": screened_frame(signatures, [])}
-    read = signatures_from_frames(tables, base)
-    assert {one.candidate.label for one in read.entries if one.only_searched} == {"ringing"}
-    assert [one.label for one in shortlist_singles(read, limits)] == [
-        one.label for one in shortlist_singles(signatures, limits)
-    ]

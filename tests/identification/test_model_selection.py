@@ -18,6 +18,7 @@ from jointgap.identification.model_selection import (
     fits_beyond_bounds,
     nonlinearity,
     refit_jacobian,
+    second_effect_gain,
     select_hypothesis,
     shortlist_singles,
     swap_one_effect,
@@ -44,7 +45,7 @@ def effect(name, **more):
     return Candidate(name, "slider", (Parameter("size", 0.0),), ("size",), **more)
 
 
-def signatures(rest, gains, searched=()):
+def signatures(rest, gains):
     """Signatures ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest` is left if all are there."""
     residual = np.zeros(SAMPLES)
     residual[1 : len(gains) + 1], residual[-1] = np.sqrt(gains), np.sqrt(rest)
@@ -52,12 +53,12 @@ def signatures(rest, gains, searched=()):
     found = []
     for place in range(len(gains)):
         column = unit[:, [place + 1]]
-        found.append(Signature(effect(f"e{place}"), {}, column, residual, ("slow",), only_searched=place in searched))
+        found.append(Signature(effect(f"e{place}"), {}, column, residual, ("slow",)))
     return Signatures((Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, found, {})
 
 
-def shortlisted(*given, **more):
-    return [screened.label for screened in shortlist_singles(signatures(*given, **more), LIMITS)]
+def shortlisted(*given):
+    return [screened.label for screened in shortlist_singles(signatures(*given), LIMITS)]
 
 
 def fitted(chi2, *effects, status="converged"):
@@ -78,10 +79,6 @@ COULOMB, SPRING = effect("coulomb"), effect("spring")
 def test_where_the_base_leaves_more_than_noise_the_eight_best_are_fitted():
     gains = [float(100 + place) for place in range(10)]
     assert shortlisted(10.0, gains) == [f"e{place}" for place in range(9, 1, -1)]
-
-
-def test_effects_that_are_searched_are_not_fitted_from_their_signatures():
-    assert shortlisted(10.0, [100.0, 103.0, 102.0], searched=(1,)) == ["e2", "e0"]
 
 
 @pytest.mark.parametrize(("gain", "count"), [(LN + WANTED + 0.01, 4), (LN + WANTED - 0.01, 3)])
@@ -120,11 +117,10 @@ def test_of_sufficient_effects_the_one_with_the_least_bic_is_best_and_it_has_to_
 def second(monkeypatch):
     """Thresholds of two effects where other numerics change chi2 by so much beyond what nuisances take up."""
 
-    def made(changed, chi2, base=1000.0, jump=0.0, fits=None):
+    def made(changed, chi2, base=1000.0, fits=None):
         row = np.zeros(SAMPLES)
         row[0], row[5] = 99.0, changed**0.5  # the nuisance takes up the first
         monkeypatch.setattr(model_selection, "other_numerics", lambda *_: np.array([0.1 * row, row]))
-        monkeypatch.setattr(model_selection, "nonlinearity", lambda *_: jump)
         problem = SimpleNamespace(settings=DEFAULT_SETTINGS)
         baseline = SimpleNamespace(base=fitted(base), problem=problem)
         given = [fitted(chi2 + 1.0, SPRING), fitted(chi2, COULOMB), fitted(1.0, SPRING, COULOMB)]
@@ -149,10 +145,11 @@ def test_less_than_the_threshold_of_single_effects_changes_nothing(second):
     assert second(changed=11.0, chi2=200.0) == LIMITS
 
 
-def test_a_jump_of_chi2_counts_where_the_single_effect_is_sufficient_alone(second):
-    assert second(changed=0.0, chi2=200.0, jump=70.0).max_gain_threshold == 70.0
-    assert second(changed=0.0, chi2=200.0, jump=3.0).max_gain_threshold == 12.0
-    assert second(changed=0.0, chi2=400.0, jump=70.0).max_gain_threshold == 12.0
+@pytest.mark.parametrize(("chi2", "jump", "gain"), [(200.0, 70.0, 70.0), (200.0, 3.0, 12.0), (400.0, 70.0, 12.0)])
+def test_a_jump_of_chi2_counts_where_the_single_effect_is_sufficient_alone(monkeypatch, chi2, jump, gain):
+    monkeypatch.setattr(model_selection, "nonlinearity", lambda *_: jump)
+    fits = [fitted(chi2 + 1.0, SPRING), fitted(chi2, COULOMB), fitted(1.0, SPRING, COULOMB)]
+    assert second_effect_gain(None, fits, LIMITS) == gain
 
 
 def test_without_a_fit_of_a_single_effect_the_thresholds_stay(second):

@@ -13,6 +13,7 @@ from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
     nonlinearity,
     refit_and_decide,
+    second_effect_gain,
     shortlist_singles,
     swap_one_effect,
     two_effect_thresholds,
@@ -282,7 +283,8 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     signatures = simulate_signatures(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
     fits, _ = fit_singles(base, signatures, limits)
-    assert two_effect_thresholds(base, fits, limits).max_gain_threshold > 5.0 * limits.max_gain_threshold
+    second = two_effect_thresholds(base, fits, limits)
+    assert second_effect_gain(base.problem, fits, second) > 5.0 * limits.max_gain_threshold
     decision = refit_and_decide(base, signatures, [*fits, *fit_pairs(base, signatures, limits, fits)[0]], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "viscous"

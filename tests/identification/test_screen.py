@@ -16,7 +16,7 @@ from jointgap.identification.screening import (
     orders_of_cranks,
     simulate_signatures,
 )
-from tests.identification.toy import stated_noise, toy
+from tests.identification.toy import RINGING, stated_noise, toy
 
 
 def screened(effects, **how):
@@ -174,12 +174,21 @@ def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if
     assert best.start == pytest.approx({"one.size": -10.0, "two.size": -10.0}, rel=0.1)
 
 
-def test_no_pair_is_made_of_two_effects_that_replace_one_nuisance_or_of_one_that_is_searched():
+def test_no_pair_is_made_of_two_effects_that_replace_one_nuisance():
     one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",), replaces={"mass": "size"})
     column, residual = np.ones((9, 1)), np.ones(9)
     entries = [Signature(replace(one, name=name), {}, column, residual, ("slow",)) for name in ("one", "two")]
-    entries.append(Signature(replace(one, name="three", replaces={}), {}, column, residual, (), only_searched=True))
     assert SignatureRegression(Signatures((), np.empty(0), np.empty((9, 0)), residual, entries, {})).pairs() == []
+
+
+def test_what_no_slope_leads_to_is_screened_on_request_alone():
+    model = replace(toy(), candidates=(RINGING,))
+    problem = Problem(model, stated_noise(model))
+    differences = FiniteDifferences(problem)
+    base = fit_hypothesis(problem, differences=differences)
+    assert simulate_signatures(problem, base, differences).entries == []
+    (found,) = simulate_signatures(problem, base, differences, model.candidates).entries
+    assert found.is_secant
 
 
 @pytest.mark.parametrize(

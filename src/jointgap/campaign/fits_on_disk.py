@@ -18,7 +18,7 @@ from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.law_family import FamilyInterval
 from jointgap.identification.noise import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
-from jointgap.identification.screening import LinearizedFit, Signature, Signatures, only_searched
+from jointgap.identification.screening import LinearizedFit, Signature, Signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.verdict import Decision, Row
 
@@ -153,9 +153,8 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
                 "now give; run `jointgap noise` on the campaign file again, and the stages after it"
             )
         derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((fit.residual.size, 0))
-        origin, searched = own.get(_ORIGIN, fit.residual), only_searched(base.problem, candidate)
-        own_shapes = shapes.get((label, start), {})
-        signatures.append(Signature(candidate, own_shapes, derivatives, origin, runs, factor, searched))
+        origin, own_shapes = own.get(_ORIGIN, fit.residual), shapes.get((label, start), {})
+        signatures.append(Signature(candidate, own_shapes, derivatives, origin, runs, factor))
     failed = frames["screened"].query("kind == 'failed'").set_index("explanation")["reason"].to_dict()
     return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, signatures, failed)
 

@@ -151,6 +151,12 @@ class Candidate:
         return frozenset((self.exclusion_group, *self.replaces))
 
     @property
+    def is_rough(self) -> bool:
+        """Whether samples depend so roughly on it that no slope leads to it: the search alone does. Small changes of
+        what is there are told by slopes too."""
+        return bool(self.search_range) and not self.is_perturbation
+
+    @property
     def vanishing_amplitude(self) -> float:
         """Where the first amplitude [SI] leaves nothing of what it changes: at 0, but for a perturbation."""
         if not self.is_perturbation:

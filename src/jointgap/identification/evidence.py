@@ -47,7 +47,7 @@ def row_of(
         reason=fit.reason,
         similarity=similarity,
         at_bounds=tuple(p.name for p, value in shared if not p.low < value < p.high),
-        is_rough=any(candidate.search_range and not candidate.is_perturbation for candidate in fit.hypothesis),
+        is_rough=any(candidate.is_rough for candidate in fit.hypothesis),
     )
 
 

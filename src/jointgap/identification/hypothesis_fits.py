@@ -108,8 +108,8 @@ def _pairs_of_best(
     best = best_sufficient(baseline, alone, second)
     if best is None:
         return []
-    count, about = baseline.problem.settings.selection.partners, signatures.about(best)
-    return [(pair, about) for pair in shortlist_pairs(signatures, best, alone, second, count)]
+    about = signatures.about(best)
+    return [(pair, about) for pair in shortlist_pairs(baseline, signatures, best, alone, second)]
 
 
 def _search(

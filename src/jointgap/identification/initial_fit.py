@@ -8,7 +8,7 @@ import numpy as np
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import FAILED, STOPPED, FiniteDifferences, Fit, bounded_step, bounds_of, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.screening import LinearizedFit, Signatures, only_searched
+from jointgap.identification.screening import LinearizedFit, Signatures
 
 
 def fit_screened(
@@ -115,8 +115,8 @@ def not_above_its_parts(
     It starts as near to the part as the bounds of the further effects let it.
     """
     own = labels_of(fit.hypothesis)
-    searched = {candidate.label for candidate in fit.hypothesis if only_searched(problem, candidate)}
-    lower = [part for part in parts if searched <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
+    rough = () if problem.has_statistics else (one.label for one in fit.hypothesis if one.is_rough)
+    lower = [part for part in parts if {*rough} <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
     if fit.status == FAILED or not lower:
         return fit
     lowest = min(lower, key=lambda part: part.chi2)

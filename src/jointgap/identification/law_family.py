@@ -17,7 +17,6 @@ from jointgap.identification.baseline import Baseline, with_intervals
 from jointgap.identification.evidence import weigh_fit
 from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import only_searched
 from jointgap.identification.verdict import (
     AMBIGUOUS,
     NAMED,
@@ -225,7 +224,7 @@ def _of_families(problem: Problem, found: Fit) -> list[tuple[Candidate, LawFamil
 
     None beside an effect on which motion depends roughly: no fit follows its valley from shape to shape.
     """
-    if any(only_searched(problem, candidate) for candidate in found.hypothesis):
+    if not problem.has_statistics and any(candidate.is_rough for candidate in found.hypothesis):
         return []
     laws = [family.law.label for family in _families(found)]
     pairs = ((candidate, family) for candidate in found.hypothesis for family in candidate.families)

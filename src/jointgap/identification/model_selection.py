@@ -35,8 +35,6 @@ from jointgap.identification.screening import (
     SignatureRegression,
     Signatures,
     SignatureSubspaces,
-    can_be_searched,
-    only_searched,
     orders_of_cranks,
     orthonormal,
     shortlist,
@@ -72,17 +70,20 @@ def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds)
 
 
 def shortlist_pairs(
-    signatures: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds, count: int
+    baseline: Baseline, signatures: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds
 ) -> list[LinearizedFit]:
     """Pairs with a sufficient single effect that are worth a fit: those that would gain beyond chance.
 
-    At most `count`; the sufficient effect is that of `best`, `fits` are those of all single effects, `signatures` the
-    signatures about the base, and `second` is from `two_effect_thresholds`.
+    At most as many as the settings have `partners`; the sufficient effect is that of `best`, `fits` are those of all
+    single effects, `signatures` the signatures about the base, and `second` is from `two_effect_thresholds`.
     """
     failed = {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
     pairs = SignatureRegression(signatures.about(best), best.hypothesis).singles()
+    pairs = [pair for pair in pairs if pair.hypothesis[-1].label not in failed]
     gaining = [pair for pair in pairs if best.bic - pair.bic > second.max_gain_threshold]
-    return shortlist([pair for pair in gaining if pair.hypothesis[-1].label not in failed], count)
+    needed = second_effect_gain(baseline.problem, fits, second) if gaining else 0.0
+    gaining = [pair for pair in gaining if best.bic - pair.bic > needed]
+    return shortlist(gaining, baseline.problem.settings.selection.partners)
 
 
 def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
@@ -90,12 +91,9 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
 
     The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change
     there, beyond what nuisances can take up, may remain and is no sign of a second effect, as long as it is a small
-    part of what the effect explains; of more than that, the small part is what a second effect has to gain. Where the
-    single one is sufficient, a second effect has to gain more than fits gain by ending on either side of a jump
-    (`nonlinearity`).
+    part of what the effect explains; of more than that, the small part is what a second effect has to gain.
     """
-    alone = [fit for fit in fits if fit.status != FAILED and len(fit.hypothesis) == 1]
-    best = min(alone, key=lambda fit: fit.chi2, default=None)
+    best = _best_alone(fits)
     if best is None:
         return limits
     nuisances = orthonormal(baseline.base.jacobian)
@@ -108,9 +106,20 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
     gain, omnibus = max(limits.max_gain_threshold, min(changed, small)), limits.omnibus
     if limits.max_gain_threshold < changed <= small:
         omnibus += changed / best.residual.size
-    if reduced_chi2(best) <= omnibus:
-        gain = max(gain, nonlinearity(baseline.problem, best))
     return replace(limits, max_gain_threshold=gain, omnibus=omnibus)
+
+
+def second_effect_gain(problem: Problem, fits: Sequence[Fit], second: Thresholds) -> float:
+    """What a second effect has to gain [BIC] by thresholds from `two_effect_thresholds`: where a single one is
+    sufficient, more than fits gain by ending on either side of a jump (`nonlinearity`)."""
+    best = _best_alone(fits)
+    is_sufficient = best is not None and reduced_chi2(best) <= second.omnibus
+    return max(second.max_gain_threshold, nonlinearity(problem, best) if is_sufficient else 0.0)
+
+
+def _best_alone(fits: Sequence[Fit]) -> Fit | None:
+    alone = [fit for fit in fits if fit.status != FAILED and len(fit.hypothesis) == 1]
+    return min(alone, key=lambda fit: fit.chi2, default=None)
 
 
 def nonlinearity(problem: Problem, fit: Fit) -> float:
@@ -199,8 +208,11 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     def is_special_case(special: Row, general: Row) -> bool:
         return subspaces.is_special_case(special.fit.hypothesis, general.fit.hypothesis)
 
-    of_base, of_nominal, pair_gain = row_of(base), row_of(baseline.nominal), second.max_gain_threshold
-    return verdict(Evidence(of_base, of_nominal, rows, limits, pair_gain, is_special_case), settings)
+    evidence = Evidence(row_of(base), row_of(baseline.nominal), rows, limits, is_special_case=is_special_case)
+    said = verdict(replace(evidence, second_effect_gain=second.max_gain_threshold), settings)
+    if said.proposed is None or len(said.proposed.hypothesis) < 2:
+        return said
+    return verdict(replace(evidence, second_effect_gain=second_effect_gain(problem, fits, second)), settings)
 
 
 def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit]) -> list[Fit]:
@@ -217,7 +229,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     problem, differences = baseline.problem, baseline.differences
     done, swapped = {labels_of(fit.hypothesis) for fit in fits}, []
     for kept in best.hypothesis:
-        in_valley = can_be_searched(problem, kept)
+        in_valley = bool(kept.search_range) and not problem.has_statistics
         if in_valley:
             alone = without_other_effects(problem, best, (kept,))
         else:
@@ -251,7 +263,7 @@ def fit_look_alikes(baseline: Baseline, signatures: Signatures, best: Fit) -> li
     problem, found = baseline.problem, []
     subspaces = SignatureSubspaces(signatures, problem.settings.screening)
     for out in best.hypothesis:
-        if out.label not in subspaces.of or only_searched(problem, out) or best.windows is not None:
+        if out.label not in subspaces.of or best.windows is not None:
             continue
         rest = without_other_effects(problem, best, tuple(one for one in best.hypothesis if one is not out))
         space, regression = subspaces.span([out.label]), SignatureRegression(signatures.about(rest), rest.hypothesis)

@@ -356,7 +356,7 @@ def _detectability(
     base = fit_hypothesis(problem, differences=differences)
     if base.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
-    signatures = simulate_signatures(problem, base, differences)
+    signatures = simulate_signatures(problem, base, differences, problem.model.candidates)
     return problem, Detectability(signatures, *_lengths(problem.parts, counts), rate, settings), assumed
 
 

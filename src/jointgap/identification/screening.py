@@ -126,7 +126,6 @@ class Signature:
     origin: np.ndarray  # [1] Residuals at zero amplitude: the base's, unless the candidate replaces a nuisance
     runs: tuple[str, ...]  # The runs that residuals are of
     secant_factor: float = DEFAULT_SETTINGS.screening.secant_factor
-    only_searched: bool = False
 
     @property
     def coordinates(self) -> tuple[Parameter, ...]:
@@ -223,10 +222,14 @@ class LinearizedFit:
 def simulate_signatures(
     problem: Problem, base: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
 ) -> Signatures:
-    """Simulate every candidate at a small amplitude about the fitted base."""
+    """Simulate every candidate at a small amplitude about the fitted base; by default, all that slopes lead to.
+
+    Statistics over cycles are smooth, so that slopes lead to everything.
+    """
     entries: list[Signature] = []
     failed: dict[str, str] = {}
-    candidates = problem.model.candidates if candidates is None else candidates
+    if candidates is None:
+        candidates = [one for one in problem.model.candidates if problem.has_statistics or not one.is_rough]
     taken = {name for effect in base.hypothesis for name in effect.claims}
     candidates = [candidate for candidate in candidates if not taken & candidate.claims]
     steady_first = sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart))
@@ -248,18 +251,6 @@ def simulate_signatures(
     failed = {label: reason for label, reason in failed.items() if label not in simulated}
     finite = [signature for signature in entries if np.isfinite(signature.columns).all()]
     return Signatures(base.parameters, base.values, base.jacobian, base.residual, finite, failed)
-
-
-def can_be_searched(problem: Problem, candidate: Candidate) -> bool:
-    """Whether the samples of a `problem` depend so roughly on a `candidate` that its size is searched on a grid;
-    statistics over cycles are smooth."""
-    return bool(candidate.search_range) and not problem.has_statistics
-
-
-def only_searched(problem: Problem, candidate: Candidate) -> bool:
-    """Whether nothing but that search leads to a `candidate` of a `problem`: small changes of what is there are told by
-    derivatives too."""
-    return can_be_searched(problem, candidate) and not candidate.is_perturbation
 
 
 def _initial_shapes(
@@ -299,8 +290,7 @@ def _signature(
         (key,) = finite
         # Not linear near zero: the derivative is a secant to a finite amplitude.
         change = problem.residual(values | {f"{candidate.label}.{key}": shapes[key]}, both) - origin
-        rough = only_searched(problem, candidate)
-        return Signature(candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor, rough)
+        return Signature(candidate, dict(shapes), change[:, None] / shapes[key], origin, problem.runs, factor)
     columns = [
         differences.column(p, values, origin, both) for p in problem.parameters((candidate,)) if p.key in amplitudes
     ]
@@ -355,16 +345,13 @@ class SignatureRegression:
         return LinearizedFit(tuple(chosen), chi2, start, chi2 + price, self.fitted_effects, near)
 
     def singles(self) -> list[LinearizedFit]:
-        """Every candidate that is not searched with its best start, best first."""
-        return self._best_of_each((signature,) for signature in self._followed())
+        """Every candidate with its best start, best first."""
+        return self._best_of_each((signature,) for signature in self.signatures.entries)
 
     def pairs(self) -> list[LinearizedFit]:
-        """Every two of these candidates that do not replace the same nuisance, and are no alternatives; best first."""
-        pairs = combinations(self._followed(), 2)
+        """Every two candidates that do not replace the same nuisance, and are no alternatives; best first."""
+        pairs = combinations(self.signatures.entries, 2)
         return self._best_of_each(pair for pair in pairs if not pair[0].candidate.claims & pair[1].candidate.claims)
-
-    def _followed(self) -> list[Signature]:
-        return [signature for signature in self.signatures.entries if not signature.only_searched]
 
     def _best_of_each(self, chosen: Iterable[Sequence[Signature]]) -> list[LinearizedFit]:
         best: dict[str, LinearizedFit] = {}
