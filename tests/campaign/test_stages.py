@@ -30,7 +30,7 @@ from jointgap.core.candidates import Parameter
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TABLES
-from jointgap.identification import hypothesis_fits, initial_fit, model_selection
+from jointgap.identification import hypothesis_fits, model_selection
 from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.noise import noise_of_model
@@ -215,13 +215,13 @@ def test_parts_of_the_fits_together_are_all_of_them(chain):
 
 
 def test_a_fit_that_fails_is_a_row_with_its_reason_and_the_others_go_on(chain, monkeypatch):
-    def fails(problem, screened, *others):
-        if screened.label == "viscous":
+    def fails(problem, values, hypothesis=(), *others):
+        if any(one.label == "viscous" for one in hypothesis):
             raise SimulationError("the slide flies off")
-        return start(problem, screened, *others)
+        return residual(problem, values, hypothesis, *others)
 
-    start = initial_fit._start
-    monkeypatch.setattr(initial_fit, "_start", fails)
+    residual = Problem.residual
+    monkeypatch.setattr(Problem, "residual", fails)
     found, _ = hypothesis_fits.fit_singles(chain.recalibrated, chain.screening.signatures, chain.screening.limits)
     rows = fits_to_frames(found)["fits"].set_index("explanation")
     assert rows.loc["viscous", "status"] == FAILED

@@ -1,7 +1,6 @@
 """Starts of fits."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -23,30 +22,11 @@ def fit_screened(
     A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be
     several times as large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer.
     """
-    derivatives = signatures.derivatives(screened.signatures)
-    try:
-        start, near = _start(problem, screened)
-    except (InputError, SimulationError) as error:
-        parameters = problem.parameters(screened.hypothesis)
-        values = np.array([screened.start.get(p.key, p.nominal) for p in parameters])
-        residual, jacobian = np.full(problem.size, np.nan), np.empty((0, len(parameters)))
-        failed = Fit(screened.hypothesis, parameters, values, residual, jacobian, 0, FAILED, str(error))
-        return replace(failed, settings=problem.settings)
-    return fit_hypothesis(
-        problem,
-        screened.hypothesis,
-        start,
-        derivatives if near else None,
-        differences,
-        sufficient_chi2=sufficient_chi2,
-    )
-
-
-def _start(problem: Problem, screened: LinearizedFit) -> tuple[Mapping[str, float], bool]:
-    """Values by key to start from, and whether that is so near the base that derivatives there are good enough."""
-    if any(p.key in signature.shape_parameters for signature in screened.signatures for p in signature.amplitudes):
-        return screened.start, False  # a finite amplitude: far from the base already
-    return _best_multiple(problem, screened)
+    is_finite = any(p.key in one.shape_parameters for one in screened.signatures for p in one.amplitudes)
+    # a finite amplitude is far from the base already
+    start, near = (screened.start, False) if is_finite else _best_multiple(problem, screened)
+    known = signatures.derivatives(screened.signatures) if near else None
+    return fit_hypothesis(problem, screened.hypothesis, start, known, differences, sufficient_chi2=sufficient_chi2)
 
 
 def _best_multiple(problem: Problem, screened: LinearizedFit) -> tuple[dict[str, float], bool]:
@@ -158,13 +138,6 @@ def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
     here = np.array([values.get(p.key, p.nominal) for p in parameters])
     jacobian = np.array([columns[p.key] for p in parameters]).reshape(len(parameters), -1).T
     return Fit(kept, parameters, here, residual, jacobian, 0, STOPPED, settings=fit.settings)
-
-
-def moved(problem: Problem, differences: FiniteDifferences, fit: Fit, to: Fit, sufficient_chi2: float = np.inf) -> Fit:
-    """The `fit` or, if it is lower, one of the same hypothesis that starts from the nuisances of the fit `to`."""
-    start = with_nuisances_of(problem, fit, to)
-    again = fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2)
-    return again if again.chi2 < fit.chi2 else fit
 
 
 def chi2_without_effects(problem: Problem, fit: Fit) -> float:

@@ -10,7 +10,6 @@ from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import (
     Baseline,
-    deepest_base,
     leading_over_ensembles,
     other_numerics,
     with_intervals,
@@ -23,9 +22,9 @@ from jointgap.identification.initial_fit import (
     fit_screened,
     labels_of,
     lowest_of_each,
-    moved,
     not_above_its_parts,
     with_effects_absent,
+    with_nuisances_of,
     without_other_effects,
 )
 from jointgap.identification.likelihood import has_windows, intervals_in_windows
@@ -159,43 +158,23 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     """The verdict of the fits (`jointgap.identification.verdict`), the best of each hypothesis.
 
     A hypothesis must not win by having found a deeper valley of parameters that all share. So no fit stays above that
-    of a part of it, the base is fitted again from the nuisances of what beats it by more than its effects account for
-    (`initial_fit`), and where the motion has numerical noise, base and rivals are fitted again
-    from the best one's nuisances in any case. Where it never repeats, base and leading fits are regressed over
-    ensembles.
+    of a part of it, and the base is fitted again from the nuisances of what beats it by more than its effects account
+    for. Where the motion never repeats, base and leading fits are regressed over ensembles.
 
     Arguments as in `select_hypothesis`.
     """
     problem, base = baseline.problem, baseline.base
-    settings, selection = problem.settings.decision, problem.settings.selection
+    settings = problem.settings.decision
     second = two_effect_thresholds(baseline, fits, limits)
     limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
     lowest = lowest_of_each(fits)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
     # in windows of the record nuisances were found from no start at all: none is to be copied
-    alone = has_windows(problem, (), base.mapping)
-    if not alone:
+    if not has_windows(problem, (), base.mapping):
         base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
     if problem.has_statistics:
         base, lowest = leading_over_ensembles(problem, base, lowest)
     best = none_above_its_parts(baseline, [base, *lowest], limits)
-    ranked = sorted((fit for fit in best.values() if fit.status != FAILED), key=lambda fit: fit.bic)
-    is_rough = limits.numerical_noise > problem.settings.stopping.min_decrease and not problem.has_statistics
-    if ranked and is_rough and not alone and ranked[0].bic < base.bic:
-
-        def move(chosen: Sequence[Fit], to: Fit) -> None:
-            for labels in (labels_of(fit.hypothesis) for fit in chosen):
-                best[labels] = moved(problem, baseline.differences, best[labels], to)
-
-        base = moved(problem, baseline.differences, base, ranked[0])
-        move(ranked[1 : 1 + selection.partners], ranked[0])
-        hardly_visible = reduced_chi2(base) <= max(limits.omnibus, settings.noise_gap**2)
-        if hardly_visible and base.bic - ranked[0].bic > settings.min_delta_bic:
-            deeper = deepest_base(problem, base, baseline.differences, problem.settings.baseline.drawn_starts)
-            if deeper.chi2 < base.chi2:
-                base = deeper
-                move(ranked[: 1 + selection.partners], deeper)
-        best = none_above_its_parts(baseline, [base, *best.values()], limits)
     subspaces = SignatureSubspaces(signatures, problem.settings.screening)
     best = without_repetitions(best, subspaces.is_special_case, settings.min_delta_bic)
     bounds = {p.name: (p.nominal, p.low, p.high) for p in problem.nuisances}
@@ -364,7 +343,9 @@ def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float)
         accounted = chi2_without_effects(problem, fit) - fit.chi2
         if accounted >= max(needed + parameters, share * (base.chi2 - fit.chi2)):
             break
-        base = moved(problem, baseline.differences, base, fit)
+        start = with_nuisances_of(problem, base, fit)
+        again = fit_hypothesis(problem, start=start, differences=baseline.differences)
+        base = min(base, again, key=lambda fit: fit.chi2)
     return base
 
 
