@@ -232,6 +232,13 @@ def test_bounds_hold():
     assert gain == pytest.approx(0.0, abs=1e-6) and values["pull.size"] == 0.0
 
 
+def test_where_a_value_is_at_its_bound_the_others_are_best_for_that():
+    at_bound, held = (Estimate(linear(drive=0.4, bounds=(low, 0.25)), ()).anneal() for low in (0.0, 0.25))
+    assert at_bound.values == pytest.approx(held.values, abs=1e-6)
+    at_bound, held = (Estimate(linear(drive=0.1, bounds=(0.25, high)), ()).anneal() for high in (0.5, 0.25))
+    assert at_bound.values == pytest.approx(held.values, abs=1e-6)
+
+
 def test_a_window_that_cannot_be_simulated_costs_and_does_not_end_the_fit():
     whole, cut = (Estimate(linear(broken=broken), ()).anneal() for broken in (-1, 6))
     stage = cut.stages[-1]

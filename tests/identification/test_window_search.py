@@ -139,6 +139,8 @@ def test_what_is_far_behind_in_windows_gets_no_trajectory(monkeypatch):
         assert [name for name, _ in given] == names
         assert given[0][1] == math.inf
     assert given[1][1] == fits[0].chi2
+    problem.settings = windows(leading_share=0.0, far_behind=0.0, compared_below=0.0)
+    assert len(search_in_windows(baseline_of(problem), NOISE_ALONE)) == 1
 
 
 def test_a_fit_that_failed_is_last_and_no_measure_for_others():
