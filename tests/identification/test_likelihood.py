@@ -279,8 +279,8 @@ def test_a_window_that_other_values_break_has_no_derivatives_by_them():
 
 
 def test_angles_differ_the_shorter_way_round_and_rates_as_they_are():
-    after, before = np.array([6.0, 6.0, -6.0, -6.0]), np.array([0.0, 0.0, 0.5, 0.5])
-    assert turned(after, before) == pytest.approx([6.0 - math.tau, 6.0, math.tau - 6.5, -6.5])
+    after, before = np.array([6.0, 1.0, -6.0, -20.0]), np.array([0.0, 0.0, 0.5, 0.5])
+    assert turned(after, before) == pytest.approx([6.0 - math.tau, 1.0, math.tau - 6.5, -20.5])
     assert turned(after[None], before[None]).shape == (1, 4)
 
 
