@@ -39,7 +39,7 @@ SPRING = Candidate(
 
 
 class Handed(NamedTuple):
-    nothing: np.ndarray
+    windows: np.ndarray  # how many came before
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class Windows:
         motion[~done[window]] = np.nan
         ends = np.where(done[:, None], self.motion(states.edges[1:], states.edges[:-1], states.slow), np.nan)
         readings = {"angle": motion[:, 0] + self.values.get("zero", 0.0), "rate": motion[:, 1]}
-        return readings, ends, states.carried, done
+        return readings, ends, Handed(np.arange(1.0, 1.0 + len(done))[:, None]), done
 
 
 def linear(

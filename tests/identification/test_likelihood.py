@@ -335,6 +335,14 @@ def test_the_filter_is_asked_down_to_a_jump_and_parameters_are_held_above_anothe
     assert [jump for _, _, jump, _ in problem.model.filtered] == [0.006, 0.006]
 
 
+def test_each_window_begins_with_what_the_one_before_hands_on():
+    estimate = Estimate(linear(), ())
+    for jump in (0.03, 0.006):
+        estimate.fit_at(jump)
+    for run in estimate._runs.values():
+        assert run.states.carried.windows[:, 0] == pytest.approx(np.arange(len(run.states.slow)))
+
+
 def test_a_fit_goes_on_while_its_deviance_falls(hidden):
     problem = linear(hidden={"swing": {"size": 0.03}}, settings=windows(far_behind=0.0))
     estimate = Estimate(problem, (SWING,)).anneal()
