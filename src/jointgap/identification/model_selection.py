@@ -6,7 +6,6 @@ from itertools import permutations, product
 
 import numpy as np
 
-from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import (
     Baseline,
@@ -19,7 +18,6 @@ from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import (
     chi2_without_effects,
     derivatives_of,
-    fit_screened,
     labels_of,
     lowest_of_each,
     not_above_its_parts,
@@ -197,9 +195,9 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
 def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit]) -> list[Fit]:
     """Fits of the pairs that differ from the best one in one effect, as far as they are not among `fits`.
 
-    One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair. Where
-    motion depends roughly on the effect that is kept, others are sought in the valley of the pair: a fit of it alone
-    ends in another one, and from there none leads back.
+    One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair. Others
+    are sought in the valley of the pair: a fit of the effect that is kept alone may end in another one, and from there
+    none leads back.
     Arguments as in `select_hypothesis`.
     """
     best = _best(fits)
@@ -208,26 +206,13 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     problem, differences = baseline.problem, baseline.differences
     done, swapped = {labels_of(fit.hypothesis) for fit in fits}, []
     for kept in best.hypothesis:
-        in_valley = bool(kept.search_range) and not problem.has_statistics
-        if in_valley:
-            alone = without_other_effects(problem, best, (kept,))
-        else:
-            alone = min((fit for fit in fits if fit.label == kept.label), key=lambda fit: fit.chi2, default=None)
-            if alone is None or alone.status == FAILED:
-                alone = fit_hypothesis(problem, (kept,), _values_without_others(best, kept), differences=differences)
-            if alone.status == FAILED:
-                continue
-        about = signatures.about(alone)
-        partners = SignatureRegression(about.without_nuisances() if in_valley else about, alone.hypothesis).singles()
+        rest = without_other_effects(problem, best, (kept,))
+        partners = SignatureRegression(signatures.about(rest), rest.hypothesis).singles()
         for pair in shortlist(partners, problem.settings.selection.partners):
-            if labels_of(pair.hypothesis) in done:
-                continue
-            done.add(labels_of(pair.hypothesis))
-            if in_valley:
-                start = alone.mapping | pair.start
+            if labels_of(pair.hypothesis) not in done:
+                done.add(labels_of(pair.hypothesis))
+                start = rest.mapping | pair.start
                 swapped.append(fit_hypothesis(problem, pair.hypothesis, start, differences=differences))
-            else:
-                swapped.append(fit_screened(problem, differences, about, pair))
     return swapped
 
 
@@ -349,11 +334,6 @@ def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float)
     return base
 
 
-def _values_without_others(fit: Fit, kept: Candidate) -> dict[str, float]:
-    """Values by key of a fit's nuisances and of one of its effects."""
-    return {key: value for key, value in fit.mapping.items() if "." not in key or key.startswith(f"{kept.label}.")}
-
-
 def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
     """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
 
@@ -402,7 +382,7 @@ def _needed(baseline: Baseline, signatures: Signatures, decision: Decision, done
 def _fit_alone(baseline: Baseline, pair: Fit, label: str) -> list[Fit]:
     """Fits of one effect of a pair alone, from its nuisances and from nominal ones that all runs share."""
     kept = tuple(candidate for candidate in pair.hypothesis if candidate.label == label)
-    own = _values_without_others(pair, *kept)
+    own = {key: value for key, value in pair.mapping.items() if "." not in key or key.startswith(f"{label}.")}
     shared = {p.key: p.nominal for p in baseline.problem.nuisances if p.run is None and p.key in own}
     starts = own, own | shared
     return [fit_hypothesis(baseline.problem, kept, start, differences=baseline.differences) for start in starts]
