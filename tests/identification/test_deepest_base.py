@@ -37,7 +37,7 @@ def starts_of(monkeypatch, off=0.0):
 def test_a_minimum_that_is_found_twice_ends_the_search(poor, monkeypatch):
     problem, base, differences = poor
     starts = starts_of(monkeypatch)
-    assert deepest_base(problem, base, differences, 3).chi2 == pytest.approx(base.chi2, rel=1e-3)
+    assert deepest_base(problem, base, differences, 0.0).chi2 == pytest.approx(base.chi2, rel=1e-3)
     (drawn,) = starts
     mass = next(p for p in problem.nuisances if p.key == "slider_mass")
     assert mass.low < drawn < mass.high and drawn != mass.nominal
@@ -46,12 +46,12 @@ def test_a_minimum_that_is_found_twice_ends_the_search(poor, monkeypatch):
 def test_all_starts_are_tried_while_others_are_found_and_the_best_counts(poor, monkeypatch):
     problem, base, differences = poor
     starts = starts_of(monkeypatch, off=0.1)
-    assert deepest_base(problem, base, differences, 3) is base
-    assert len(set(starts)) == 3
+    assert deepest_base(problem, base, differences, 0.0) is base
+    assert len(set(starts)) == 2
 
 
 def test_a_base_that_leaves_little_enough_is_not_fitted_again(poor, monkeypatch):
     problem, base, differences = poor
     starts = starts_of(monkeypatch)
-    assert deepest_base(problem, base, differences, 3, enough=2.0 * base.chi2) is base
+    assert deepest_base(problem, base, differences, enough=2.0 * base.chi2) is base
     assert starts == []

@@ -401,7 +401,7 @@ def recalibrate(
     first = Problem(model, noise, settings=settings)
     differences = probed_differences(first, {p.key: p.nominal for p in first.nuisances})
     start = fit_hypothesis(first, differences=differences)
-    start = deepest_base(first, start, differences, settings.baseline.drawn_starts, _enough(first, start))
+    start = deepest_base(first, start, differences, _enough(first, start))
     if start.status == FAILED:
         raise SimulationError(f"{model.name}: cannot be simulated as it stands: {start.reason}")
     problem = Problem(model, numerics_noise(model, start.mapping, noise, settings.noise), settings=settings)
@@ -420,10 +420,8 @@ def recalibrate(
     return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
 
-def deepest_base(
-    problem: Problem, base: Fit, differences: FiniteDifferences, drawn_starts: int, enough: float = 0.0
-) -> Fit:
-    """The `base` or, if better, its best fit from so many drawn values of the nuisances that runs share.
+def deepest_base(problem: Problem, base: Fit, differences: FiniteDifferences, enough: float) -> Fit:
+    """The `base` or, if better, its best fit from drawn values of the nuisances that runs share.
 
     A fit may be caught in a valley that is not the deepest. One that leaves less than `enough` ends the search, so does
     one that ended in the same minimum as the best before it, as far as chi2 says and its numerical noise lets it. Where
@@ -440,7 +438,7 @@ def deepest_base(
         return min(replace(base, windows=fit.windows), fit, key=lambda fit: fit.chi2)
     shared = [p for p in problem.nuisances if p.run is None and np.isfinite(p.high - p.low)]
     generator = np.random.default_rng(0)
-    for _ in range(drawn_starts if shared else 0):
+    for _ in range(problem.settings.baseline.drawn_starts if shared else 0):
         if base.status == FAILED or base.chi2 < enough:
             break
         drawn = {p.key: float(generator.uniform(p.low, p.high)) for p in shared}

@@ -1,6 +1,6 @@
 """Starts of fits."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -55,10 +55,10 @@ def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
     return frozenset(candidate.label for candidate in hypothesis)
 
 
-def lowest_of_each(fits: Iterable[Fit], chi2: Callable[[Fit], float] = lambda fit: fit.chi2) -> list[Fit]:
-    """Of each hypothesis, in whatever order its effects stand, the fit with the least `chi2`; lowest first."""
+def lowest_of_each(fits: Iterable[Fit]) -> list[Fit]:
+    """Of each hypothesis, in whatever order its effects stand, the fit with the least chi2; lowest first."""
     lowest: dict[frozenset[str], Fit] = {}
-    for fit in sorted(fits, key=chi2):
+    for fit in sorted(fits, key=lambda fit: fit.chi2):
         lowest.setdefault(labels_of(fit.hypothesis), fit)
     return list(lowest.values())
 

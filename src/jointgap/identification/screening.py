@@ -1,7 +1,7 @@
 """Screening the candidates by their linear effect."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -180,10 +180,6 @@ class Signatures:
         others = [replace(s, origin=origin(s)) for s in self.entries if not taken & s.candidate.claims]
         return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, others, self.failed)
 
-    def without_nuisances(self) -> "Signatures":
-        """The same with no nuisance beside them that could move."""
-        return replace(self, parameters=(), values=self.values[:0], jacobian=self.jacobian[:, :0])
-
     def of(self, label: str) -> list[Signature]:
         """All signatures of one candidate."""
         return [signature for signature in self.entries if signature.candidate.label == label]
@@ -206,7 +202,6 @@ class LinearizedFit:
     start: Mapping[str, float]  # Values by key [SI] at which it would be
     bic: float
     fitted_effects: Hypothesis = ()  # Effects that are fitted already; `start` holds their values
-    near: Mapping[str, float] = field(default_factory=dict)  # Values by key [SI] about which the signatures were taken
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -341,8 +336,7 @@ class SignatureRegression:
         # as `Fit.bic` counts
         price = sum(p.price(self._rows) for signature in chosen for p in signature.coordinates)
         price += (len(kept) + sum(len(candidate.replaces) for candidate in effects)) * np.log(self._rows)
-        near = {p.key: float(value) for p, value in zip(signatures.parameters, signatures.values, strict=True)}
-        return LinearizedFit(tuple(chosen), chi2, start, chi2 + price, self.fitted_effects, near)
+        return LinearizedFit(tuple(chosen), chi2, start, chi2 + price, self.fitted_effects)
 
     def singles(self) -> list[LinearizedFit]:
         """Every candidate with its best start, best first."""
