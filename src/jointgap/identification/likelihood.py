@@ -469,10 +469,11 @@ class Estimate:
         normal = self._normal(off, np.append(self.prior, more), wide, by_states, jump)
         low, high = np.array(steps).T
         step, gain = normal.step(np.append(self._low - self.values, low), np.append(self._high - self.values, high))
-        m = self.values.size
-        values = self._by_key(np.clip(self.values + step[:m], self._low, self._high)) | at
-        values |= {own[p.key]: at[own[p.key]] + float(s) for p, s in zip(amplitudes, step[m:], strict=True)}
-        return gain, values
+        # nuisances begin where they are: what is far from here moves them by less than slopes say
+        sizes = {
+            own[p.key]: at[own[p.key]] + float(s) for p, s in zip(amplitudes, step[self.values.size :], strict=True)
+        }
+        return gain, at | sizes
 
 
 def _both(motion: _Motion, other: _Motion, change: np.ndarray) -> np.ndarray:

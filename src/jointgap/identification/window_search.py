@@ -78,25 +78,18 @@ def _best_sizes(
         except FAILURES:
             return math.inf
 
-    def best() -> list[tuple[str, int]]:
-        chosen: list[tuple[str, int]] = []
-        for label, place in sorted(found, key=found.__getitem__):
-            if all(label != other or abs(place - there) > 1 for other, there in chosen):
-                chosen.append((label, place))
-        return chosen[: settings.tried_sizes]
-
     for label, sizes in grids.items():
         if has_windows(problem, (by_label[label],), values_of(label, 0)):
-            found |= {(label, place): deviance(label, place) for place in range(0, sizes.size, 2)}
-    # the funnel is wider than two steps: what is between is tried near the best alone
-    for label, place in best():
-        near = (other for other in (place - 1, place + 1) if 0 <= other < grids[label].size)
-        found |= {(label, other): deviance(label, other) for other in near if (label, other) not in found}
-    tried = [
-        (deviance(label, place, shape) if shape else found[label, place], label, place, shape)
-        for label, place in best()
-        for shape in range(len(by_label[label].initial_guesses))
-    ]
+            found |= {(label, place): deviance(label, place) for place in range(sizes.size)}
+    best: list[tuple[str, int]] = []
+    for label, place in sorted(found, key=found.__getitem__):
+        if all(label != other or abs(place - there) > 1 for other, there in best):
+            best.append((label, place))
+    tried = []
+    for label, place in best[: settings.tried_sizes]:
+        shapes = range(1, len(by_label[label].initial_guesses))
+        others = [(deviance(label, place, shape), label, place, shape) for shape in shapes]
+        tried.append(min([(found[label, place], label, place, 0), *others]))
     return [((by_label[one],), values_of(one, *at)) for _, one, *at in sorted(tried)[: settings.fitted_sizes]]
 
 
