@@ -239,6 +239,27 @@ def test_where_a_value_is_at_its_bound_the_others_are_best_for_that():
     assert at_bound.values == pytest.approx(held.values, abs=1e-6)
 
 
+def test_derivatives_are_over_about_a_standard_error_where_a_usual_step_is_hundreds_of_them():
+    """The oscillator's frequency bends what is read: over a long step a derivative is that of something else."""
+    found = []
+    for step in (1e-4, 0.3):
+        own = Parameter("frequency", 1.3, 0.5, 2.0, step), Parameter("drive", 0.2, 0.0, 0.6, 0.01)
+        found.append(Estimate(measured(Oscillator(own), {"frequency": FREQUENCY, "drive": 0.3}, {}), ()).anneal())
+    fine, coarse = found
+    sd = np.sqrt(np.diag(np.linalg.inv(fine.stages[-1].hessian)))
+    assert 0.3 > 100.0 * sd[0]
+    assert np.abs((coarse.values - fine.values) / sd).max() < 0.1
+    assert coarse.stages[-1].hessian == pytest.approx(fine.stages[-1].hessian, rel=0.05, abs=1.0)
+
+
+def test_what_the_readings_do_not_tell_stays_at_its_nominal_value(hidden):
+    problem, _, estimate = hidden
+    idle = replace(SWING, coordinates=(*SWING.coordinates, Parameter("idle", 0.5, -1.0, 1.0, 0.05)))
+    with_idle = Estimate(problem, (idle,)).anneal()
+    assert with_idle.mapping["swing.idle"] == pytest.approx(0.5, abs=1e-9)
+    assert with_idle.best.deviance == pytest.approx(estimate.best.deviance, abs=1e-6)
+
+
 def test_a_window_that_cannot_be_simulated_costs_and_does_not_end_the_fit():
     whole, cut = (Estimate(linear(broken=broken), ()).anneal() for broken in (-1, 6))
     stage = cut.stages[-1]

@@ -23,6 +23,9 @@ from jointgap.identification.problem import Hypothesis, Part, Problem, label_of,
 from jointgap.identification.settings import WindowSettings
 
 ANGLE_STEP, RATE_STEP = 1e-4, 2e-4  # [rad], [crank's rates] of differences by states, at a tolerance of 1e-10 m
+# [1] Length of the residuals' change in differences by values at most: a usual step of a clearance is hundreds of its
+# standard errors, and residuals bend over tens. By what factor it is too long, and a step is shortened at most
+CHANGE, TOO_LONG, SHORTER = 1.0, 10.0, 1e4
 FAILURES = (InputError, SimulationError, np.linalg.LinAlgError)
 """What values that cannot be simulated may raise."""
 
@@ -137,9 +140,8 @@ class Estimate:
         self._nominal = np.array([p.nominal for p in self.parameters])
         width = self._high - self._low
         finite = np.isfinite(width) & (width > 0.0)
-        nuisance = np.array([p in problem.nuisances for p in self.parameters])
         # flat bounds, as a normal law: half their width is a standard deviation
-        self.prior = np.where(finite & nuisance, 2.0 / np.where(finite, width, 1.0), 0.0)
+        self.prior = np.where(finite, 2.0 / np.where(finite, width, 1.0), 0.0)
         self._steps = np.array([p.step for p in self.parameters])
         self.stages: list[Stage] = []
         self._runs: dict[str, _Run] = {}
@@ -222,9 +224,15 @@ class Estimate:
         """Derivatives by the parameters: of residuals (n, m) and of the ends of windows (k, d, m), run by run."""
         columns = []
         for i, p in enumerate(self.parameters):
-            step = self._steps[i] if values[i] + self._steps[i] <= self._high[i] else -self._steps[i]
-            moved = self._by_key(values) | {p.key: float(values[i] + step)}
-            columns.append(self._by_value(p.run, step, moved, self.hypothesis))
+            for _ in range(2):
+                step = self._steps[i] if values[i] + self._steps[i] <= self._high[i] else -self._steps[i]
+                moved = self._by_key(values) | {p.key: float(values[i] + step)}
+                column = self._by_value(p.run, step, moved, self.hypothesis)
+                length = math.hypot(*(np.linalg.norm(by_value) for by_value, _ in column.values()))
+                self._steps[i] = p.step / min(max(p.step * length / CHANGE, 1.0), SHORTER)
+                if abs(step) < TOO_LONG * self._steps[i]:
+                    break
+            columns.append(column)
         return {run: tuple(np.stack([c[run][j] for c in columns], axis=-1) for j in (0, 1)) for run in self._runs}
 
     def _nothing(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
