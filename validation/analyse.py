@@ -40,6 +40,9 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
             doubts = results.read(schema.CONTRADICTIONS)[["run", "channel", "other", "kind"]]
             record["doubts"] = doubts.astype(str).to_dict("records")
         if "verdict" in record:
+            flagged = results.read("map_bins").query("flagged")
+            keys = flagged["run"].astype(str) + " " + flagged["channel"].astype(str)
+            record["map"] = (flagged["start_deg"] / 10).round().astype(int).groupby(keys).agg(list).to_dict()
             paths = sorted(results.path.glob("*/*/fits.parquet"))
             record["greedy"] = greedy_names(pd.concat([parquet.read(schema.FITS, path) for path in paths]))
             residuals = parquet.read(schema.RESIDUALS, results.path / "confirm" / "residuals.parquet")

@@ -55,6 +55,7 @@ class Trial:
     damage: str = ""
     loose: str = ""  # A joint that has to be loose in the analyst's model; empty where it may be any
     measured_angle: bool = False
+    shown: tuple[float, float] | None = None  # Between which the gap has to lie of a size that is drawn
     number: int = 0  # Its place in the set
     id: str = ""  # Says nothing about it
 
@@ -110,8 +111,9 @@ def _of_kind(chosen: Any, key: str, stream: int) -> list[Trial]:
                 base = str(rng.choice(["ideal", "loose"]))
             elif name in CLEARANCES and key == "clearances" and base != "ideal" and rng.random() < 0.5:
                 loose = joint if joint in PINS else ""
-        size = RECIPE["gaps"][number % 2] if own else 0.0
-        trials.append(Trial(kind["kind"], base, size, tuple(own), loose=loose))
+        shown = tuple(kind["shown"]) if "shown" in kind else None
+        size = RECIPE["gaps"][number % 2] if own and not shown else 0.0
+        trials.append(Trial(kind["kind"], base, size, tuple(own), loose=loose, shown=shown))
     return trials
 
 

@@ -185,7 +185,7 @@ class Numerics:
 
     tolerance: float = 1e-10  # Local error of a step [m]
     friction_law: str = "coulomb"  # ``coulomb`` (a hyperbolic tangent), ``threlfall`` (an exponential), ``ambrosio``
-    friction_speed: float = 1e-3  # Sliding speed over which friction in loose pins is regularised [m/s]
+    friction_factor: float = 1.0  # Factor on the sliding speed over which friction in loose joints is regularised
     sign_factor: float = 1.0  # Factor on the width of the slider's and the crank's sign functions
 
 
@@ -213,6 +213,7 @@ class Sensor:
     noise_share: float  # Standard deviation of the noise over that of the signal
     correlation: float  # Of the noise of neighbouring samples
     gaps: bool  # Whether samples are lost
+    every: int = 1  # Every how many samples of the run it is read
 
 
 @dataclass(frozen=True)
@@ -220,7 +221,7 @@ class Rig:
     """One rig with its true, hidden values."""
 
     base: str  # The motion without an effect: ideal, loose (settles to a cycle) or chaotic (never repeats)
-    content: Mapping  # Of the analyst's mechanism file
+    content: Mapping  # Of the analyst's mechanism file, but for a swing of the crank among the effects
     bounds: Mapping[str, tuple[float, float]]  # Of nuisances by key of the campaign file, SI; of ``speed`` as a share
     values: Mapping[str, float]  # True values of nuisances, SI
     runs: Mapping[str, Run]  # By id, in the order of the campaign file
@@ -265,9 +266,9 @@ class Rig:
 def simulate(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = (), perturbation=None) -> Readings:
     """All signals at the samples of a run, without sensors; `effects` with their sizes act on the motion."""
     data = with_effects(mechanism, effects).model_dump()
-    friction = {"friction_law": numerics.friction_law, "friction_speed": numerics.friction_speed}
     for joint in data["joints"].values():
-        joint["contact"] |= friction
+        width = numerics.friction_factor * joint["contact"]["friction_speed"]
+        joint["contact"] |= {"friction_law": numerics.friction_law, "friction_speed": width}
     mechanism = validate(Mechanism, data, "a drawn mechanism")
     wave = mechanism.effect("speed_fluctuation")
     mean = run.speed / math.sqrt(1 - wave.ratio**2) if wave else run.speed  # the law's w0 is the mean over the angle
@@ -346,9 +347,11 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
             break
     else:
         raise RuntimeError(f"no rig with a {trial.base} motion in {_MOST_DRAWS} draws")
-    encoder = trial.needs_encoder or rng.random() < 0.85
+    late = rng.random() < 0.2
+    encoder = trial.needs_encoder or late or rng.random() < 0.85
     speed_known = encoder and (trial.measured_angle or rng.random() < 0.5)
     bounds = ({} if speed_known else {"speed": (-0.003, 0.003)}) | _draw_bounds(rng, content)
+    bounds |= {"encoder_lag": tuple(RECIPE["rig"]["encoder_late"])} if late else {}
     inside = {key: 0.5 + 0.9 * (float(rng.random()) - 0.5) for key in bounds if key != "speed"}
     values = {key: bounds[key][0] + share * (bounds[key][1] - bounds[key][0]) for key, share in inside.items()}
     if trial.kind != "exudyn":
@@ -363,15 +366,19 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
             times[1:] += drawn("jitter", times.size - 1) * times[1]
         phase, start = (float(angle) for angle in rng.uniform(0, tau, 2))
         runs[f"run{number}"] = Run(speed, phase, times, start, int(drawn("settling")), nominal)
-    sensors = {}
+    sensors, slower = {}, int(rng.integers(*RECIPE["rig"]["slower"], endpoint=True)) if rng.random() < 0.2 else 1
     for channel in _draw_channels(rng, trial.base):
         correlation = float(drawn("correlation")) if rng.random() < 0.25 else 0.0
-        sensors[channel] = Sensor(float(drawn("noise")), correlation, bool(rng.random() < 0.15))
+        every = slower if rng.random() < 0.5 else 1
+        sensors[channel] = Sensor(float(drawn("noise")), correlation, bool(rng.random() < 0.15), every)
     law, width = (("coulomb", 0.5), ("coulomb", 1.5), ("threlfall", 1.5))[rng.integers(3)]
     noise, step = math.radians(drawn("driving_encoder_deg" if trial.measured_angle else "encoder_deg")), 0.0
     if trial.measured_angle and rng.random() < 0.5:
         step = tau / int(rng.choice([1000, 2000, 3600, 10_000]))
         noise = step * float(drawn("noise_of_step"))
+    if trial.measured_angle and trial.kind != "exudyn" and rng.random() < 0.3:
+        swing = {"ratio": float(drawn("swing")), "order": 0.5, "phase_rad": float(rng.uniform(0, tau))}
+        content["effects"] = [{"name": "speed_fluctuation", "parameters": swing}]
     return Rig(
         base=trial.base,
         content=content,
@@ -380,7 +387,7 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
         runs=runs,
         confirm=str(rng.choice(list(runs))),
         sensors=sensors,
-        numerics=Numerics(10 ** float(drawn("log_tolerance")), law, 1e-3 * width, float(rng.choice([0.5, 1.0, 1.5]))),
+        numerics=Numerics(10 ** float(drawn("log_tolerance")), law, width, float(rng.choice([0.5, 1.0, 1.5]))),
         noise_is_stated=bool(rng.random() < 0.8),
         angle_noise=noise if encoder else 0.0,
         angle_step=step,
@@ -447,9 +454,12 @@ def _draw_bounds(rng: np.random.Generator, content: Mapping) -> dict[str, tuple[
 
 
 def _draw_channels(rng: np.random.Generator, base: str) -> list[str]:
-    """Two to four channels, at least one of which carries forces."""
+    """Channels, at least one of which carries forces."""
     kinds = RECIPE["channels"]
     informative = kinds["forces"] + (kinds["accelerations"] if base != "ideal" else [])
     first = "crank_torque" if rng.random() < 0.5 else str(rng.choice(informative))
     others = [name for names in kinds.values() for name in names if name != first]
-    return [first, *map(str, rng.permutation(others)[: int(rng.integers(1, 4))])]
+    return [
+        first,
+        *map(str, rng.permutation(others)[: int(rng.integers(*RECIPE["rig"]["channels"], endpoint=True)) - 1]),
+    ]

@@ -38,6 +38,9 @@ BINS, MOTIONS = 36, 4
 # Rigs drawn for one effect; where none can show it, the last is kept, and the trial counts as undetectable
 _MOST_RIGS = 6
 
+# Rigs drawn for an effect whose size is drawn too, and sizes for each
+_MOST_RIGS_FOR_SIZES, _SIZES = 60, 4
+
 # Gap from which on a joint that becomes loose whirls: friction of 0.25 and more drives the journal around in some ten
 # micrometres, with forces of hundreds of times the noise. Nobody runs such a rig
 _WHIRLS = 50.0
@@ -63,6 +66,27 @@ class Calibrator:
 
     def gap(self, effects: Effects) -> float:
         """Root of 1 plus the mean square of what recalibration within the nuisances' bounds leaves of `effects`."""
+        left, *_ = self._recalibrated(effects)
+        return self._gap(left)
+
+    def where(self, effects: Effects) -> dict[str, list[float]]:
+        """Root mean square of what recalibration leaves of `effects`, over the noise, in bins of the crank angle; by
+        run and channel."""
+        _, readings, base, steps = self._recalibrated(effects)
+        found = {}
+        for name, own in readings.items():
+            place = np.floor(own["crank_angle"] / tau % 1.0 * BINS)
+            for channel, sensor in self.rig.sensors.items():
+                moved = sum(step * (other[name][channel] - self.base[name][channel]) for step, other in steps)
+                rest = own[channel] - base[name][channel] - moved
+                squares = pd.Series((rest / (sensor.noise_share * self.base[name][channel].std())) ** 2)
+                means = squares.groupby(place).mean().reindex(range(BINS), fill_value=0.0)
+                found[f"{name} {channel}"] = [round(float(mean) ** 0.5, 3) for mean in means]
+        return found
+
+    def _recalibrated(self, effects: Effects) -> tuple[np.ndarray, dict, dict, list]:
+        """What recalibration leaves of `effects`, as `_seen`; their readings, those of the base, and the steps that
+        nuisances go, each with the readings after one step."""
         readings, base = {}, dict(self.base)
         for name in base:
             run = self.rig.runs[name]
@@ -72,9 +96,9 @@ class Calibrator:
                 # the analyst's base turns as the encoder says: on the line through its readings
                 speed, phase = map(float, np.polyfit(run.times, seen, 1))
                 base[name] = self._read(replace(run, speed=speed, phase=phase))
-        left = self._seen(readings) - self._seen(base)
-        slopes, low, high = self._slopes
-        return self._gap(left - slopes @ lsq_linear(slopes, left, (low, high)).x)
+        left, (moved, slopes, low, high) = self._seen(readings) - self._seen(base), self._slopes
+        steps = lsq_linear(slopes, left, (low, high)).x if moved else np.zeros(0)
+        return left - slopes @ steps, readings, base, list(zip(steps, moved, strict=True))
 
     def numerics_gap(self, effects: Effects, readings: Mapping[str, Readings]) -> float:
         """Gap of a truth by these numerics from its `readings` by others."""
@@ -86,6 +110,8 @@ class Calibrator:
             turns = math.ceil(run.times[-1] * run.speed / tau) + 1
             later = turns * tau / run.speed * np.arange(MOTIONS)[:, None]
             run = replace(run, times=(run.times + later).ravel())
+        if late := values.get("encoder_lag", 0.0) - self.rig.values.get("encoder_lag", 0.0) if values else 0.0:
+            run = replace(run, phase=run.phase + late * run.speed)  # the crank was ahead of what the encoder reads
         mechanism = with_nuisances(self.rig.nominal, {**self.rig.values, **values})
         return read(mechanism, run, self.numerics, effects)
 
@@ -116,10 +142,11 @@ class Calibrator:
         return np.array([[*means.mean(), *np.log(variance)], np.sqrt([*errors[0], *errors[1]])])
 
     @cached_property
-    def _slopes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Differences (n, k) by a step of each nuisance away from its nearer bound; bounds in steps."""
+    def _slopes(self) -> tuple[list, np.ndarray, np.ndarray, np.ndarray]:
+        """Readings after a step of each nuisance away from its nearer bound, what that changes (n, k), and the bounds
+        in steps."""
         share = 0.3 if self.chaotic else 0.1  # of the range: beyond the scatter, small enough to be linear
-        base, columns, ends = self._seen(self.base), [], []
+        moved, ends = [], []
         for key, (value, low, high) in self._nuisances().items():
             step = share * (high - low) * (1 if value < 0.5 * (low + high) else -1)
             name, _, only = key.partition("@")
@@ -127,9 +154,11 @@ class Calibrator:
             for run in [only] if only else self.base:
                 changed = replace(self.rig.runs[run], **({name: value + step} if only else {}))
                 readings[run] = self._read(changed, (), {} if only else {key: value + step})
-            columns.append(self._seen(readings) - base)
+            moved.append(readings)
             ends.append(sorted(((low - value) / step, (high - value) / step)))
-        return np.array(columns).T, *np.array(ends).T
+        base = self._seen(self.base)
+        slopes = np.array([self._seen(one) - base for one in moved]).reshape(len(moved), base.size)
+        return moved, slopes.T, *np.array(ends).reshape(-1, 2).T
 
     def _nuisances(self) -> dict[str, tuple[float, float, float]]:
         """True value and bounds of all that a recalibration may move; ``key@run`` of one run alone."""
@@ -174,14 +203,24 @@ def sized(calibrator: Calibrator, effect: Hidden, target: float) -> tuple[float,
     return min(gaps.items(), key=lambda one: abs(math.log(one[1] / target)), default=(effect.first, 1.0))
 
 
-def draw(trial: Trial, rng: np.random.Generator) -> tuple[Rig, Calibrator, list[tuple[Hidden, float]], list[float]]:
+def draw(
+    trial: Trial, rng: np.random.Generator
+) -> tuple[Rig, Calibrator, list[tuple[Hidden, float]], list[float], int]:
     """Draw rigs until one shows the effects of a trial as large as planned: rig, its calibrator, effects with their
-    sizes, and the gap that each causes alone."""
-    for number in range(1, _MOST_RIGS + 1):
+    sizes, the gap that each causes alone, and how many sizes were drawn in vain."""
+    most, discarded = _MOST_RIGS_FOR_SIZES if trial.shown else _MOST_RIGS, 0
+    for number in range(1, most + 1):
         rig = draw_rig(rng, trial)
         calibrator = Calibrator(rig)
         drawn = [draw_effect(name, rig, calibrator.spread, rng) for name in trial.effects]
         if None in drawn:
+            continue
+        if trial.shown:
+            for effect, size in ((drawn[0], _any_size(drawn[0], rng)) for _ in range(_SIZES)):
+                gap = _gap_if_possible(calibrator, effect, size)
+                if trial.shown[0] <= gap <= trial.shown[1]:
+                    return rig, calibrator, [(effect, size)], [gap], discarded
+                discarded += 1
             continue
         found = [sized(calibrator, effect, trial.size) for effect in drawn]
         effects = [(effect, size) for effect, (size, _) in zip(drawn, found, strict=True)]
@@ -190,9 +229,22 @@ def draw(trial: Trial, rng: np.random.Generator) -> tuple[Rig, Calibrator, list[
             abs(gap / trial.size - 1) < GAP_TOLERANCE or (size <= 1.01 * effect.least and gap > trial.size)
             for (effect, size), gap in zip(effects, gaps, strict=True)
         )
-        if number == _MOST_RIGS or (shown and not _whirls(calibrator, effects)):
-            return rig, calibrator, effects, gaps
-    raise RuntimeError(f"none of {_MOST_RIGS} rigs can have {' and '.join(trial.effects)}")
+        if number == most or (shown and not _whirls(calibrator, effects)):
+            return rig, calibrator, effects, gaps, discarded
+    raise RuntimeError(f"none of {most} rigs can have {' and '.join(trial.effects)}")
+
+
+def _any_size(effect: Hidden, rng: np.random.Generator) -> float:
+    """A size drawn evenly in the logarithm, of all that an effect is searched at."""
+    return math.exp(rng.uniform(math.log(effect.least or 0.01 * effect.most), math.log(effect.most)))
+
+
+def _gap_if_possible(calibrator: Calibrator, effect: Hidden, size: float) -> float:
+    """The gap that an effect causes; infinite where the motion cannot be simulated."""
+    try:
+        return calibrator.gap([(effect, size)])
+    except (InputError, SimulationError):
+        return math.inf
 
 
 def _whirls(calibrator: Calibrator, effects: Effects) -> bool:
@@ -208,9 +260,9 @@ def _whirls(calibrator: Calibrator, effects: Effects) -> bool:
 def make_trial(trial: Trial, seed: int, folder: Path) -> dict[str, Any]:
     """Write a campaign, and return the ground truth that is to be sealed."""
     rng = np.random.default_rng([seed, 100, trial.number])
-    rig, calibrator, effects, gaps = draw(trial, rng)
+    rig, calibrator, effects, gaps, discarded = draw(trial, rng)
     clean = {name: read_truth(rig, run, effects, trial.kind == "exudyn") for name, run in rig.runs.items()}
-    campaign, frames = _campaign(rng, rig, _noisy(rng, rig, clean), trial.id)
+    campaign, frames = _campaign(rng, rig, noisy(rng, rig, clean), trial.id)
     damaged = damage(rng, trial.damage, campaign, frames) if trial.damage else None
     _write(rng, folder, rig, campaign, frames)
     comparable = not calibrator.chaotic and {name: clean[name] for name in rig.fitted}
@@ -221,7 +273,9 @@ def make_trial(trial: Trial, seed: int, folder: Path) -> dict[str, Any]:
         "drive": rig.drive,
         "size": trial.size,
         "gaps": [round(gap, 4) for gap in gaps],
+        "discarded": discarded,
         "nuisances": {**rig.values, **{f"speed@{name}": run.speed for name, run in rig.runs.items()}},
+        "where": None if calibrator.chaotic else calibrator.where(effects),
         "numerics": "exudyn" if trial.kind == "exudyn" else vars(rig.numerics),
         "numerics_gap": round(calibrator.numerics_gap(effects, comparable), 3) if comparable else None,
         "effects": [_record(rig, effect, size) for effect, size in effects],
@@ -229,7 +283,7 @@ def make_trial(trial: Trial, seed: int, folder: Path) -> dict[str, Any]:
     return truth | ({"damage": damaged} if damaged else {})
 
 
-def _noisy(rng: np.random.Generator, rig: Rig, clean: Mapping[str, Readings]) -> dict[str, Readings]:
+def noisy(rng: np.random.Generator, rig: Rig, clean: Mapping[str, Readings]) -> dict[str, Readings]:
     """Readings with noise and gaps, and the noise's standard deviation as ``{channel} sd``."""
     noisy = {}
     for name, run in rig.runs.items():
@@ -241,9 +295,13 @@ def _noisy(rng: np.random.Generator, rig: Rig, clean: Mapping[str, Readings]) ->
             for _ in range(int(rng.integers(1, 4)) if sensor.gaps else 0):
                 begin, length = rng.uniform(0, 0.95), rng.uniform(0.01, 0.05)
                 values[int(begin * values.size) : int((begin + length) * values.size)] = np.nan
+            if sensor.every > 1:
+                values[np.arange(values.size) % sensor.every != 0] = np.nan
             readings |= {channel: values, f"{channel} sd": sd}
         if rig.angle_noise:
-            angle = clean[name]["crank_angle"] + rng.normal(0.0, rig.angle_noise, run.times.size)
+            true = clean[name]["crank_angle"]
+            true = true - rig.values.get("encoder_lag", 0.0) * np.gradient(true, run.times)
+            angle = true + rng.normal(0.0, rig.angle_noise, run.times.size)
             readings["crank_angle"] = np.round(angle / rig.angle_step) * rig.angle_step if rig.angle_step else angle
         noisy[name] = readings
     return noisy
@@ -336,7 +394,8 @@ def _write(rng: np.random.Generator, folder: Path, rig: Rig, campaign: dict, fra
             frames[run["id"]].to_parquet(path, index=False)
         else:
             frames[run["id"]].to_csv(path, index=False, float_format="%.9g", **marks)
-    for file, content in (("mechanism.yaml", rig.content), ("campaign.yaml", campaign)):
+    known = {**rig.content, "effects": []}  # how the crank swings is measured, not stated
+    for file, content in (("mechanism.yaml", known), ("campaign.yaml", campaign)):
         (folder / file).write_text(yaml.safe_dump(dict(content), sort_keys=False), encoding="utf-8")
     for path in folder.iterdir():
         os.utime(path, (_FILE_TIME, _FILE_TIME))

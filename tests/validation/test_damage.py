@@ -44,7 +44,12 @@ def lengths(path) -> dict[str, float]:
 def test_only_what_the_truth_says_is_damaged(campaigns, damage):
     (_, sound), (done, path) = campaigns[""], campaigns[damage]
     assert done["what"] == damage
-    first, second = (read_measurements(load_campaign(each)) for each in (sound, path))
+    first, after = read_measurements(load_campaign(sound)), load_campaign(path)
+    try:
+        second = read_measurements(after)
+    except InputError as refused:
+        assert any(f"column {after.channels[name].column}:" in str(refused) for name in done["channels"])
+        return
     for run, recording in first.runs.items():
         for name, values in recording.channels.items():
             same = np.allclose(values, second.runs[run].channels[name], rtol=1e-6, equal_nan=True)

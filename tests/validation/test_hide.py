@@ -15,7 +15,16 @@ from jointgap.core.joints import PINS
 from jointgap.rig.read_files import read_measurements
 from validation.kinds import CLEARANCES, Trial, TrialSet, plan_trials
 from validation.rig import LISTED, OFF_LIST, RECIPE, Numerics, draw_effect, draw_rig, read, simulate
-from validation.trial import GAP_TOLERANCE, Calibrator, ar1_noise, draw, make_trial, parameters_beyond_nominal, sized
+from validation.trial import (
+    GAP_TOLERANCE,
+    Calibrator,
+    ar1_noise,
+    draw,
+    make_trial,
+    noisy,
+    parameters_beyond_nominal,
+    sized,
+)
 from validation.wiring import DAMAGES
 
 SET = TrialSet(
@@ -52,7 +61,7 @@ def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
     assert found == plan_trials(SET)
     assert len({trial.id for trial in found}) == len(found)
     assert all(len(trial.id) == 12 and int(trial.id, 16) >= 0 for trial in found)
-    assert {trial.size for trial in found if trial.effects} == set(RECIPE["gaps"])
+    assert {trial.size for trial in found if trial.effects and not trial.shown} == set(RECIPE["gaps"])
     assert sum(trial.base == "chaotic" for trial in found) >= 5
     assert plan_trials(SET, 2) == found[:2]
     names = [trial.effects[0] for trial in found if trial.kind == "single"]
@@ -158,7 +167,7 @@ def test_a_campaign_can_be_read_tells_nothing_of_the_truth_and_holds_it_with_noi
         assert file.stat().st_mtime == 1_577_836_800
         assert b"spring" not in file.read_bytes()
     measured = read_measurements(load_campaign(folder / "campaign.yaml"))
-    rig, _, effects, _ = draw(trial, np.random.default_rng([5, 100, trial.number]))
+    rig, _, effects, *_ = draw(trial, np.random.default_rng([5, 100, trial.number]))
     assert set(measured.runs) == {"run1", "run2", "run3"}
     assert measured.runs[rig.confirm].held_out.all()
     for run, recording in measured.runs.items():
@@ -167,6 +176,58 @@ def test_a_campaign_can_be_read_tells_nothing_of_the_truth_and_holds_it_with_noi
         for channel, sensor in rig.sensors.items():
             off = recording.channels[channel] - clean[channel]
             assert np.nanstd(off) == pytest.approx(sensor.noise_share * clean[channel].std(), rel=0.3), (run, channel)
+
+
+def test_channels_of_a_slower_rate_are_read_every_few_samples_alone():
+    rigs = [draw_rig(np.random.default_rng(seed), Trial("nothing", "ideal")) for seed in range(30)]
+    rig = next(rig for rig in rigs if max(sensor.every for sensor in rig.sensors.values()) > 1)
+    clean = {name: read(rig.true, run, rig.numerics) for name, run in rig.runs.items()}
+    for own in noisy(np.random.default_rng(0), rig, clean).values():
+        for channel, sensor in rig.sensors.items():
+            read_at = np.isfinite(own[channel])
+            assert not read_at[np.arange(read_at.size) % sensor.every != 0].any()
+            assert read_at.mean() > 0.7 / sensor.every
+
+
+def test_an_encoder_that_is_late_reads_what_was_true_earlier():
+    rigs = [draw_rig(np.random.default_rng(seed), Trial("nothing", "ideal")) for seed in range(30)]
+    rig = next(rig for rig in rigs if abs(rig.values.get("encoder_lag", 0.0)) > 1e-4)
+    low, high = rig.bounds["encoder_lag"]
+    assert low < rig.values["encoder_lag"] < high
+    clean = {name: read(rig.true, run, rig.numerics) for name, run in rig.runs.items()}
+    for name, own in noisy(np.random.default_rng(0), rig, clean).items():
+        behind = np.mean(clean[name]["crank_angle"] - own["crank_angle"])
+        spread = rig.angle_noise / math.sqrt(own["crank_angle"].size)
+        assert behind == pytest.approx(rig.values["encoder_lag"] * rig.runs[name].speed, abs=4 * spread)
+
+
+def test_a_crank_swings_at_half_order_only_where_its_angle_is_measured():
+    trials = [Trial("nothing", "ideal", measured_angle=number % 2 == 0) for number in range(40)]
+    rigs = [draw_rig(np.random.default_rng(number), trial) for number, trial in enumerate(trials)]
+    swing = [rig.content["effects"] for rig in rigs]
+    assert 2 <= sum(map(bool, swing)) <= 12
+    assert all(rig.drive == "measured_angle" for rig in rigs if rig.content["effects"])
+
+
+def test_where_a_hidden_effect_shows_adds_up_to_its_gap(ideal):
+    white = replace(ideal.rig, sensors={name: replace(one, correlation=0.0) for name, one in ideal.rig.sensors.items()})
+    calibrator = Calibrator(white)
+    effect = draw_effect("slider_coulomb_friction", white, calibrator.spread, np.random.default_rng(0))
+    size, gap = sized(calibrator, effect, 3.0)
+    bins = np.array(list(calibrator.where([(effect, size)]).values()))
+    assert bins.shape == (len(white.fitted) * len(white.sensors), 36)
+    assert math.sqrt(1 + np.mean(bins**2)) == pytest.approx(gap, rel=0.05)
+
+
+@pytest.mark.integration
+def test_a_clearance_of_any_size_is_drawn_until_it_shows():
+    for number in range(3):
+        trial = Trial("clearance", "ideal", 0.0, ("crank_pin_clearance",), shown=(1.5, 20.0), number=number)
+        _, calibrator, ((effect, size),), (gap,), discarded = draw(trial, np.random.default_rng(number))
+        assert 1.5 <= gap <= 20.0
+        assert gap == pytest.approx(calibrator.gap([(effect, size)]))
+        assert effect.least <= size <= effect.most
+        assert discarded >= 0
 
 
 def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(ideal):
@@ -198,7 +259,7 @@ def test_a_crank_that_follows_the_angle_read_has_an_encoder_with_its_noise_or_it
 @pytest.mark.integration
 def test_the_contact_of_a_joint_that_the_model_has_as_ideal_is_drawn_and_it_does_not_whirl():
     trial = Trial("clearance", "ideal", 1.5, ("crank_pin_clearance",), number=1)
-    _, calibrator, ((hidden, size),), (gap,) = draw(trial, np.random.default_rng(1))
+    _, calibrator, ((hidden, size),), (gap,), _ = draw(trial, np.random.default_rng(1))
     own = hidden.parameters(size)
     assert list(own)[:3] == ["clearance_m", "restitution", "friction"]
     assert 0.3 <= own["restitution"] <= 0.9
