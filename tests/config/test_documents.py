@@ -52,6 +52,11 @@ def test_a_key_may_be_laid_over_that_of_an_alias(content_of):
     assert content_of("a: &a {x: 1, y: 2}\nb: {<<: *a, x: 3}\n")["b"] == {"x": 3, "y": 2}
 
 
+@pytest.mark.parametrize("name", ["0b69ab5f569c", "0o9a", "0xy"])
+def test_a_name_that_only_begins_like_a_number_of_another_base_is_a_text(content_of, name):
+    assert content_of(f"name: {name}\n") == {"name": name}
+
+
 @pytest.mark.parametrize("written", "0600 -0600 08 1_000 10:30 1:30.5 0x10 0x_ 0b1 0o17 yes On no OFF".split())
 def test_what_readers_of_yaml_take_for_different_things_is_refused(refusal, written):
     message = refusal(f"a: 1\nb: {written}\n")

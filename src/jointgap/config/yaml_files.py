@@ -22,7 +22,8 @@ BASE = "base"
 """Key of a mechanism: the path of the one over which the keys beside it are laid."""
 
 _TWO_MEANINGS = re.compile(
-    r"[-+]?0[0-9_]+|[-+]?[0-9][0-9.]*[_:][0-9._:]*|[-+]?0[box][0-9a-f_]*|yes|no|on|off", re.IGNORECASE
+    r"[-+]?0[0-9_]+|[-+]?[0-9][0-9.]*[_:][0-9._:]*|[-+]?0(?:b[01_]*|o[0-7_]*|x[0-9a-f_]*)|yes|no|on|off",
+    re.IGNORECASE,
 )
 """Numbers and words that YAML 1.1, which Snakemake reads, and YAML 1.2 take for different things."""
 
