@@ -112,7 +112,7 @@ def _of_kind(chosen: Any, key: str, stream: int) -> list[Trial]:
             elif name in CLEARANCES and key == "clearances" and base != "ideal" and rng.random() < 0.5:
                 loose = joint if joint in PINS else ""
         shown = tuple(kind["shown"]) if "shown" in kind else None
-        size = RECIPE["gaps"][number % 2] if own and not shown else 0.0
+        size = RECIPE["gaps"][number % len(RECIPE["gaps"])] if own and not shown else 0.0
         trials.append(Trial(kind["kind"], base, size, tuple(own), loose=loose, shown=shown))
     return trials
 

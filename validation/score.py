@@ -35,11 +35,16 @@ SAME_FORCE_RMS = 0.1
 # Gap of the held-out run from which on the share of its excess that is closed says something
 CLOSED_FROM_GAP = 1.5
 
+# Root mean square of a difference over the noise, in a bin of the crank angle: from the larger on the map has to flag
+# it, up to the smaller it must not; between them either is right
+SHOWS_FROM, HIDDEN_UP_TO = 0.5, 0.1
+
 # Methods beside the identification: the least BIC, one effect at a time; sparse regression of the residual
 BASELINES = ("greedy", "sparse")
 
 _NUMBERS = (
     "error", *(f"covered_{level}" for level in LEVELS),
+    "map_hit", "map_false", "map_missed",
     "nuisances", *(f"nuisances_covered_{level}" for level in LEVELS), "gap_before", "gap_after", "closed",
 )  # fmt: skip
 
@@ -95,6 +100,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     row["reason"] = " or ".join(sorted(map(_joined, _equivalent(verdict)))) or verdict["because"]
     if damaged:
         return row
+    row |= _bins_found(truth, analysis)
     if outcome == "right" and verdict["verdict"] != "ambiguous":
         row |= _nuisances_covered(truth, verdict)
     if outcome == "right" and verdict["verdict"] in NAMED and not _is_off_list(truth):
@@ -267,6 +273,32 @@ def _nuisances_covered(truth: Mapping, verdict: Mapping) -> dict[str, float]:
     return counts
 
 
+def _bins_found(truth: Mapping, analysis: Mapping) -> dict[str, int]:
+    """Bins of the crank angle, of all channels and runs for fitting, that the map flags rightly, falsely and not."""
+    if not truth.get("where") or "map" not in analysis:
+        return {}
+    hit = false = missed = 0
+    for key, sizes in truth["where"].items():
+        sizes, flagged = np.array(sizes), np.zeros(len(sizes), bool)
+        flagged[analysis["map"].get(key, [])] = True
+        hit += int((flagged & (sizes >= SHOWS_FROM)).sum())
+        false += int((flagged & (sizes <= HIDDEN_UP_TO)).sum())
+        missed += int((~flagged & (sizes >= SHOWS_FROM)).sum())
+    return {"map_hit": hit, "map_false": false, "map_missed": missed}
+
+
+def _f1(part: pd.DataFrame) -> dict[str, float]:
+    """F1 of the bins flagged in all trials, with the 95 % interval of a bootstrap over trials."""
+    counts = part[["map_hit", "map_false", "map_missed"]].to_numpy(float)
+
+    def of(sums: np.ndarray) -> np.ndarray:
+        return 2 * sums[..., 0] / np.maximum(2 * sums[..., 0] + sums[..., 1] + sums[..., 2], 1.0)
+
+    drawn = np.random.default_rng(0).integers(len(counts), size=(2000, len(counts)))
+    low, high = np.quantile(of(counts[drawn].sum(axis=1)), [0.025, 0.975])
+    return {"count": len(counts), "value": float(of(counts.sum(axis=0))), "low": float(low), "high": float(high)}
+
+
 def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
     """Gaps of the held-out run; where it cannot be simulated with what was named, none of its excess is closed."""
     gap = verdict["gap"].get("confirm") or {}
@@ -291,6 +323,8 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
             part = part.query(rate.get("where", "index == index"))
             if "quantile" in rate:
                 row = _quantile(part[rate["quantile"]], rate.get("share", 0.5))
+            elif "f1" in rate:
+                row = _f1(part) if len(part) else {"count": 0}
             elif "covered" in rate:
                 row = _share(part[rate["covered"]].sum(), int(part["nuisances"].sum()))
             else:

@@ -309,6 +309,22 @@ def test_a_wrong_name_counts_where_the_effect_is_undetectable_too(tmp_path):
     assert (score["right name", "all"], score["right, of which ambiguous as foreseen", "all"]) == (1.0, 0.5)
 
 
+def test_bins_of_the_map_are_right_false_or_missed_but_for_those_that_hardly_differ():
+    shown = truth(DRAG) | {"where": {"run1 crank_torque": [0.0, 0.05, 0.3, 0.6, 3.0, 0.5], "run2 rod_angle": [0.7]}}
+    row = score_trial(shown, analysis(effects=[named(DRAG)], map={"run1 crank_torque": [0, 2, 3, 4]}))
+    assert (row["map_hit"], row["map_false"], row["map_missed"]) == (2, 1, 2)
+    for other in (shown | {"where": None}, truth(DRAG)):
+        assert math.isnan(score_trial(other, analysis(effects=[named(DRAG)], map={}))["map_hit"])
+
+
+def test_f1_of_the_map_is_that_of_the_bins_of_all_trials():
+    frame = rows_of(*[("single", "ideal", 5.0, 5.0, True, False, "named", "right")] * 3)
+    frame[["map_hit", "map_false", "map_missed"]] = [[10.0, 0.0, 0.0], [20.0, 10.0, 10.0], [np.nan] * 3]
+    row = rates(frame).set_index(["what", "group"]).loc[("map: F1 of the bins", "all")]
+    assert (row["count"], row["value"]) == (2, pytest.approx(60 / 80))
+    assert 40 / 60 <= row["low"] <= row["value"] <= row["high"] <= 1.0
+
+
 def rows_of(*rows) -> pd.DataFrame:
     """A table of trials of kind, base, size, gap caused, detectable, foreseen, verdict and outcome; numbers by hand."""
     names = ("kind", "base", "size", "gap_caused", "detectable", "foreseen", "verdict", "outcome")
@@ -316,6 +332,7 @@ def rows_of(*rows) -> pd.DataFrame:
     numbers = {"error": 0.1, "covered_90": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
     numbers |= {"covered_50": 0.0, "covered_99": 1.0, "nuisances_covered_50": 4.0, "nuisances_covered_99": 8.0}
     numbers |= {"nuisances": 8.0, "nuisances_covered_90": 7.0}
+    numbers |= dict.fromkeys(("map_hit", "map_false", "map_missed"), np.nan)
     hidden = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     hidden[frame["size"] == 0.0] = "nothing"
     baselines = dict.fromkeys(BASELINES, "not asked") | {"greedy": "wrong"}

@@ -122,7 +122,7 @@ def _search(
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    fits = search_in_windows(baseline, limits, sizes=not doubted)
+    fits = search_in_windows(baseline, limits, alone, sizes=not doubted)
     until = problem.simulations + _max_simulations(problem)
 
     def singles() -> list[Fit]:
@@ -131,11 +131,14 @@ def _search(
     def found() -> bool:
         return any(_is_sufficient(fit, limits) for fit in fits) or not _insufficient(baseline, singles(), limits)
 
-    if not found():
+    by_slopes = not has_windows(problem, (), start)
+    if by_slopes and not found():
         masked = _masked_pairs(baseline, signatures, singles(), limits)
         fits += _fit_each(baseline, masked, limits, singles(), until)[0]
-    if not found():
-        fits += _pairs_of_leading(baseline, singles(), limits, until)
+    if by_slopes and not found():
+        # what is fitted in windows has its partners from there
+        leading = [fit for fit in singles() if not has_windows(problem, fit.hypothesis, fit.mapping)]
+        fits += _pairs_of_leading(baseline, leading, limits, until)
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, signatures, limits, singles())
     chosen = [(pair, about) for pair, about in chosen if labels_of(pair.hypothesis) not in done]

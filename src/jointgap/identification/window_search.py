@@ -1,6 +1,7 @@
 """The search beside joints that are loose, or may be: hypotheses are fitted in windows of the record, and then as one
 trajectory."""
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 
@@ -15,44 +16,67 @@ from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.verdict import Thresholds
 
 
-def search_in_windows(baseline: Baseline, limits: Thresholds, sizes: bool = True) -> list[Fit]:
-    """Fits of single effects that no slope of one trajectory leads to, best first: what explains most beside joints
-    that are loose and, unless one of these leaves noise, clearances of joints.
+def search_in_windows(
+    baseline: Baseline, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
+) -> list[Fit]:
+    """Fits that no slope of one trajectory leads to, best first: of what explains most beside joints that are loose;
+    unless one of these leaves noise, of clearances of joints; and unless one of all, those `alone` too, does, of the
+    best of them with what explains most of the rest.
 
     Of effects slopes in windows say how much they would explain; of clearances each of many `sizes` is tried by the
     filter over one turn of each run.
     """
     problem, settings = baseline.problem, baseline.problem.settings.windows
     start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
-    candidates, fits, known = problem.model.candidates, [], baseline.base.windows
+    found, known = [], baseline.base.windows
     if has_windows(problem, (), start):
         if known is not None:
             start = dict(zip(baseline.base.mapping, known[0], strict=True))
         try:
             base = Estimate(problem, (), start).anneal(below=math.inf if known is None else settings.jumps[0])
-            scores = base.scores([one for one in candidates if not one.search_range])
+            found = _fitted(baseline, _leading(base))
         except FAILURES:
             return []
-        worth = [each for each in scores[: settings.leading] if each[0] > settings.leading_share * scores[0][0]]
-        leading = [((candidate,), values) for _, candidate, values in worth]
-        fits = _fitted(baseline, leading, below=settings.jumps[0])
         start = base.mapping
-    if sizes and not any(fit.status != FAILED and reduced_chi2(fit) <= limits.omnibus for fit in fits):
-        fits += _fitted(baseline, _best_sizes(problem, candidates, start))
-    return sorted(fits, key=lambda fit: fit.chi2)
+
+    def goes_on() -> bool:
+        return not any(fit and fit.status != FAILED and reduced_chi2(fit) <= limits.omnibus for fit, _ in found)
+
+    if sizes and goes_on():
+        starts = _best_sizes(problem, problem.model.candidates, start)
+        found += _fitted(baseline, [Estimate(problem, *each) for each in starts], below=math.inf)
+    best = min((estimate for _, estimate in found), key=lambda estimate: estimate.best.deviance, default=None)
+    if best and goes_on() and all(best.stages[-1].cost < fit.chi2 for fit in alone):
+        with contextlib.suppress(*FAILURES):
+            found += _fitted(baseline, _leading(best))
+    return sorted((fit for fit, _ in found if fit), key=lambda fit: fit.chi2)
+
+
+def _leading(estimate: Estimate) -> list[Estimate]:
+    """An estimate with what would explain most of the rest added, each at its start."""
+    problem, settings = estimate.problem, estimate.settings
+    scores = estimate.scores([one for one in problem.model.candidates if not one.search_range])
+    worth = [each for each in scores[: settings.leading] if each[0] > settings.leading_share * scores[0][0]]
+    return [Estimate(problem, (*estimate.hypothesis, candidate), values) for _, candidate, values in worth]
 
 
 def _fitted(
-    baseline: Baseline, starts: Sequence[tuple[Hypothesis, Mapping[str, float]]], below: float = math.inf
-) -> list[Fit]:
-    """Fits in windows, at jumps `below` some; of what is near the best of them fits to one trajectory of each run."""
-    problem, fits = baseline.problem, []
-    estimates = compete([Estimate(problem, hypothesis, values) for hypothesis, values in starts], below)
+    baseline: Baseline, estimates: Sequence[Estimate], below: float | None = None
+) -> list[tuple[Fit | None, Estimate]]:
+    """Fits in windows, at all jumps but the first or those `below` some; of what is near the best of them fits to one
+    trajectory of each run. Of a clearance whose windows leave much more than noise there is none: what it rattles
+    takes minutes."""
+    problem, settings, fits = baseline.problem, baseline.problem.settings.windows, []
+    estimates = compete(estimates, settings.jumps[0] if below is None else below)
     for estimate in estimates:
-        if estimate.best.deviance > estimates[0].best.deviance + problem.settings.windows.far_behind * problem.size:
+        if estimate.best.deviance > estimates[0].best.deviance + settings.far_behind * problem.size:
             break
-        least = min((fit.chi2 for fit in fits if fit.status != FAILED), default=math.inf)
-        fits.append(fitted_from(estimate, baseline.differences, least))
+        poor = estimate.stages[-1].cost > problem.settings.stopping.poor_chi2_per_sample * problem.size
+        if poor and any(one.search_range for one in estimate.hypothesis):
+            fits.append((None, estimate))
+            continue
+        least = min((fit.chi2 for fit, _ in fits if fit and fit.status != FAILED), default=math.inf)
+        fits.append((fitted_from(estimate, baseline.differences, least), estimate))
     return fits
 
 
