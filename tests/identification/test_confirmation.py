@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from jointgap.identification.confirmation import confirm, fit_run_parameters, likeliest
-from jointgap.identification.fit import Fit
+from jointgap.identification.fit import FiniteDifferences, Fit, fit_hypothesis
+from jointgap.identification.likelihood import Estimate, fitted_from
 from jointgap.identification.problem import Problem
 from tests.identification.linear import SAMPLES, SLOPE, Levels, stairs
+from tests.identification.oscillator import SD, SPRING, linear
 
 
 def fit_of(model, values, hypothesis=()):
@@ -209,3 +211,24 @@ def test_a_draw_may_meet_held_out_runs_by_other_choices_than_the_fit():
     assert confirm(model, model.noise, base, off).gap("confirm") > 5.0
     found = confirm(model, model.noise, base, replace(off, draws=drawn))
     assert found.gap("confirm") == pytest.approx(1.0, abs=0.05)
+
+
+def test_runs_of_a_fit_in_windows_are_as_it_left_them_and_held_out_ones_from_their_likeliest_states():
+    problem = linear(hidden={"spring": {"size": 0.3, "damping": 0.0}}, candidates=(SPRING,))
+    problem.model.windowed = lambda effects: "spring" in effects
+    series = problem.model.series
+    problem.model.series = [replace(one, held_out=np.full(one.value.size, one.run == "fast")) for one in series]
+    noise = {part.series.key: part.noise for part in problem.parts}
+    fitted = Problem(problem.model, noise)
+    base = fit_hypothesis(fitted)
+    named = fitted_from(Estimate(fitted, (SPRING,), {"spring.size": 0.28}).anneal(), FiniteDifferences(fitted))
+    found = confirm(problem.model, noise, base, named)
+    rows = found.residuals.set_index(["run", "channel"])
+    slow = found.residuals[found.residuals["run"] == "slow"]
+    np.testing.assert_array_equal(slow["whitened_augmented"], named.residual)
+    assert np.std(slow["measured"] - slow["augmented"]) == pytest.approx(SD, rel=0.35)
+    after = found.gaps.set_index(["run", "role", "channel"])["after"]
+    assert after["slow", "identify", "all"] == pytest.approx(1.0, abs=0.15)
+    assert after["fast", "confirm", "all"] == pytest.approx(1.0, abs=0.2)
+    assert np.std(rows.loc["fast"].eval("measured - augmented")) == pytest.approx(SD, rel=0.35)
+    assert found.test.outcome == "falls"

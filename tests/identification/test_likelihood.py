@@ -19,6 +19,7 @@ from jointgap.identification.likelihood import (
     fitted_from,
     has_windows,
     intervals_in_windows,
+    predicted,
     turned,
 )
 from jointgap.identification.problem import Problem, whiten
@@ -28,6 +29,7 @@ from tests.identification.oscillator import (
     PULL,
     PUSH,
     SD,
+    SPRING,
     START,
     SWING,
     WOBBLE,
@@ -452,3 +454,49 @@ def test_what_has_no_windows_is_not_fitted_in_them():
     assert has_windows(problem, (SWING,), {"swing.size": 0.1})
     problem.model.windows = lambda *_: None
     assert not has_windows(problem, (SWING,), {"swing.size": 0.1})
+
+
+def becoming_windowed(**more):
+    """A problem whose base has no windows: a spring alone has them, as a joint that became loose."""
+    hidden = {"spring": {"size": 0.3, "damping": 0.0}}
+    return linear(hidden=hidden, windowed=lambda effects: "spring" in effects, candidates=(SPRING,), **more)
+
+
+def test_of_what_has_states_that_the_base_has_not_the_estimate_itself_is_the_fit():
+    problem = becoming_windowed()
+    estimate = Estimate(problem, (SPRING,), {"spring.size": 0.28}).anneal()
+    fit = fitted_from(estimate, FiniteDifferences(problem))
+    assert fit.in_windows and fit.status == "converged"
+    np.testing.assert_array_equal(fit.values, estimate.values)
+    assert fit.mapping["spring.size"] == pytest.approx(0.3, abs=0.01)
+    # jumps count like residuals; the weak law of the parameters does not
+    last = estimate.stages[-1]
+    assert fit.chi2 == pytest.approx(last.cost - estimate.cost_of_values)
+    assert fit.chi2 == pytest.approx(problem.size, rel=0.25)
+    curvature = last.hessian - np.diag(estimate.prior**2)
+    np.testing.assert_allclose(fit.jacobian.T @ fit.jacobian, curvature, rtol=1e-6, atol=1e-6 * np.abs(curvature).max())
+
+
+def test_residuals_in_windows_have_the_places_and_the_sign_of_those_of_a_trajectory():
+    problem = becoming_windowed()
+    estimate = Estimate(problem, (SPRING,), {"spring.size": 0.3}).anneal()
+    away = estimate.mapping | {"zero@fast": estimate.mapping["zero@fast"] + 0.1}
+    trajectory = problem.residual(away, (SPRING,)) - problem.residual(estimate.mapping, (SPRING,))
+    moved = Estimate(problem, (SPRING,), away, vary=())
+    moved._runs, moved._slow = estimate._runs, estimate._slow
+    moved._motions = moved._simulate(moved.values, moved._slow)
+    np.testing.assert_allclose(moved.residual - estimate.residual, trajectory, atol=1e-9)
+
+
+def test_what_is_predicted_at_given_values_moves_the_states_and_what_may_vary_alone():
+    problem = becoming_windowed(zero=0.1)
+    at = {p.key: p.nominal for p in problem.parameters((SPRING,))} | {"spring.size": 0.3, "drive": 0.3}
+    own = [p for p in problem.nuisances if p.run]
+    held, free = predicted(problem, (SPRING,), at), predicted(problem, (SPRING,), at, own)
+    assert dict(held.values) == at
+    assert {key for key, value in free.values.items() if value != at[key]} == {p.key for p in own}
+    assert all(free.values[p.key] == pytest.approx(0.1, abs=0.02) for p in own)
+    assert free.residual @ free.residual < 1.3 * problem.size < held.residual @ held.residual
+    for part in problem.parts:
+        missed = part.series.value - free.readings[part.series.run][part.series.channel]
+        assert np.std(missed) == pytest.approx(SD, rel=0.35)

@@ -222,7 +222,9 @@ def test_the_same_size_of_two_effects_is_no_neighbour():
 
 
 def test_sizes_begin_at_the_values_of_single_runs_and_end_at_the_truth():
-    problem = springs(6.4)
+    settings = windows()
+    settings = replace(settings, windows=replace(settings.windows, jumps=(*JUMPS, 0.001)))
+    problem = springs(6.4, settings=settings)
     baseline = baseline_of(problem)
     fits = search_in_windows(baseline, NOISE_ALONE)
     values, *_ = problem.model.filtered[0]

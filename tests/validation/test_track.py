@@ -19,6 +19,7 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
     rows = [{"kind": "single", "hidden": "gravity", "outcome": "right" if i < right else "wrong"} for i in range(count)]
     rows.append({"kind": "nothing", "hidden": "nothing", "outcome": "right"})
     numbers = ["error", "gap_caused", "gap_before", "gap_after", "closed", "nuisances"]
+    numbers += ["map_hit", "map_false", "map_missed"]
     numbers += [f"{name}covered_{level}" for name in ("", "nuisances_") for level in (50, 90, 99)]
     text = dict.fromkeys(("verdict", "named", "reason", *BASELINES), "-") | {"drive": "constant_speed"}
     frame = pd.DataFrame([text | dict.fromkeys(numbers, 1.0) | {"numerics_gap": np.nan} | row for row in rows])

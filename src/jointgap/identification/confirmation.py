@@ -13,7 +13,8 @@ import pandas as pd
 from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import Fit, fit_hypothesis
-from jointgap.identification.problem import Hypothesis, Noise, Problem
+from jointgap.identification.likelihood import FAILURES, Prediction, predicted
+from jointgap.identification.problem import Hypothesis, Noise, Problem, unwhiten
 from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
 from jointgap.identification.verdict import (
     CANNOT_TELL,
@@ -113,19 +114,20 @@ def confirm(
     """
     named = base if named is None else named
     used, frames, remarks = Problem(model, noise, settings=settings), [], {}
-    frames.append(_compared(used, base.mapping, named.mapping, named.hypothesis))
+    plain = _simulated(used, base.mapping)
+    fitted = _as_fitted(used, named) if named.in_windows else _simulated(used, named.mapping, named.hypothesis)
+    frames.append(_compared(used, plain, fitted if named.hypothesis else plain))
     runs = Problem(model, noise, held_out=True, settings=settings).runs
     problems = {run: Problem(_Alone(model, run), noise, held_out=True, settings=settings) for run in runs}
     likely_base = likeliest(problems.values(), base)
     likely = likely_base if named is base else likeliest(problems.values(), named)
     for run, problem in problems.items():
-        before = fit_run_parameters(problem, likely_base)
+        before = _simulated(problem, fit_run_parameters(problem, likely_base))
         try:
-            after = before if named is base else fit_run_parameters(problem, likely)
-            frames.append(_compared(problem, before, after, named.hypothesis))
-        except (InputError, SimulationError) as error:
+            frames.append(_compared(problem, before, before if named is base else _predicted(problem, likely)))
+        except FAILURES as error:
             remarks[run] = str(error)
-            frames.append(_compared(problem, before).assign(augmented=np.nan, whitened_augmented=np.nan))
+            frames.append(_compared(problem, before, before).assign(augmented=np.nan, whitened_augmented=np.nan))
     residuals = pd.concat(frames, ignore_index=True)
     gaps = _gaps(residuals, remarks, np.random.default_rng(seed), settings.confirmation)
     return Confirmed(residuals, gaps, {series.key: series.variation(series.value) for series in model.series})
@@ -221,14 +223,35 @@ def _with_run_parameters(problem: Problem, fit: Fit) -> tuple[dict[str, float], 
     return fit.mapping | found.mapping, np.linalg.qr(moving)[0]
 
 
-def _compared(problem: Problem, before: dict, after: dict | None = None, hypothesis: Hypothesis = ()) -> pd.DataFrame:
-    """Rows of the table residuals, run by run; the base stands for the named effects where there are none."""
-    whitened = problem.residual(before)
-    whitened_after = problem.residual(after, hypothesis) if hypothesis else whitened
+def _simulated(problem: Problem, values: Mapping[str, float], hypothesis: Hypothesis = ()) -> Prediction:
+    readings = {run: problem.predict(run, values, hypothesis) for run in problem.runs}
+    return Prediction(values, problem.residual(values, hypothesis), readings)
+
+
+def _as_fitted(problem: Problem, fit: Fit) -> Prediction:
+    """The runs of a fit in windows as it left them, of samples that count."""
+    readings: dict[str, dict[str, np.ndarray]] = {run: {} for run in problem.runs}
+    for part in problem.parts:
+        white = np.full(part.used.size, np.nan)
+        white[part.used] = fit.residual[part.place]
+        missed = unwhiten(white, part.noise) * part.noise.spread
+        readings[part.series.run][part.series.channel] = part.series.value - missed
+    return Prediction(fit.mapping, fit.residual, readings)
+
+
+def _predicted(problem: Problem, fit: Fit) -> Prediction:
+    """A held-out run with what it has for itself fitted to it; of a fit in windows its states too."""
+    if fit.in_windows:
+        fitted = {p.key for p in fit.parameters}
+        own = [p for p in problem.parameters(fit.hypothesis) if p.run is not None and p.key not in fitted]
+        return predicted(problem, fit.hypothesis, fit.mapping, own)
+    return _simulated(problem, fit_run_parameters(problem, fit), fit.hypothesis)
+
+
+def _compared(problem: Problem, before: Prediction, after: Prediction) -> pd.DataFrame:
+    """Rows of the table residuals, run by run."""
     frames = []
     for run in problem.runs:
-        predicted = problem.predict(run, before)
-        augmented = problem.predict(run, after, hypothesis) if hypothesis else predicted
         for part in (part for part in problem.parts if part.series.run == run):
             series, used = part.series, part.used
             columns = {
@@ -238,10 +261,10 @@ def _compared(problem: Problem, before: dict, after: dict | None = None, hypothe
                 "crank_angle": series.angle[used],
                 "held_out": series.held_out[used],
                 "measured": series.value[used],
-                "base": predicted[series.channel][used],
-                "augmented": augmented[series.channel][used],
-                "whitened_base": whitened[part.place],
-                "whitened_augmented": whitened_after[part.place],
+                "base": before.readings[run][series.channel][used],
+                "augmented": after.readings[run][series.channel][used],
+                "whitened_base": before.residual[part.place],
+                "whitened_augmented": after.residual[part.place],
                 "spread": np.broadcast_to(part.noise.spread, used.shape)[used],
             }
             frames.append(pd.DataFrame(columns))

@@ -362,6 +362,12 @@ class Fit:
     windows: np.ndarray | None = None
 
     @property
+    def in_windows(self) -> bool:
+        """Whether it is the estimate in windows itself, with the states of loose joints: no trajectory was fitted."""
+        known = self.windows
+        return known is not None and len(known) > 1 and np.array_equal(known[0], self.values)
+
+    @property
     def label(self) -> str:
         """The hypothesis in words."""
         return label_of(self.hypothesis)

@@ -106,7 +106,7 @@ def _pairs_of_best(
     """Pairs that are worth a fit of the best single effect that is sufficient; none where none is."""
     second = two_effect_thresholds(baseline, alone, limits)
     best = best_sufficient(baseline, alone, second)
-    if best is None:
+    if best is None or best.in_windows:
         return []
     about = signatures.about(best)
     return [(pair, about) for pair in shortlist_pairs(baseline, signatures, best, alone, second)]

@@ -11,14 +11,22 @@ their marginal likelihood over the states (Laplace), each at its own best q."""
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from jointgap.core.candidates import Candidate, WindowedRun
+from jointgap.core.candidates import Candidate, Parameter, WindowedRun
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, bounded_step, bounds_of, fit_hypothesis
+from jointgap.identification.fit import (
+    CONVERGED,
+    FAILED,
+    FiniteDifferences,
+    Fit,
+    bounded_step,
+    bounds_of,
+    fit_hypothesis,
+)
 from jointgap.identification.problem import Hypothesis, Part, Problem, label_of, values_in_run, whiten
 from jointgap.identification.settings import WindowSettings
 
@@ -105,6 +113,8 @@ class _Normal:
 
     def step(self, low: np.ndarray, high: np.ndarray, damping: float = 0.0) -> tuple[np.ndarray, float]:
         """The step (m,) of the parameters between bounds, and by how much it lowers the cost."""
+        if not self.gradient.size:
+            return np.zeros(0), 0.0
         scale = np.sqrt(np.maximum(np.diag(self.hessian), 1e-300))
         values, vectors = np.linalg.eigh(self.hessian / np.outer(scale, scale))
         values = np.sqrt(np.maximum(values, 1e-9 * values[-1]))
@@ -129,11 +139,18 @@ class Stage:
 class Estimate:
     """States and parameters of a hypothesis together."""
 
-    def __init__(self, problem: Problem, hypothesis: Hypothesis, start: Mapping[str, float] | None = None):
+    def __init__(
+        self,
+        problem: Problem,
+        hypothesis: Hypothesis,
+        start: Mapping[str, float] | None = None,
+        vary: Sequence[Parameter] | None = None,
+    ):
         self.problem, self.hypothesis = problem, hypothesis
         self.settings: WindowSettings = problem.settings.windows
         # whole numbers tell one simulated start from another: here the start is estimated
-        self.parameters = tuple(p for p in problem.parameters(hypothesis) if not p.whole)
+        varied = problem.parameters(hypothesis) if vary is None else vary
+        self.parameters = tuple(p for p in varied if not p.whole)
         self._fixed = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
         self._low, self._high = bounds_of(self.parameters)
         self.values = np.clip([self._fixed[p.key] for p in self.parameters], self._low, self._high)
@@ -158,6 +175,26 @@ class Estimate:
     def best(self) -> Stage:
         """The stage of the largest marginal likelihood."""
         return min(self.stages, key=lambda stage: stage.deviance)
+
+    @property
+    def cost_of_values(self) -> float:
+        """What the weak law of the parameters costs."""
+        return float(np.sum((self.prior * (self.values - self._nominal)) ** 2))
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Whitened residuals of the whole problem, (n,), measured less simulated."""
+        found = np.zeros(self.problem.size)
+        for run, one in self._runs.items():
+            ends = np.cumsum([int(part.used.sum()) for part in one.parts])[:-1]
+            for part, own in zip(one.parts, np.split(self._motions[run].residual, ends), strict=True):
+                found[part.place] = -own
+        return found
+
+    @property
+    def readings(self) -> dict[str, Mapping[str, np.ndarray]]:
+        """What is read at the samples, by run and channel [unit]."""
+        return {run: motion.readings for run, motion in self._motions.items()}
 
     def _by_key(self, values: np.ndarray) -> dict[str, float]:
         return self._fixed | {p.key: float(v) for p, v in zip(self.parameters, values, strict=True)}
@@ -321,7 +358,7 @@ class Estimate:
             one.hand_on(self._slow[run], self._motions[run])
         if not self._runs or jump >= self.settings.filtered_above:
             self._filtered(jump, anew=not self._runs)
-        self._descend(jump, held=jump > self.settings.held_above)
+        self._descend(jump, held=jump > self.settings.held_above or not self.parameters)
 
     @property
     def leads_on(self) -> bool:
@@ -542,12 +579,51 @@ def compete(estimates: Sequence[Estimate], below: float = math.inf) -> list[Esti
 
 
 def fitted_from(estimate: Estimate, differences: FiniteDifferences, sufficient_chi2: float = math.inf) -> Fit:
-    """The fit to one trajectory of each run that begins where an estimate ended, and knows that."""
+    """The fit that an estimate leads to.
+
+    Of joints that became loose it is the estimate itself: the base, with ideal joints, has no states. Beside joints
+    that are loose it is one of one trajectory of each run, as that of the base: it begins where the estimate ended,
+    and knows that.
+    """
     problem, hypothesis = estimate.problem, estimate.hypothesis
+    ended = estimate.stages[-1].jump <= estimate.settings.jumps[-1]
+    if ended and not has_windows(problem, (), estimate.mapping):
+        return _fit_of(estimate)
     fit = fit_hypothesis(
         problem, hypothesis, estimate.mapping, differences=differences, sufficient_chi2=sufficient_chi2
     )
     return replace(fit, windows=estimate.known(fit))
+
+
+def _fit_of(estimate: Estimate) -> Fit:
+    """An estimate at its end as a fit. Jumps count like residuals."""
+    size, count = estimate.problem.size, len(estimate.parameters)
+    residual, cost = estimate.residual, estimate.stages[-1].cost - estimate.cost_of_values
+    residual = residual * math.sqrt(cost / max(float(residual @ residual), 1e-300))
+    settings = estimate.problem.settings
+    blank = np.zeros((size, count))
+    fit = Fit(estimate.hypothesis, estimate.parameters, estimate.values.copy(), residual, blank, 0, CONVERGED)
+    windows = estimate.known(fit)
+    blank[:count] = windows[1:]
+    return replace(fit, slope=np.zeros(count), windows=windows, settings=settings)
+
+
+class Prediction(NamedTuple):
+    """What a hypothesis predicts of the runs of a problem."""
+
+    values: Mapping[str, float]  # by key [SI]
+    residual: np.ndarray  # (n,) whitened
+    readings: Mapping[str, Mapping[str, np.ndarray]]  # by run and channel [unit]
+
+
+def predicted(
+    problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float], vary: Sequence[Parameter] = ()
+) -> Prediction:
+    """What is predicted from the states of loose joints that are most likely at `values`; some of these may `vary`."""
+    estimate = Estimate(problem, hypothesis, values, vary)
+    for jump in estimate.settings.jumps:
+        estimate.fit_at(jump)
+    return Prediction(estimate.mapping, estimate.residual, estimate.readings)
 
 
 def intervals_in_windows(problem: Problem, fit: Fit) -> Fit | None:

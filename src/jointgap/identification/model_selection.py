@@ -91,7 +91,7 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
     part of what the effect explains; of more than that, the small part is what a second effect has to gain.
     """
     best = _best_alone(fits)
-    if best is None:
+    if best is None or best.in_windows:  # states make up for numerics
         return limits
     nuisances = orthonormal(baseline.base.jacobian)
     try:
@@ -110,7 +110,7 @@ def second_effect_gain(problem: Problem, fits: Sequence[Fit], second: Thresholds
     """What a second effect has to gain [BIC] by thresholds from `two_effect_thresholds`: where a single one is
     sufficient, more than fits gain by ending on either side of a jump (`nonlinearity`)."""
     best = _best_alone(fits)
-    is_sufficient = best is not None and reduced_chi2(best) <= second.omnibus
+    is_sufficient = best is not None and not best.in_windows and reduced_chi2(best) <= second.omnibus
     return max(second.max_gain_threshold, nonlinearity(problem, best) if is_sufficient else 0.0)
 
 
@@ -146,7 +146,7 @@ def nonlinearity(problem: Problem, fit: Fit) -> float:
 
 def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
     """The `fit` to the problem of the `baseline`, with its Jacobian made anew at the end; as it is with its draws."""
-    if fit.status == FAILED or fit.draws is not None:
+    if fit.status == FAILED or fit.draws is not None or fit.in_windows:
         return fit
     problem, differences = baseline.problem, baseline.differences
     return fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=differences, refresh=True)
@@ -201,7 +201,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     Arguments as in `select_hypothesis`.
     """
     best = _best(fits)
-    if best is None or len(best.hypothesis) < 2:
+    if best is None or len(best.hypothesis) < 2 or best.in_windows:
         return []
     problem, differences = baseline.problem, baseline.differences
     done, swapped = {labels_of(fit.hypothesis) for fit in fits}, []
@@ -250,7 +250,7 @@ def fits_beyond_bounds(baseline: Baseline, fits: Sequence[Fit]) -> list[Fit]:
     Arguments as in `select_hypothesis`.
     """
     best = _best(fits)
-    if best is None or not best.hypothesis or best.bic >= baseline.base.bic:
+    if best is None or not best.hypothesis or best.in_windows or best.bic >= baseline.base.bic:
         return []
     problem, done = baseline.problem, {labels_of(fit.hypothesis) for fit in fits}
     beyond = {labels_of(each): each for each in _beyond_bounds(problem, best) if labels_of(each) not in done}
@@ -375,7 +375,10 @@ def _needed(baseline: Baseline, signatures: Signatures, decision: Decision, done
     for kind, label, fit in decision.needs:
         if (kind, label) not in done:
             done.add((kind, label))
-            fits += _fit_alone(baseline, fit, label) if kind == ALONE else fit_look_alikes(baseline, signatures, fit)
+            if kind == ALONE and not fit.in_windows:
+                fits += _fit_alone(baseline, fit, label)
+            elif kind != ALONE:
+                fits += fit_look_alikes(baseline, signatures, fit)
     return fits
 
 
