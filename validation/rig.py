@@ -64,7 +64,7 @@ class Hidden:
 def candidates(mechanism: Mechanism, speed: float, nuisances: Mapping[str, Parameter]) -> dict[str, Candidate]:
     """The physical effects that could be missing in a mechanism whose crank turns at `speed` [rad/s], by label."""
     scale = MotionScale.of(mechanism, speed)
-    context = FitContext(mechanism, scale, nuisances, True, speed / tau, (None, None), {})
+    context = FitContext(mechanism, scale, nuisances, True, speed / tau, (None, None))
     return {candidate.label: candidate for candidate in physical_candidates(context)}
 
 

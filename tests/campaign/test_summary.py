@@ -272,20 +272,6 @@ def test_what_is_among_the_explanations_is_not_said_to_be_undetectable():
     assert "with these runs and channels: an unbalance of the crank." in text
 
 
-def test_the_page_tells_from_which_start_the_motion_of_each_run_came_if_from_another_than_the_usual_one():
-    loose = {
-        "name": "crank_pin_clearance",
-        "site": "crank_pin",
-        "delta_bic": 900.0,
-        "parameters": {"clearance_m": {"value": 9.5e-5, "sd": 1e-7, "interval_90": [9.4e-5, 9.6e-5]}},
-        "choices": {"start@slow": 0, "start@fast": 3},
-    }
-    shown = markdown(NAMED | {"effects": [loose]}, {})
-    assert "The motion of slow from start 0 and of fast from start 3 fits the measurement" in shown
-    usual = loose | {"choices": {"start@slow": 0, "start@fast": 0}}
-    assert "several steady motions" not in markdown(NAMED | {"effects": [usual]}, {})
-
-
 def test_the_headline_says_where_intervals_are_widened_for_what_is_left():
     left = VERDICTS["named_with_remaining_misfit"] | {"interval_factor": 1.84}
     assert page(left, {}).title.endswith("; the residual exceeds noise, so intervals are 1.8 times as wide")

@@ -2,7 +2,7 @@
 samples.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -51,26 +51,3 @@ class Levels:
     @property
     def noise(self):
         return {series.key: Noise(np.full(SAMPLES, self.noise_sd)) for series in self.series}
-
-
-def stairs(starts: dict[str, int], held_out: tuple[str, ...] = (), noise_sd: float = 0.1) -> Levels:
-    """Runs that rise by 3 from one of four places on, `starts` of the last one by run: a whole number of each run."""
-    shift = SAMPLES // 4
-
-    class Stairs(Levels):
-        def simulate(self, run, values, effects=(), numerics=0):
-            flat = np.full(SAMPLES, values["shared"] + values["own"])
-            for _, own in effects:
-                flat += np.roll(own["rise"] * np.linspace(0.0, 1.0, SAMPLES), shift * round(own["start"]))
-            return {"y": flat}
-
-    model = Stairs({run: (0.0, 0.0) for run in starts}, held_out, noise_sd)
-    own = tuple(Parameter("start", 0.0, 0.0, 3.0, run=run, whole=True) for run in starts)
-    guess = {"rise": 1.0} | {p.key: 0.0 for p in own}
-    rise = Candidate("rise", "sensor", (Parameter("rise", 0.0, step=0.1), *own), ("rise",), (guess,))
-    model.candidates = (rise,)
-    model.series = [
-        replace(series, value=series.value + np.roll(np.linspace(0.0, 3.0, SAMPLES), shift * starts[series.run]))
-        for series in model.series
-    ]
-    return model

@@ -10,7 +10,7 @@ from jointgap.identification.confirmation import confirm, fit_run_parameters, li
 from jointgap.identification.fit import FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.likelihood import Estimate, fitted_from
 from jointgap.identification.problem import Problem
-from tests.identification.linear import SAMPLES, SLOPE, Levels, stairs
+from tests.identification.linear import SAMPLES, SLOPE, Levels
 from tests.identification.oscillator import SD, SPRING, linear
 
 
@@ -190,27 +190,6 @@ def test_values_that_leave_noise_alone_stay_as_fitted(case):
     named = replace(case.named, draws=drawn)
     held = Problem(case.model, case.model.noise, held_out=True)
     assert likeliest([held], named) is named
-
-
-def test_held_out_runs_are_met_each_with_a_choice_of_its_own():
-    model = stairs({"one": 0, "held": 2, "other": 3}, held_out=("held", "other"))
-    named = fit_of(model, {"shared": 0.0, "own@one": 0.0, "rise.rise": 3.0, "rise.start@one": 0.0}, model.candidates)
-    found = confirm(model, model.noise, fit_of(model, {"shared": 0.0, "own@one": 0.0}), named)
-    assert found.gap("confirm") == pytest.approx(1.0, abs=0.05)
-    assert found.test.outcome == "falls"
-
-
-def test_a_draw_may_meet_held_out_runs_by_other_choices_than_the_fit():
-    """At the fit's own values the runs are met from no place, so that their choices say nothing."""
-    model = stairs({"one": 0, "held": 2, "other": 3}, held_out=("held", "other"))
-    values = {"shared": 0.0, "own@one": 0.0, "rise.rise": 0.0, "rise.start@one": 0.0}
-    off = fit_of(model, values, model.candidates)
-    drawn = np.tile(off.values, (40, 1))
-    drawn[:, [p.key for p in off.parameters].index("rise.rise")] = np.repeat([1.0, 3.0], 20)
-    base = fit_of(model, {"shared": 0.0, "own@one": 0.0})
-    assert confirm(model, model.noise, base, off).gap("confirm") > 5.0
-    found = confirm(model, model.noise, base, replace(off, draws=drawn))
-    assert found.gap("confirm") == pytest.approx(1.0, abs=0.05)
 
 
 def test_runs_of_a_fit_in_windows_are_as_it_left_them_and_held_out_ones_from_their_likeliest_states():

@@ -8,7 +8,6 @@ import pytest
 from scipy.optimize import least_squares
 
 from jointgap.core.candidates import Candidate, Parameter
-from jointgap.identification import fit as fit_module
 from jointgap.identification.baseline import probed_differences
 from jointgap.identification.fit import (
     CONVERGED,
@@ -24,7 +23,6 @@ from jointgap.identification.fit import (
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.knocks import knocking
-from tests.identification.linear import stairs
 from tests.identification.toy import stated_noise, toy
 
 
@@ -282,58 +280,6 @@ def test_a_failed_fit_has_a_criterion_though_nothing_is_known_of_its_derivatives
     lost = Fit((), parameters, np.zeros(2), np.full(9, np.nan), np.empty((9, 0)), 1, "failed", "the slider jams")
     assert lost.bic == np.inf
     assert lost.active.all()
-
-
-def test_of_whole_numbers_of_a_run_the_one_that_leaves_least_is_found():
-    model = stairs({"a": 2, "b": 3})
-    found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
-    assert (found.mapping["rise.start@a"], found.mapping["rise.start@b"]) == (2.0, 3.0)
-    assert found.mapping["rise.rise"] == pytest.approx(3.0, abs=0.1)
-    assert found.chi2 == pytest.approx(found.residual.size, rel=0.1)
-
-
-def test_whole_numbers_of_a_run_that_is_met_are_not_tried():
-    model = stairs({"a": 0, "b": 3})
-    here, tried = Problem(model, model.noise), []
-    predict = here.predict
-    here.predict = lambda run, values, *more: tried.append((run, values["rise.start@a"])) or predict(run, values, *more)
-    start = {"rise.rise": 3.0, "rise.start@b": 3.0}
-    assert fit_hypothesis(here, model.candidates, start).chi2 == pytest.approx(here.size, rel=0.1)
-    assert {start for _, start in tried} == {0.0}
-
-
-def test_no_derivative_by_a_whole_number_of_a_run_is_simulated():
-    model = stairs({"a": 0})
-    here = Problem(model, model.noise)
-    (start,) = (p for p in here.parameters(model.candidates) if p.choices)
-    values = {p.key: p.nominal for p in here.parameters(model.candidates)}
-    column = FiniteDifferences(here).column(start, values, np.zeros(here.size), model.candidates)
-    assert not column.any()
-    assert here.simulations == 0
-
-
-def test_a_choice_costs_twice_the_logarithm_of_how_many_there_are():
-    model = stairs({"a": 2, "b": 3})
-    found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
-    numbers = sum(not p.choices for p in found.parameters)
-    price = numbers * np.log(found.residual.size) + 2 * 2.0 * np.log(4)
-    assert found.bic == pytest.approx(found.chi2 + price, rel=1e-12)
-
-
-def test_draws_about_a_fit_hold_its_choices():
-    model = stairs({"a": 2, "b": 3})
-    found = fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0})
-    places = [place for place, p in enumerate(found.parameters) if p.choices]
-    assert not found.covariance()[places].any()
-    assert not found.distribution.covariance[places].any()
-
-
-def test_a_fit_that_is_beaten_keeps_its_choices_at_the_end(monkeypatch):
-    model, asked = stairs({"a": 2}), []
-    choose = fit_module._Descent.choose
-    monkeypatch.setattr(fit_module._Descent, "choose", lambda self: asked.append(1) or choose(self))
-    fit_hypothesis(Problem(model, model.noise), model.candidates, {"rise.rise": 1.0}, sufficient_chi2=1e-3)
-    assert len(asked) == 1  # before the first step
 
 
 def test_draws_are_spread_within_the_bounds_by_the_gap_of_held_out_data():

@@ -117,12 +117,6 @@ def _answer(verdict: Verdict) -> list[Block]:
         if advice := verdict.get("separated_by"):
             blocks.append(Paragraph(say.without_code_names(advice)))
     blocks += [_figure("measured_against_model"), *_parameters(verdict["effects"])]
-    for effect in verdict["effects"]:
-        starts = {key.partition("@")[2]: start for key, start in effect.get("choices", {}).items()}
-        if any(starts.values()):
-            found = joined(f"of {run} from start {start}" for run, start in starts.items())
-            text = f"With a {say.effect_in_words(effect)} several steady motions are possible at the same parameters. "
-            blocks.append(Paragraph(f"{text}The motion {found} fits the measurement; start 0 is the usual one."))
     return blocks
 
 

@@ -141,20 +141,10 @@ def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None
 def _effect(
     name: str, site: str, fit: Fit, own: Sequence[Candidate], gains: Mapping[str, float], parameters: dict[str, Any]
 ) -> dict[str, Any]:
-    """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself.
-    Its choices by run, where it has such, such as the start of its motion.
-    """
+    """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself."""
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
     cost = gains[left] - fit.bic if left in gains else None
-    entry = {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
-    values = fit.mapping
-    choices = {
-        p.key: round(values[key])
-        for candidate in own
-        for p in candidate.coordinates
-        if p.choices and (key := f"{candidate.label}.{p.key}") in values
-    }
-    return entry | ({"choices": choices} if choices else {})
+    return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
 
 
 def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[dict[str, Any]]:

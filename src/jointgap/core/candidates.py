@@ -27,8 +27,7 @@ class Parameter:
     run : str, optional
         The one run that it belongs to, such as a run's speed; None where all runs share it.
     whole : bool
-        Counts by the whole number next to it: chi2 is flat but for its steps, so that draws about a fit hold it. Of a
-        run's own, within finite bounds, a fit tries all.
+        Counts by the whole number next to it: chi2 is flat but for its steps, so that draws about a fit hold it.
     tried : tuple of float
         The values that a search tries, where it is not free to choose.
     """
@@ -47,18 +46,6 @@ class Parameter:
     def key(self) -> str:
         """``name``, or ``name@run`` of a run's own."""
         return self.name if self.run is None else f"{self.name}@{self.run}"
-
-    @property
-    def choices(self) -> range:
-        """The whole numbers that a fit tries; none of a parameter that is not `whole`, or that runs share."""
-        if not self.whole or self.run is None:
-            return range(0)
-        return range(math.ceil(self.low), math.floor(self.high) + 1)
-
-    def price(self, samples: int) -> float:
-        """What it costs in the Bayesian information criterion of so many samples: the logarithm of their number, or
-        twice that of the number of choices, of which one is the luckiest."""
-        return 2.0 * math.log(len(self.choices)) if self.choices else math.log(samples)
 
 
 @dataclass(frozen=True)

@@ -88,8 +88,6 @@ class FitContext:
     frequency_Hz : float
         Of a force that oscillates by itself, before data suggest one.
     runs : sequence of str
-    starts : mapping of str to int
-        From how many starts the motion may have come, by run of which nobody knows where it began.
     """
 
     mechanism: Any
@@ -98,7 +96,6 @@ class FitContext:
     constant_speed: bool
     frequency_Hz: float
     runs: Sequence[str]
-    starts: Mapping[str, int]
 
     def replaced(self, amplitudes: Mapping[str, str]) -> dict[str, str]:
         """Of `amplitudes` by nuisance that is an effect's own parameter: those whose nuisance the campaign has."""

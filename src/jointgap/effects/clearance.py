@@ -1,12 +1,6 @@
-"""Clearance of a joint: one effect for each of the three.
-
-A loose joint may move in more than one way under the same parameters: whirl or slide, or the same in another phase.
-Which of them lasts depends on where the motion began. Of a run whose start nobody knows the start is a whole number,
-`START`, that a fit tries: the steady motions of one mechanism that are there together.
-"""
+"""Clearance of a joint: one effect for each of the three."""
 
 import math
-from collections.abc import Mapping
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
@@ -38,9 +32,6 @@ RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
 #: contact that lasts: lengths of bearings and their alignment are not in Hertz's formula; and the sliding speed over
 #: which its friction rises: where a journal sticks, what is read depends on it by many times the noise.
 STIFFNESS_FACTOR, DAMPING_FACTOR, FRICTION_SPEED_FACTOR = 3.0, 4.0, 4.0
-
-#: Coordinate of a run: from which of several starts its motion came.
-START = "start"
 
 
 def _none_or_more_than_atoms(clearance: float) -> float:
@@ -119,10 +110,10 @@ class Clearance(DataEffect):
                 replaces=context.replaced({cls.NAME: "change_m"}),
             )
         elif joint is not None:
-            yield cls._of_ideal_joint(joint.contact, longest, context.starts)
+            yield cls._of_ideal_joint(joint.contact, longest)
 
     @classmethod
-    def _of_ideal_joint(cls, contact: Any, longest: float, starts: Mapping[str, int]) -> Candidate:
+    def _of_ideal_joint(cls, contact: Any, longest: float) -> Candidate:
         """The candidate of a joint without clearance, up to the `longest` [m], whose `contact` nobody measured."""
         shapes = [Parameter("contact_friction", contact.friction, *FRICTIONS, step=0.02)]
         if contact.restitution is not None:
@@ -133,7 +124,6 @@ class Clearance(DataEffect):
         for name, factor in factors.items():
             reach = math.log(factor)
             shapes.append(Parameter(f"log_{name}_factor", 0.0, -reach, reach, step=0.05 * reach))
-        shapes += [Parameter(START, 0.0, 0.0, count - 1.0, run=run, whole=True) for run, count in starts.items()]
 
         def parameters(values: Values) -> dict[str, float]:
             keys = [key for key in ("restitution", "friction") if f"contact_{key}" in values]

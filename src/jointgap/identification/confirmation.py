@@ -151,47 +151,29 @@ def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
     joint that became loose, impacts at another speed may ask for a restitution that the slower runs hardly feel. A
     model is contradicted by held-out data if no values that the fit leaves open meet these, not if those at the minimum
     do not. The fit is as it was where it has no such draws, where its own values leave noise alone, or where motion is
-    chaotic: among many realisations one is always luckier. Choices of a held-out run are tried in turn, one at each
-    draw beside the one that was fitted; at the best draws all of them.
+    chaotic: among many realisations one is always luckier.
     """
     if fit.draws is None or any(problem.has_statistics for problem in problems):
         return fit
     own = []
     for problem in problems:
         try:
-            own.append((problem, *_with_run_parameters(problem, fit), _choices_of_run(problem, fit)))
+            own.append((problem, *_with_run_parameters(problem, fit)))
         except (InputError, SimulationError):
             continue
 
-    def left(values: np.ndarray, turn: int | None = None) -> np.ndarray:
-        """chi2 of each run for each sample at `values` (k,), by the choices that were fitted or those of a `turn`; by
-        any of all without."""
-        shared, found = replace(fit, values=values).mapping, []
-        for problem, fitted, directions, others in own:
-            tried = [{}, *(others if turn is None else others[turn : turn + 1])]
-            chi2 = min(_left(problem, fit.hypothesis, fitted | other | shared, directions) for other in tried)
-            found.append(chi2 / problem.size)
-        return np.array(found)
+    def left(values: np.ndarray) -> np.ndarray:
+        """chi2 of each run for each sample at `values` (k,)."""
+        shared = replace(fit, values=values).mapping
+        chi2 = [_left(problem, fit.hypothesis, at | shared, directions) for problem, at, directions in own]
+        return np.array([own_chi2 / problem.size for own_chi2, (problem, *_) in zip(chi2, own, strict=True)])
 
     sizes = np.array([problem.size for problem, *_ in own])
     if not own or left(fit.values) @ sizes <= sizes.sum() * fit.settings.decision.max_gap_of_noise**2:
         return fit
-    count, most = fit.settings.confirmation.valley_draws, max(len(choices) for *_, choices in own)
-    drawn = [fit.values, *fit.draws[:: -(-len(fit.draws) // count)]]
-    found = [left(values, number % most if most else 0) for number, values in enumerate(drawn)]
-    if most:  # runs may be met by different ones, so that one that is met says that others may be
-        best = np.argsort(np.min(found, axis=1), kind="stable")[: max(count // most, 1)]
-        drawn = [fit.values, *(drawn[number] for number in best)]
-        found = [left(values) for values in drawn]
+    drawn = [fit.values, *fit.draws[:: -(-len(fit.draws) // fit.settings.confirmation.valley_draws)]]
+    found = [left(values) for values in drawn]
     return replace(fit, values=drawn[int(np.argmin(np.array(found) @ sizes))])
-
-
-def _choices_of_run(problem: Problem, fit: Fit) -> list[dict[str, float]]:
-    """The choices by key that a held-out run may have in place of those that were fitted; none where it has none."""
-    fitted = {p.key for p in fit.parameters}
-    free = [p for p in problem.parameters(fit.hypothesis) if p.choices and p.key not in fitted]
-    most = max((len(p.choices) for p in free), default=0)
-    return [{p.key: float(p.choices[number % len(p.choices)]) for p in free} for number in range(most)]
 
 
 def _left(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float], directions: np.ndarray) -> float:
@@ -219,7 +201,7 @@ def _with_run_parameters(problem: Problem, fit: Fit) -> tuple[dict[str, float], 
     if not own:
         return fit.mapping, np.empty((problem.size, 0))
     found = fit_hypothesis(problem, fit.hypothesis, start=fit.mapping, vary=own)
-    moving = found.jacobian[:, found.jacobian.any(axis=0)]  # a choice moves nothing by derivatives
+    moving = found.jacobian[:, found.jacobian.any(axis=0)]
     return fit.mapping | found.mapping, np.linalg.qr(moving)[0]
 
 

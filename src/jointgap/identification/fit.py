@@ -187,9 +187,7 @@ class FiniteDifferences:
         hypothesis: Hypothesis,
         fine: bool = False,
     ) -> np.ndarray:
-        """Derivative with respect to one parameter, (n,) [1/SI]; zero of a choice."""
-        if parameter.choices:
-            return np.zeros(residual.size)  # flat but for its steps
+        """Derivative with respect to one parameter, (n,) [1/SI]."""
         settings, target = self.settings, self.target
         if not fine:
             target = max(target, settings.target_share_of_residual * float(np.linalg.norm(residual)))
@@ -379,15 +377,13 @@ class Fit:
 
     @property
     def bic(self) -> float:
-        """Bayesian information criterion: chi2 + k ln n (Schwarz 1978), and 2 ln m for each choice among m.
+        """Bayesian information criterion: chi2 + k ln n (Schwarz 1978).
 
         Parameters that change nothing (`active`) do not count. A nuisance that an effect replaces still counts, since
         the effect says that it is out of its range; otherwise replacing would be cheaper than adding.
         """
         replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
-        size, counted = self.residual.size, zip(self.parameters, self.active, strict=True)
-        price = sum(p.price(size) for p, active in counted if active or p.choices)
-        return self.chi2 + price + replaced * np.log(size)
+        return self.chi2 + (self.active.sum() + replaced) * np.log(self.residual.size)
 
     @property
     def active(self) -> np.ndarray:
@@ -433,7 +429,7 @@ class Fit:
         """What the data and the bounds say of the values, for intervals; variances inflated like the `covariance`."""
         if self.status == FAILED:  # nothing is known
             return BoundedNormal(np.zeros((self.values.size, self.values.size)))
-        low, high = self._bounds()
+        low, high = bounds_of(self.parameters)
         if self.draws is not None:  # they hold what the fitted data leave already
             wider = np.sqrt(self.inflation / self._inflation_of_chi2)
             draws, shifts = self.values + wider * (self.draws - self.values), self.shifts
@@ -446,12 +442,6 @@ class Fit:
         intervals = self.settings.intervals
         return bounded_normal(self.jacobian, slope, self.inflation, self.values, low, high, shifts, intervals)
 
-    def _bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds [SI], each (k,); choices are held where they are."""
-        held = np.array([bool(p.choices) for p in self.parameters], dtype=bool)
-        low, high = bounds_of(self.parameters)
-        return np.where(held, self.values, low), np.where(held, self.values, high)
-
     def covariance(self, released: Sequence[int] = ()) -> np.ndarray:
         """Of the values, (k, k) [SI], where those at a bound are held there: zero rows for them.
 
@@ -463,7 +453,7 @@ class Fit:
         """
         if self.status == FAILED:  # nothing is known
             return np.zeros((self.values.size, self.values.size))
-        low, high = self._bounds()
+        low, high = bounds_of(self.parameters)
         length = np.linalg.norm(self.jacobian, axis=0)
         width = high - low
         inside = (self.values > low) & (self.values < high)
@@ -503,9 +493,7 @@ def fit_hypothesis(
     """Fit nuisances and the parameters of a hypothesis's effects, with few simulations.
 
     Gauss-Newton steps within bounds, damped where they overreach; the Jacobian is made once, corrected after each step
-    by what the step found, and made anew where that no longer helps (`jointgap.identification.fit`). Of whole
-    numbers of a run, which no step leads from one to another, all are tried before the first step and after the last
-    one.
+    by what the step found, and made anew where that no longer helps (`jointgap.identification.fit`).
     """
     parameters = tuple(problem.parameters(hypothesis) if vary is None else vary)
     differences = differences or FiniteDifferences(problem)
@@ -521,23 +509,11 @@ def fit_hypothesis(
         descent.begin(known_derivatives)
     except (InputError, SimulationError) as error:
         return finished(FAILED, str(error))
-    status, reason, goes_on = STOPPED, "", True
-    while goes_on:
-        stopping = StoppingRule(
-            problem.settings.stopping, problem.size, differences.numerical_noise_chi2, sufficient_chi2
-        )
-        try:
-            status, reason = _descend(descent, stopping, problem.settings.damping)
-        except (InputError, SimulationError) as error:  # of a Jacobian that was to be made anew
-            status, reason = STOPPED, str(error)
-        # a fit that is beaten is no rival: it keeps its choices
-        beaten = descent.chi2 > problem.settings.stopping.beaten_factor * sufficient_chi2
-        goes_on = not beaten and descent.choose()
-        if goes_on:
-            try:
-                descent.renew()
-            except (InputError, SimulationError) as error:
-                status, reason, goes_on = STOPPED, str(error), False
+    stopping = StoppingRule(problem.settings.stopping, problem.size, differences.numerical_noise_chi2, sufficient_chi2)
+    try:
+        status, reason = _descend(descent, stopping, problem.settings.damping)
+    except (InputError, SimulationError) as error:  # of a Jacobian that was to be made anew
+        status, reason = STOPPED, str(error)
     if refresh:
         try:
             descent.jacobian = descent.derivatives(fine=True)
@@ -596,8 +572,6 @@ class _Descent:
     def begin(self, known_derivatives: Mapping[str, np.ndarray] | None) -> None:
         """Simulate the start; columns of the Jacobian in `known_derivatives` are taken as they are."""
         self.residual = self._simulate(self.values)
-        if self.choose():
-            known_derivatives = None  # they are of another motion
         self.jacobian = self.derivatives(known_derivatives)
         self.fresh = not known_derivatives
 
@@ -612,41 +586,6 @@ class _Descent:
         return self._differences.jacobian(
             self._parameters, at, self.residual, self._hypothesis, known_derivatives, fine
         )
-
-    def choose(self) -> bool:
-        """Try every choice of each run that is not met, and take the one that leaves least, if that is clearly less:
-        whether one was taken."""
-        least_fall, chose = self._problem.settings.stopping.least_fall_by_choice, False
-        for place, parameter in enumerate(self._parameters):
-            if not parameter.choices or self._is_met(parameter.run):
-                continue
-            before, best = self.values[place], (self.values, self.residual)
-            for choice in parameter.choices:
-                if choice == before:
-                    continue
-                values = self.values.copy()
-                values[place] = choice
-                try:
-                    residual = self._problem.residual(
-                        self._by_key(values), self._hypothesis, (parameter.run,), self.residual
-                    )
-                except (InputError, SimulationError):
-                    continue
-                if residual @ residual < best[1] @ best[1]:
-                    best = values, residual
-            if self.chi2 - best[1] @ best[1] > least_fall:
-                self.values, self.residual = best
-                self.fresh, self.trusted, chose = False, False, True
-        return chose
-
-    def _is_met(self, run: str) -> bool:
-        """Whether each channel of a run leaves what noise does."""
-        sigmas = self._problem.settings.stopping.met_sigmas
-        for part in (part for part in self._problem.parts if part.series.run == run):
-            own = self.residual[part.place]
-            if own @ own > own.size + sigmas * np.sqrt(2.0 * own.size):
-                return False
-        return True
 
     def renew(self) -> None:
         """Make the Jacobian anew here; the next step is undamped."""

@@ -152,8 +152,6 @@ def chi2_without_effects(problem: Problem, fit: Fit) -> float:
     for candidate in fit.hypothesis:
         replaced = {amplitude: name for name, amplitude in candidate.replaces.items()}
         for p in candidate.coordinates_in(problem.runs):
-            if f"{candidate.label}.{p.key}" not in keys:
-                continue
             place = keys.index(f"{candidate.label}.{p.key}")
             if p.key in candidate.amplitudes:
                 absent = ranges[replaced[p.key]] if p.key in replaced else (0.0, 0.0)

@@ -148,7 +148,7 @@ class Estimate:
     ):
         self.problem, self.hypothesis = problem, hypothesis
         self.settings: WindowSettings = problem.settings.windows
-        # whole numbers tell one simulated start from another: here the start is estimated
+        # whole numbers, such as the order of a torque, are held
         varied = problem.parameters(hypothesis) if vary is None else vary
         self.parameters = tuple(p for p in varied if not p.whole)
         self._fixed = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})

@@ -137,7 +137,7 @@ class Detectability:
         dimensions = len(signature.amplitudes)
         asked = max(
             stats.chi2.isf(self.rate / len(self.labels), dimensions),
-            sum(p.price(self.size) for p in signature.coordinates) + self.settings.decision.min_delta_bic,
+            len(signature.coordinates) * np.log(self.size) + self.settings.decision.min_delta_bic,
         )
         return float(
             optimize.brentq(

@@ -334,9 +334,9 @@ class SignatureRegression:
             start |= {f"{s.candidate.label}.{name}": value for name, value in shapes.items()}
         effects = (*self.fitted_effects, *(signature.candidate for signature in chosen))
         # as `Fit.bic` counts
-        price = sum(p.price(self._rows) for signature in chosen for p in signature.coordinates)
-        price += (len(kept) + sum(len(candidate.replaces) for candidate in effects)) * np.log(self._rows)
-        return LinearizedFit(tuple(chosen), chi2, start, chi2 + price, self.fitted_effects)
+        counted = len(kept) + sum(len(signature.coordinates) for signature in chosen)
+        counted += sum(len(candidate.replaces) for candidate in effects)
+        return LinearizedFit(tuple(chosen), chi2, start, chi2 + counted * np.log(self._rows), self.fitted_effects)
 
     def singles(self) -> list[LinearizedFit]:
         """Every candidate with its best start, best first."""

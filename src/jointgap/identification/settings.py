@@ -99,12 +99,6 @@ class StoppingSettings:
     beaten_window: int = 2
     # As `stalled_window` and `poor_progress` for beaten fits, which get less patience (experience)
     beaten_progress: float = 0.2
-    # [standard deviations of chi2] A run each channel of which leaves no more than this beyond its samples is met:
-    # none of its other choices is tried. Noise alone leaves more in one channel of 40
-    met_sigmas: float = 2.0
-    # [chi2] Another choice is taken if chi2 falls by more. The same motion from another start has settled to a
-    # length of 1, which changes chi2 by 2 or 3; another motion changes it by hundreds
-    least_fall_by_choice: float = 10.0
 
 
 @dataclass(frozen=True)
@@ -290,8 +284,7 @@ class ConfirmationSettings:
     blocks: int = 20
     draws: int = 1000  # Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width
     # Draws along a curved valley of chi2 with which held-out runs are simulated at most: of 200 one in twenty met a
-    # run at twice the speed as noise does, where the values at the minimum left a gap of 2.2. Where a run has choices,
-    # such as starts of a motion, as many simulations again try all of them at the best draws
+    # run at twice the speed as noise does, where the values at the minimum left a gap of 2.2
     valley_draws: int = 100
 
 

@@ -59,7 +59,7 @@ def thresholds(
 
     # Gains: lengths of projections, which depend on the draws through as many numbers as there are signatures.
     spaces = [
-        (orthonormal(subspaces.projected(signature.columns)), sum(p.price(size) for p in signature.coordinates))
+        (orthonormal(subspaces.projected(signature.columns)), len(signature.coordinates) * np.log(size))
         for signature in signatures.entries
     ]
     joint = np.hstack([space for space, _ in spaces]) if spaces else np.empty((size, 0))

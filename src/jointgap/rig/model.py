@@ -31,7 +31,6 @@ from jointgap.rig.simulate_run import (
     friction_speed,
     lasting_damping,
     numerics_for,
-    unknown_starts,
     with_nuisances,
 )
 from jointgap.rig.statistics import BINS, chaotic_channels, chaotic_run, measured_statistics, simulated_statistics
@@ -240,8 +239,7 @@ class SliderCrankModel:
         spreads = {name: float(np.ptp(v) and np.std(v)) for name, v in read.items() if name != "crank_angle"}
         shared = {p.name: p for p in self.nuisances if p.run is None}
         constant, frequency = campaign.drive == "constant_speed", PLANNED_FORCE_ORDER * scale.turning / tau
-        starts = unknown_starts(campaign)
-        context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs, starts)
+        context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs)
         # in a single run for fitting a zero of its own is the offset that all runs have
         several = sum(plan.run.role != "confirm" for plan in self.plans.values()) > 1
         encoder = [ENCODER_OFFSET] if "crank_angle" in campaign.channels else []

@@ -21,7 +21,6 @@ from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.integrate import beginning
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.simulation import IntegrationResult, integrate_on, start_state
-from jointgap.effects.clearance import START
 from jointgap.rig import drives, sensors
 from jointgap.rig.drives import TOLERANCE, RunPlan, Values
 from jointgap.rig.recording import noise_of
@@ -35,12 +34,9 @@ SETTLED_LENGTH = 1.0
 SETTLED_AFTER = (3, 12)  # Least and most revolutions dropped before the one that is kept
 COMPARED_SAMPLES = 120  # Samples of a revolution that are compared: each costs about as much as a step
 TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier than this after the start is simulated in full
-# From so many starts the motion of a run is simulated of which nobody knows where it began. In blind trials a motion
-# that lasts came from one start in two to one in five
-STARTS = 8
-# How much earlier the motion begins for each further start: one, and the part of the next that meets no symmetry of a
-# slider-crank (the golden section); after two revolutions starts count from the usual one on again
-OTHER_START_REVOLUTIONS, MOST_START_REVOLUTIONS = 1.382, 2.0
+# How much earlier the motion begins for another start: one, and the part of the next that meets no symmetry of a
+# slider-crank (the golden section)
+OTHER_START_REVOLUTIONS = 1.382
 UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise where it is not stated
 
 
@@ -170,13 +166,6 @@ def _free_runs(campaign: Campaign) -> list[str]:
     return [run.id for run in campaign.runs if campaign.drive != "measured_angle" and drives.began_anywhere(run)]
 
 
-def unknown_starts(campaign: Campaign) -> dict[str, int]:
-    """From how many starts the motion may have come with a joint that became loose, by run of which nobody knows where
-    it began; none where joints are loose already: of these another start is one of the `NUMERICS`.
-    """
-    return {} if campaign.mechanism.applied().loose else dict.fromkeys(_free_runs(campaign), STARTS)
-
-
 def channels_read(
     campaign: Campaign, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0, perturbation=None
 ) -> dict[str, np.ndarray]:
@@ -215,10 +204,8 @@ def prepared(
         mechanism = mechanism.mirrored()
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, tolerance or plan.tolerance)
-    start = sum(round(own.get(START, 0.0)) for _, own in effects)  # of two joints it is one of the same starts
-    if numerics == len(NUMERICS) and drives.began_anywhere(plan.run):
-        start += 1
-    earlier = math.fmod(start % STARTS * OTHER_START_REVOLUTIONS, MOST_START_REVOLUTIONS) * tau
+    other_start = numerics == len(NUMERICS) and drives.began_anywhere(plan.run)
+    earlier = OTHER_START_REVOLUTIONS * tau if other_start else 0.0
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
     change(driven.numbers)
     harmonic = driven.numbers.effects
