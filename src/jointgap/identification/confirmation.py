@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from jointgap.core.candidates import Model
+from jointgap.core.candidates import Model, Parameter
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.likelihood import FAILURES, Prediction, predicted
@@ -114,9 +114,10 @@ def confirm(
     """
     named = base if named is None else named
     used, frames, remarks = Problem(model, noise, settings=settings), [], {}
-    plain = _simulated(used, base.mapping)
-    fitted = _as_fitted(used, named) if named.in_windows else _simulated(used, named.mapping, named.hypothesis)
-    frames.append(_compared(used, plain, fitted if named.hypothesis else plain))
+    fitted = plain = _simulated(used, base.mapping)
+    if named.hypothesis:
+        fitted = _as_fitted(used, named) if named.in_windows else _simulated(used, named.mapping, named.hypothesis)
+    frames.append(_compared(used, plain, fitted))
     runs = Problem(model, noise, held_out=True, settings=settings).runs
     problems = {run: Problem(_Alone(model, run), noise, held_out=True, settings=settings) for run in runs}
     likely_base = likeliest(problems.values(), base)
@@ -194,10 +195,15 @@ def fit_run_parameters(problem: Problem, fit: Fit) -> dict[str, float]:
     return _with_run_parameters(problem, fit)[0]
 
 
+def _not_fitted(problem: Problem, fit: Fit) -> list[Parameter]:
+    """What the runs of a problem have for themselves that the fit did not vary."""
+    fitted = {p.key for p in fit.parameters}
+    return [p for p in problem.parameters(fit.hypothesis) if p.run is not None and p.key not in fitted]
+
+
 def _with_run_parameters(problem: Problem, fit: Fit) -> tuple[dict[str, float], np.ndarray]:
     """As `fit_run_parameters`; and orthonormal columns (n, own) along which these parameters move the residual."""
-    fitted = {p.key for p in fit.parameters}
-    own = [p for p in problem.parameters(fit.hypothesis) if p.run is not None and p.key not in fitted]
+    own = _not_fitted(problem, fit)
     if not own:
         return fit.mapping, np.empty((problem.size, 0))
     found = fit_hypothesis(problem, fit.hypothesis, start=fit.mapping, vary=own)
@@ -224,9 +230,7 @@ def _as_fitted(problem: Problem, fit: Fit) -> Prediction:
 def _predicted(problem: Problem, fit: Fit) -> Prediction:
     """A held-out run with what it has for itself fitted to it; of a fit in windows its states too."""
     if fit.in_windows:
-        fitted = {p.key for p in fit.parameters}
-        own = [p for p in problem.parameters(fit.hypothesis) if p.run is not None and p.key not in fitted]
-        return predicted(problem, fit.hypothesis, fit.mapping, own)
+        return predicted(problem, fit.hypothesis, fit.mapping, _not_fitted(problem, fit))
     return _simulated(problem, fit_run_parameters(problem, fit), fit.hypothesis)
 
 
