@@ -113,6 +113,9 @@ class Windows:
     def window_of(self, time, states):
         return np.clip(np.searchsorted(states.edges, time, side="right") - 1, 0, len(states.slow) - 1)
 
+    def settled(self, states):
+        return None
+
     def find(self, measured, noise, per_turn, jump, turns):
         """States at rest: nothing is known of them."""
         self.model.per_turn = per_turn

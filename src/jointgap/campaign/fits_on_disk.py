@@ -116,18 +116,25 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
     return noise
 
 
-def signatures_to_frames(signatures: Signatures) -> Frames:
-    """Tables `SIGNATURES` and `SIGNATURE_SHAPES`, by name."""
+def signatures_to_frames(signatures: Signatures, base: Fit) -> Frames:
+    """Tables `SIGNATURES` and `SIGNATURE_SHAPES`, by name. Of the base too what is not that of its fit."""
     frames, shapes, count = [], [], {}
+
+    def add(label: str, start: int, columns: Mapping[str, np.ndarray]) -> None:
+        for name, column in columns.items():
+            values = {"name": name, "sample": np.arange(column.size), "derivative": column}
+            frames.append(pd.DataFrame({"label": label, "start": start} | values))
+
+    if signatures.residual is not base.residual:
+        keys = [p.key for p in signatures.parameters]
+        add(label_of(()), 0, dict(zip(keys, signatures.jacobian.T, strict=True)) | {_ORIGIN: signatures.residual})
     for signature in signatures.entries:
         label = signature.candidate.label
         start = count[label] = count.get(label, -1) + 1
         columns = {p.key: column for p, column in zip(signature.amplitudes, signature.columns.T, strict=True)}
         if signature.origin is not signatures.residual:
             columns[_ORIGIN] = signature.origin
-        for name, column in columns.items():
-            values = {"name": name, "sample": np.arange(column.size), "derivative": column}
-            frames.append(pd.DataFrame({"label": label, "start": start} | values))
+        add(label, start, columns)
         shapes += [(label, start, name, value) for name, value in signature.shape_parameters.items()]
     return {
         "signatures": _frame(schema.SIGNATURES, frames),
@@ -141,10 +148,14 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
     for row in frames["signature_shapes"].itertuples():
         shapes.setdefault((row.label, row.start), {})[row.name] = row.value
     fit, runs = base.base, base.problem.runs
+    residual, jacobian = fit.residual, fit.jacobian
     by_label = {candidate.label: candidate for candidate in base.problem.model.candidates}
     signatures, factor = [], base.problem.settings.screening.secant_factor
     for (label, start), rows in frames["signatures"].groupby(["label", "start"], sort=False):
         own = {name: column.to_numpy() for name, column in rows.groupby("name", sort=False)["derivative"]}
+        if label == label_of(()):
+            residual, jacobian = own.pop(_ORIGIN), np.column_stack([own[p.key] for p in fit.parameters])
+            continue
         candidate = by_label.get(label)
         sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []
         if candidate is None or not own.keys() >= set(sizes):
@@ -152,11 +163,11 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
                 f"screen/signatures.parquet: holds {label} of another model than the campaign file and its mechanism "
                 "now give; run `jointgap noise` on the campaign file again, and the stages after it"
             )
-        derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((fit.residual.size, 0))
-        origin, own_shapes = own.get(_ORIGIN, fit.residual), shapes.get((label, start), {})
+        derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((residual.size, 0))
+        origin, own_shapes = own.get(_ORIGIN, residual), shapes.get((label, start), {})
         signatures.append(Signature(candidate, own_shapes, derivatives, origin, runs, factor))
     failed = frames["screened"].query("kind == 'failed'").set_index("explanation")["reason"].to_dict()
-    return Signatures(fit.parameters, fit.values, fit.jacobian, fit.residual, signatures, failed)
+    return Signatures(fit.parameters, fit.values, jacobian, residual, signatures, failed)
 
 
 def screened_frame(signatures: Signatures, chosen: Sequence[LinearizedFit]) -> pd.DataFrame:
@@ -186,7 +197,6 @@ _MATRICES = {
     "fit_curvature": ("sample", "derivative"),
     "fit_shifts": ("numerics", "shift"),
     "fit_draws": ("draw", "value"),
-    "fit_windows": ("row", "entry"),
 }
 """Tables of a matrix with a column for each parameter of a fit: what counts its rows, and what its entries are."""
 
@@ -201,7 +211,7 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
         row = label | {"kind": kind_of(fit.hypothesis), "status": fit.status, "reason": fit.reason or None}
         row |= {"chi2": np.nan if failed else fit.chi2, "samples": fit.residual.size, "parameters": len(keys)}
         row |= {"bic": np.nan if failed else fit.bic, "simulations": fit.simulations, "seconds": duration}
-        parts["fits"].append(row | {"gap_left": fit.gap_left})
+        parts["fits"].append(row | {"in_windows": fit.in_windows, "gap_left": fit.gap_left})
         slope = np.nan if failed else fit.half_derivative
         parts["fit_values"].append(pd.DataFrame({"key": keys, "value": fit.values, "slope": slope}).assign(**label))
         if failed:
@@ -209,7 +219,7 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
         residuals = pd.DataFrame({"sample": np.arange(fit.residual.size), "residual": fit.residual})
         parts["fit_residuals"].append(residuals.assign(**label))
         jacobian = fit.jacobian if whole_jacobian else compress_rows(fit.jacobian)[0]
-        matrices = jacobian, fit.shifts, fit.draws, fit.windows
+        matrices = jacobian, fit.shifts, fit.draws
         for (table, (count, entry)), matrix in zip(_MATRICES.items(), matrices, strict=True):
             if matrix is not None:
                 first = int(count == "numerics")  # these count from 1
@@ -243,11 +253,11 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
             for table, (count, entry) in _MATRICES.items()
             if label in own[table]
         }
-        jacobian, shifts, draws, windows = (matrices.get(table) for table in _MATRICES)
+        jacobian, shifts, draws = (matrices.get(table) for table in _MATRICES)
         if jacobian is None:
             jacobian = np.empty((problem.size, 0))
         status = row["simulations"], row["status"], row["reason"] or ""
-        known = slope, shifts, draws, problem.settings, row["gap_left"], windows
+        known = slope, shifts, draws, problem.settings, row["gap_left"], row["in_windows"]
         fits.append(Fit(hypothesis, parameters, values, residual, jacobian, *status, *known))
     return fits
 
@@ -314,7 +324,7 @@ def ranking_frame(ranking: Sequence[Row], seconds: Mapping[str, float] | None = 
     fits = [ranked.fit for ranked in ranking]
     frame = fits_to_frames(fits, [(seconds or {}).get(fit.label, np.nan) for fit in fits])["fits"]
     failed = ~np.isfinite([ranked.delta_bic for ranked in ranking])
-    return frame.assign(
+    return frame.drop(columns="in_windows").assign(
         delta_bic=np.where(failed, np.nan, [ranked.delta_bic for ranked in ranking]),
         explained_share=np.where(failed, np.nan, [ranked.share for ranked in ranking]),
         passes=[ranked.passes for ranked in ranking],

@@ -118,7 +118,9 @@ def recalibrate(state: "CampaignState") -> None:
 
     baseline = state.baseline = recalibrated(state.model, state.noise, state.settings)
     # of held-out runs too
-    of_all_runs = numerics_noise(state.model, baseline.base.mapping, state.noise, state.settings.noise)
+    of_all_runs = numerics_noise(
+        state.model, baseline.base.mapping, state.noise, state.settings.noise, of_drives_alone=baseline.base.in_windows
+    )
     of_fitted_runs = {part.series.key: part.noise for part in baseline.problem.parts}
     state.noise_with_numerics = of_all_runs | of_fitted_runs
     state.folder.write_all(noise_to_frames(state.noise_with_numerics), "recalibrate")
@@ -142,7 +144,7 @@ def screen(state: "CampaignState") -> None:
 
     dof = degrees_of_freedom(state.noise)
     signatures, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
-    state.folder.write_all(signatures_to_frames(signatures))
+    state.folder.write_all(signatures_to_frames(signatures, state.baseline.base))
     state.folder.write(schema.THRESHOLDS, pd.DataFrame([vars(limits)]))
     shortlist = shortlist_singles(signatures, limits, state.settings)
     state.folder.write(schema.SCREENED, screened_frame(signatures, shortlist))

@@ -333,6 +333,10 @@ class WindowedRun(Protocol):
         `jump`: standard deviation of a state beyond where the window before ends.
         """
 
+    def settled(self, states: Any) -> Any:
+        """`states` of the motion that began long before the record, so that no window jumps; None where that tells
+        nothing of them."""
+
     def simulate(self, states: Any) -> tuple[Mapping[str, np.ndarray], np.ndarray, Any, np.ndarray]:
         """What is read in windows from their states, by channel, NaN where a window cannot be simulated; states at the
         windows' ends (k, d), a tuple of arrays (k, ...) of what else they hand on, and which (k,) were simulated.

@@ -20,7 +20,7 @@ from jointgap.identification.fit import (
     fit_hypothesis,
 )
 from jointgap.identification.initial_fit import with_nuisances_of
-from jointgap.identification.likelihood import FAILURES, Estimate, fitted_from, has_windows
+from jointgap.identification.likelihood import fitted, has_windows
 from jointgap.identification.noise import numerics_noise
 from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.settings import (
@@ -399,7 +399,15 @@ def recalibrate(
 ) -> Baseline:
     """Fit the nuisances; then count in what equally good numerics would predict, and fit again."""
     first = Problem(model, noise, settings=settings)
-    differences = probed_differences(first, {p.key: p.nominal for p in first.nuisances})
+    nominal_values = {p.key: p.nominal for p in first.nuisances}
+    if has_windows(first, (), {}):
+        counted = numerics_noise(model, nominal_values, noise, settings.noise, of_drives_alone=True)
+        problem = Problem(model, counted, settings=settings)
+        base, nominal = fitted(problem), fitted(problem, vary=[p for p in problem.nuisances if p.run is not None])
+        if base.status == FAILED:
+            raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
+        return Baseline(problem, differences_at(problem, base), nominal, base)
+    differences = probed_differences(first, nominal_values)
     start = fit_hypothesis(first, differences=differences)
     start = deepest_base(first, start, differences, _enough(first, start))
     if start.status == FAILED:
@@ -413,29 +421,20 @@ def recalibrate(
         vary=[p for p in problem.nuisances if p.run is not None],
     )
     base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
-    base = replace(base, windows=start.windows)
     if problem.has_statistics:
         base = fit_over_ensembles(problem, base, _enough(problem, base))
     # differences probed anew, as they are when a later stage reads the fits from files
-    return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
+    return Baseline(problem, differences_at(problem, base), nominal, base)
 
 
 def deepest_base(problem: Problem, base: Fit, differences: FiniteDifferences, enough: float) -> Fit:
     """The `base` or, if better, its best fit from drawn values of the nuisances that runs share.
 
     A fit may be caught in a valley that is not the deepest. One that leaves less than `enough` ends the search, so does
-    one that ended in the same minimum as the best before it, as far as chi2 says and its numerical noise lets it. Where
-    joints are loose, one fit in windows of the record takes their place.
+    one that ended in the same minimum as the best before it, as far as chi2 says and its numerical noise lets it.
     """
     if base.status == FAILED or base.chi2 < enough:
         return base
-    if has_windows(problem, (), base.mapping):
-        try:
-            start = Estimate(problem, (), {key: base.mapping[key] for key in base.mapping if "@" in key}).anneal()
-        except FAILURES:
-            return base
-        fit = fitted_from(start, differences)
-        return min(replace(base, windows=fit.windows), fit, key=lambda fit: fit.chi2)
     shared = [p for p in problem.nuisances if p.run is None and np.isfinite(p.high - p.low)]
     generator = np.random.default_rng(0)
     for _ in range(problem.settings.baseline.drawn_starts if shared else 0):
@@ -455,6 +454,11 @@ def _enough(problem: Problem, fit: Fit) -> float:
     """chi2 that noise alone leaves of a fit."""
     dof = max(problem.size - len(fit.parameters), 1)
     return dof + problem.settings.baseline.noise_sigmas * float(np.sqrt(2.0 * dof))
+
+
+def differences_at(problem: Problem, fit: Fit) -> FiniteDifferences:
+    """Finite differences that know the numerical noise at a fit; in windows there is none."""
+    return FiniteDifferences(problem) if fit.in_windows else probed_differences(problem, fit.mapping)
 
 
 def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteDifferences:
@@ -477,7 +481,7 @@ def with_intervals(problem: Problem, fit: Fit, differences: FiniteDifferences) -
     the regression, and what is left is as it was. A fit that failed, that has draws, that cannot be regressed, or that
     cannot be simulated by other numerics, is left as it is; the `differences` know the numerical noise.
     """
-    if fit.status == FAILED or fit.draws is not None:
+    if fit.status == FAILED or fit.draws is not None or fit.in_windows:
         return fit
     if problem.has_statistics:
         # what is left stays as it is: by that explanations were compared
@@ -500,7 +504,8 @@ def with_intervals(problem: Problem, fit: Fit, differences: FiniteDifferences) -
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:
     """What other numerics change in the whitened residuals of the fit `base` to `problem`: (number of numerics, n)."""
-    changes = []
-    for i in range(len(problem.model.numerics)):
+    changes: list[np.ndarray] = []
+    # states that are estimated make up for numerics
+    for i in range(0 if base.in_windows else len(problem.model.numerics)):
         changes.append(problem.residual(base.mapping, base.hypothesis, numerics=i + 1) - base.residual)
     return np.array(changes).reshape(len(changes), problem.size)

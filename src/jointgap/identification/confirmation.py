@@ -114,16 +114,14 @@ def confirm(
     """
     named = base if named is None else named
     used, frames, remarks = Problem(model, noise, settings=settings), [], {}
-    fitted = plain = _simulated(used, base.mapping)
-    if named.hypothesis:
-        fitted = _as_fitted(used, named) if named.in_windows else _simulated(used, named.mapping, named.hypothesis)
-    frames.append(_compared(used, plain, fitted))
+    plain = _as_fitted(used, base)
+    frames.append(_compared(used, plain, plain if named is base else _as_fitted(used, named)))
     runs = Problem(model, noise, held_out=True, settings=settings).runs
     problems = {run: Problem(_Alone(model, run), noise, held_out=True, settings=settings) for run in runs}
     likely_base = likeliest(problems.values(), base)
     likely = likely_base if named is base else likeliest(problems.values(), named)
     for run, problem in problems.items():
-        before = _simulated(problem, fit_run_parameters(problem, likely_base))
+        before = _predicted(problem, likely_base)
         try:
             frames.append(_compared(problem, before, before if named is base else _predicted(problem, likely)))
         except FAILURES as error:
@@ -217,7 +215,9 @@ def _simulated(problem: Problem, values: Mapping[str, float], hypothesis: Hypoth
 
 
 def _as_fitted(problem: Problem, fit: Fit) -> Prediction:
-    """The runs of a fit in windows as it left them, of samples that count."""
+    """The runs of a fit: of one in windows as it left them, of samples that count."""
+    if not fit.in_windows:
+        return _simulated(problem, fit.mapping, fit.hypothesis)
     readings: dict[str, dict[str, np.ndarray]] = {run: {} for run in problem.runs}
     for part in problem.parts:
         white = np.full(part.used.size, np.nan)

@@ -355,15 +355,7 @@ class Fit:
     draws: np.ndarray | None = None
     settings: IdentificationSettings = DEFAULT_SETTINGS  # Those of the problem that was fitted
     gap_left: float = 1.0  # [1] Gap on the held-out data, where these were predicted
-    # (1 + r, k) Where it began in windows of the record: the values [SI] there and, of an estimate that came to its
-    # end, r rows of which the inner products are the curvature there
-    windows: np.ndarray | None = None
-
-    @property
-    def in_windows(self) -> bool:
-        """Whether it is the estimate in windows itself, with the states of loose joints: no trajectory was fitted."""
-        known = self.windows
-        return known is not None and len(known) > 1 and np.array_equal(known[0], self.values)
+    in_windows: bool = False  # Whether states of loose joints were estimated too, in windows of the record
 
     @property
     def label(self) -> str:

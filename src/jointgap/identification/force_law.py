@@ -16,10 +16,11 @@ import numpy as np
 from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import with_intervals
 from jointgap.identification.evidence import reduced_chi2, weigh_fit
-from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
+from jointgap.identification.fit import FAILED, FiniteDifferences, Fit
 from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.likelihood import fitted, signatures_about
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.screening import LinearizedFit, Signature, SignatureRegression, simulate_signatures
+from jointgap.identification.screening import LinearizedFit, Signature, SignatureRegression
 from jointgap.identification.settings import IdentificationSettings, ModelSelectionSettings
 from jointgap.identification.verdict import Row, Thresholds
 
@@ -106,7 +107,7 @@ def find_force_law(
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
-    signatures = simulate_signatures(problem, base, differences, library)
+    signatures = signatures_about(problem, base, differences, library)
     screen, settings = SignatureRegression(signatures), problem.settings.selection
     sums = [screen.explained(chosen) for chosen in _subsets(signatures.entries)]
     if not sums:
@@ -121,12 +122,12 @@ def find_force_law(
 
     sums.sort(key=lambda screened: screened.bic)
 
-    def fitted(chosen: Sequence[LinearizedFit]) -> list[Fit]:
+    def each(chosen: Sequence[LinearizedFit]) -> list[Fit]:
         return [fit_screened(problem, differences, signatures, screened) for screened in chosen]
 
-    fits = fitted(_singles(sums, settings))
+    fits = each(_singles(sums, settings))
     alone = min(fits, key=lambda fit: fit.bic)
-    fits += fitted(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
+    fits += each(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
     cost = {fit.label: fit.bic + choice_cost(fit.hypothesis) for fit in fits}
     fits.sort(key=lambda fit: cost[fit.label])
     best = fits[0]
@@ -142,7 +143,7 @@ def find_force_law(
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
     differences = differences or FiniteDifferences(problem)
-    best = fit_hypothesis(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
+    best = fitted(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
     best = with_intervals(problem, best, differences)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
     return ForceLawResult(best, accepted, because, rivals, others, signatures.failed, ranking)

@@ -43,13 +43,12 @@ def fit_singles(
 
     A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the
     same part that stay far behind it end early: they are no rivals, but their chi2 depends on how fits are shared out.
-    Those that are never small, such as films, take long and come last. Where joints are loose and something is missing
-    slopes of one trajectory lead nowhere: `fit_pairs` fits them in windows.
+    Those that are never small, such as films, take long and come last. Where joints are loose `fit_pairs` fits all in
+    windows of the record.
     """
-    problem = baseline.problem
-    shortlist = shortlist_singles(signatures, limits, problem.settings)
-    if reduced_chi2(baseline.base) > limits.omnibus and has_windows(problem, (), baseline.base.mapping):
-        shortlist = [each for each in shortlist if not has_windows(problem, each.hypothesis, each.start)]
+    if baseline.base.in_windows:
+        return [], []
+    shortlist = shortlist_singles(signatures, limits, baseline.problem.settings)
     shortlist.sort(key=lambda single: _is_never_small(single.hypothesis))  # these take long, but not if they are beaten
     return _fit_each(baseline, [(single, signatures) for single in shortlist[part::parts]], limits, ())
 
@@ -79,13 +78,17 @@ def fit_pairs(
     A clearance may do what two other effects do together: where a pair is worth a fit the first part searches these
     too.
     """
+    if baseline.base.in_windows:
+        begin = time.monotonic()
+        fits = lowest_of_each(search_in_windows(baseline, signatures, limits, sizes=not doubted)) if part == 0 else []
+        return fits, [(time.monotonic() - begin) / max(len(fits), 1)] * len(fits)
     if _insufficient(baseline, alone, limits):
         return _search(baseline, signatures, limits, alone, doubted) if part == 0 else ([], [])
     pairs = _pairs_of_best(baseline, signatures, limits, alone)
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
     if pairs and part == 0 and not doubted:
         begin = time.monotonic()
-        searched = search_in_windows(baseline, limits)
+        searched = search_in_windows(baseline, signatures, limits)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
     kept = {id(fit) for fit in lowest_of_each(fits)}
@@ -106,7 +109,7 @@ def _pairs_of_best(
     """Pairs that are worth a fit of the best single effect that is sufficient; none where none is."""
     second = two_effect_thresholds(baseline, alone, limits)
     best = best_sufficient(baseline, alone, second)
-    if best is None or best.in_windows:
+    if best is None or best.in_windows:  # its partners were sought in windows
         return []
     about = signatures.about(best)
     return [(pair, about) for pair in shortlist_pairs(baseline, signatures, best, alone, second)]
@@ -122,7 +125,7 @@ def _search(
     # steps as nobody else left them: the result must not depend on what else ran in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    fits = search_in_windows(baseline, limits, alone, sizes=not doubted)
+    fits = search_in_windows(baseline, signatures, limits, alone, sizes=not doubted)
     until = problem.simulations + _max_simulations(problem)
 
     def singles() -> list[Fit]:
@@ -131,11 +134,10 @@ def _search(
     def found() -> bool:
         return any(_is_sufficient(fit, limits) for fit in fits) or not _insufficient(baseline, singles(), limits)
 
-    by_slopes = not has_windows(problem, (), start)
-    if by_slopes and not found():
+    if not found():
         masked = _masked_pairs(baseline, signatures, singles(), limits)
         fits += _fit_each(baseline, masked, limits, singles(), until)[0]
-    if by_slopes and not found():
+    if not found():
         # what is fitted in windows has its partners from there
         leading = [fit for fit in singles() if not has_windows(problem, fit.hypothesis, fit.mapping)]
         fits += _pairs_of_leading(baseline, leading, limits, until)

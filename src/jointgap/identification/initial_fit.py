@@ -6,6 +6,7 @@ import numpy as np
 
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import FAILED, STOPPED, FiniteDifferences, Fit, bounded_step, bounds_of, fit_hypothesis
+from jointgap.identification.likelihood import fitted, has_windows
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import LinearizedFit, Signatures
 
@@ -22,6 +23,8 @@ def fit_screened(
     A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be
     several times as large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer.
     """
+    if has_windows(problem, screened.hypothesis, screened.start):
+        return fitted(problem, screened.hypothesis, screened.start)
     is_finite = any(p.key in one.shape_parameters for one in screened.signatures for p in one.amplitudes)
     # a finite amplitude is far from the base already
     start, near = (screened.start, False) if is_finite else _best_multiple(problem, screened)
@@ -97,7 +100,7 @@ def not_above_its_parts(
     own = labels_of(fit.hypothesis)
     rough = () if problem.has_statistics else (one.label for one in fit.hypothesis if one.is_rough)
     lower = [part for part in parts if {*rough} <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
-    if fit.status == FAILED or not lower:
+    if fit.status == FAILED or fit.in_windows or not lower:
         return fit
     lowest = min(lower, key=lambda part: part.chi2)
     start = with_effects_absent(problem, fit.hypothesis, lowest)

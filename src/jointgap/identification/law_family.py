@@ -15,7 +15,8 @@ from scipy.stats import chi2 as chi_squared
 from jointgap.core.candidates import Candidate, LawFamily
 from jointgap.identification.baseline import Baseline, with_intervals
 from jointgap.identification.evidence import weigh_fit
-from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit, fit_hypothesis
+from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit
+from jointgap.identification.likelihood import fitted
 from jointgap.identification.problem import Problem
 from jointgap.identification.verdict import (
     AMBIGUOUS,
@@ -74,7 +75,7 @@ def fit_shape(
     for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
         for guess in family.law.initial_guesses or ({},):
             at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
-            fits.append(fit_hypothesis(problem, hypothesis, start | at_guess, differences=differences, refresh=True))
+            fits.append(fitted(problem, hypothesis, start | at_guess, differences=differences, refresh=True))
         if converged := [fit for fit in fits if fit.status == CONVERGED]:
             return min(converged, key=lambda fit: fit.chi2)
     return min(fits, key=lambda fit: fit.chi2)
@@ -99,7 +100,7 @@ def profile_shape(
             value = float(np.clip(value + sign * step, shape.low, shape.high))
             known = {p.key: column for p, column in zip(before.parameters, before.jacobian.T, strict=True)}
             start = before.mapping | {shape.key: value}
-            fit = fit_hypothesis(problem, free.hypothesis, start, known, differences, vary=vary)
+            fit = fitted(problem, free.hypothesis, start, known, differences, vary=vary)
             if fit.status == FAILED:
                 return None
             chi2[value], before = fit.chi2, fit
@@ -300,7 +301,7 @@ def _without_idle(baseline: Baseline, found: Fit, family: LawFamily, limits: Thr
         if not rest or candidate is family.law:
             continue
         start = {key: value for key, value in found.mapping.items() if not key.startswith(f"{candidate.label}.")}
-        fit = fit_hypothesis(problem, rest, start, differences=differences, refresh=True)
+        fit = fitted(problem, rest, start, differences=differences, refresh=True)
         if fit.bic - found.bic < needed:
             found = fit
     return found

@@ -10,6 +10,7 @@ their marginal likelihood over the states (Laplace), each at its own best q."""
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,6 +29,7 @@ from jointgap.identification.fit import (
     fit_hypothesis,
 )
 from jointgap.identification.problem import Hypothesis, Part, Problem, label_of, values_in_run, whiten
+from jointgap.identification.screening import Signature, Signatures, simulate_signatures, steady_first, swinging_shapes
 from jointgap.identification.settings import WindowSettings
 
 ANGLE_STEP, RATE_STEP = 1e-4, 2e-4  # [rad], [crank's rates] of differences by states, at a tolerance of 1e-10 m
@@ -36,6 +38,9 @@ ANGLE_STEP, RATE_STEP = 1e-4, 2e-4  # [rad], [crank's rates] of differences by s
 CHANGE, TOO_LONG, SHORTER = 1.0, 10.0, 1e4
 FAILURES = (InputError, SimulationError, np.linalg.LinAlgError)
 """What values that cannot be simulated may raise."""
+
+_Columns = Mapping[str, tuple[np.ndarray, np.ndarray]]
+"""Derivatives by run: of residuals (n, m) and of the ends of windows (k, d, m)."""
 
 MISSED = 10.0  # [1] whitened residual of a sample in a window that could not be simulated
 
@@ -61,8 +66,11 @@ class _Motion:
 class _Run:
     """A run of a problem in windows."""
 
-    def __init__(self, parts: Sequence[Part], windowed: WindowedRun, per_turn: int, jump: float, turns: float):
-        self.parts = parts
+    def __init__(
+        self, parts: Sequence[Part], shared: np.ndarray, windowed: WindowedRun, per_turn: int, jump: float, turns: float
+    ):
+        self.parts, self.shared = parts, shared  # (n, e) what errors of the drive, of variance 1, change in residuals
+        self._weights = np.linalg.inv(np.eye(shared.shape[1]) + shared.T @ shared)
         channels = {part.series.channel: part for part in parts}
         measured = {name: np.where(part.used, part.series.value, np.nan) for name, part in channels.items()}
         noise = {name: part.noise.spread for name, part in channels.items()}
@@ -71,6 +79,10 @@ class _Run:
         self.first = self.states.slow[0].copy()
         self.windows = [windowed.window_of(part.series.time, self.states) for part in parts]
         self.window = np.concatenate([w[part.used] for w, part in zip(self.windows, parts, strict=True)])
+
+    def without_shared(self, residual: np.ndarray) -> np.ndarray:
+        """Residuals (n,) less what the likeliest errors of the drive make of them."""
+        return residual - self.shared @ (self._weights @ (self.shared.T @ residual))
 
     def motion(self, windowed: WindowedRun, slow: np.ndarray) -> _Motion:
         """The run from the states `slow` (k, d)."""
@@ -92,6 +104,22 @@ class _Run:
             white = whiten(np.where(part.used, value, np.nan), part.noise)[part.used]
             out.append(np.where(np.isfinite(white), white, 0.0))
         return np.concatenate(out)
+
+    def cost(self, slow: np.ndarray, motion: _Motion, jump: float, settings: WindowSettings) -> float:
+        """Squares of residuals, of jumps and of how far the first state is from where the filter has it."""
+        gap = turned(slow[1:], motion.ends[:-1])[motion.done[:-1]]
+        first = turned(slow[0], self.first) / settings.first_state
+        left = motion.residual @ self.without_shared(motion.residual)
+        return float(left + np.sum((gap / jump) ** 2) + first @ first)
+
+    def settled(self, windowed: WindowedRun) -> "_Run | None":
+        """The run with states of the motion that began long before the record."""
+        states = windowed.settled(self.states)
+        if states is None:
+            return None
+        other = copy(self)
+        other.states = states
+        return other
 
     def hand_on(self, slow: np.ndarray, motion: _Motion) -> None:
         """Let each window begin with what the one before hands on."""
@@ -189,7 +217,7 @@ class Estimate:
             ends = np.cumsum([int(part.used.sum()) for part in one.parts])[:-1]
             for part, own in zip(one.parts, np.split(self._motions[run].residual, ends), strict=True):
                 found[part.place] = -own
-        return found
+        return self.problem.together(found)
 
     @property
     def readings(self) -> dict[str, Mapping[str, np.ndarray]]:
@@ -214,7 +242,8 @@ class Estimate:
         per_turn, self._columns = self._windows_a_turn(), None
         for run in self.problem.runs:
             parts = [part for part in self.problem.parts if part.series.run == run]
-            one = self._runs[run] = _Run(parts, self._windowed(run, self.values), per_turn, jump, turns)
+            shared = self.problem.shared_changes(run)
+            one = self._runs[run] = _Run(parts, shared, self._windowed(run, self.values), per_turn, jump, turns)
             self._slow[run] = one.states.slow.copy()
             deviance, readings = deviance + one.filtered.deviance, readings + one.filtered.readings
         return deviance / max(readings, 1.0)
@@ -233,12 +262,8 @@ class Estimate:
         return {run: one.motion(self._windowed(run, values), slow[run]) for run, one in self._runs.items()}
 
     def _cost(self, values: np.ndarray, slow: Mapping, motions: Mapping[str, _Motion], jump: float) -> float:
-        total = float(np.sum((self.prior * (values - self._nominal)) ** 2))
-        for run, motion in motions.items():
-            gap = turned(slow[run][1:], motion.ends[:-1])[motion.done[:-1]]
-            first = turned(slow[run][0], self._runs[run].first) / self.settings.first_state
-            total += float(motion.residual @ motion.residual + np.sum((gap / jump) ** 2) + first @ first)
-        return total
+        of_runs = (self._runs[run].cost(slow[run], motion, jump, self.settings) for run, motion in motions.items())
+        return float(np.sum((self.prior * (values - self._nominal)) ** 2)) + sum(of_runs)
 
     def _by_states(self, values: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Derivatives by the state of each window: of residuals (2, n, d), by whether the window is an even one, and of
@@ -311,10 +336,12 @@ class Estimate:
         for run, one in self._runs.items():
             motion, slow = self._motions[run], self._slow[run]
             (by_value, end_by_value), (own, ends) = columns[run], by_states[run]
+            # errors of the drive follow the parameters: they are where they are likeliest
+            by_value = np.hstack([by_value, one.shared])
             count, d = slow.shape
             diagonal, below = np.zeros((count, d, d)), np.zeros((count - 1, d, d))
-            border, slope = np.zeros((count, d, m)), np.zeros((count, d))
-            residual, window = motion.residual[:, None], one.window
+            border, slope = np.zeros((count, d, by_value.shape[1])), np.zeros((count, d))
+            left, window = one.without_shared(motion.residual), one.window
             for parity in (0, 1):
                 # a sample answers to its own window's state and, by the memory of noise, to that of the one before
                 at_home = window % 2 == parity
@@ -323,7 +350,7 @@ class Estimate:
                     a, w = own[parity][rows], place[rows]
                     np.add.at(diagonal, w, a[:, :, None] * a[:, None, :])
                     np.add.at(border, w, a[:, :, None] * by_value[rows][:, None, :])
-                    np.add.at(slope, w, a * residual[rows])
+                    np.add.at(slope, w, a * left[rows, None])
                 later = own[1 - parity][spilt]
                 np.add.at(below, window[spilt] - 1, later[:, :, None] * own[parity][spilt][:, None, :])
             weight = np.where(motion.done[:-1], 1.0 / jump**2, 0.0)[:, None, None]
@@ -333,23 +360,31 @@ class Estimate:
             diagonal[1:] += weight * np.eye(d)
             diagonal[:-1] += weight * (ft @ f)
             below -= weight * f
-            border[1:] -= weight * g
-            border[:-1] += weight * (ft @ g)
+            border[1:, :, :m] -= weight * g
+            border[:-1, :, :m] += weight * (ft @ g)
             slope[1:] += (weight * gap)[:, :, 0]
             slope[:-1] -= (weight * (ft @ gap))[:, :, 0]
-            hessian = hessian + by_value.T @ by_value + np.sum(weight * (gt @ g), axis=0)
-            gradient = gradient + by_value.T @ motion.residual - np.sum(weight * (gt @ gap), axis=0)[:, 0]
             first = self.settings.first_state
             diagonal[0] += np.eye(d) / first**2
             slope[0] += turned(slow[0], one.first) / first**2
             factor = cholesky_banded(_band(diagonal, below, damping), lower=True)
             determinant += 2.0 * float(np.sum(np.log(factor[0])) + d * math.log(first))
             determinant += 2.0 * d * int(motion.done[:-1].sum()) * math.log(jump)
-            border, slope = border.reshape(count * d, m), slope.reshape(count * d)
+            border, slope = border.reshape(count * d, -1), slope.reshape(count * d)
             solved = cho_solve_banded((factor, True), np.column_stack([border, slope]))
-            hessian, gradient = hessian - border.T @ solved[:, :m], gradient - border.T @ solved[:, m]
-            gain += float(slope @ solved[:, m])
-            states.append(solved)
+            square = by_value.T @ by_value - border.T @ solved[:, :-1]
+            square[:m, :m] += np.sum(weight * (gt @ g), axis=0)
+            side = by_value.T @ left - border.T @ solved[:, -1]
+            side[:m] -= np.sum(weight * (gt @ gap), axis=0)[:, 0]
+            side[m:] = -border[:, m:].T @ solved[:, -1]  # of errors where they are likeliest there is no slope
+            gain += float(slope @ solved[:, -1])
+            own_square = square[m:, m:] + np.eye(len(square) - m)
+            follow = np.linalg.solve(own_square, np.column_stack([square[m:, :m], side[m:]]))
+            hessian = hessian + square[:m, :m] - square[:m, m:] @ follow[:, :m]
+            gradient = gradient + side[:m] - square[:m, m:] @ follow[:, m]
+            gain += float(side[m:] @ follow[:, m])
+            determinant += np.linalg.slogdet(own_square)[1]
+            states.append(np.delete(solved, np.s_[m:-1], axis=1) - solved[:, m:-1] @ follow)
         return _Normal(0.5 * (hessian + hessian.T), gradient, determinant, states, gain)
 
     def fit_at(self, jump: float) -> None:
@@ -358,7 +393,11 @@ class Estimate:
             one.hand_on(self._slow[run], self._motions[run])
         if not self._runs or jump >= self.settings.filtered_above:
             self._filtered(jump, anew=not self._runs)
-        self._descend(jump, held=jump > self.settings.held_above or not self.parameters)
+        held = jump > self.settings.held_above or not self.parameters
+        self._descend(jump, held)
+        if self._settled(jump):
+            self.stages.pop()
+            self._descend(jump, held)
 
     @property
     def leads_on(self) -> bool:
@@ -374,6 +413,23 @@ class Estimate:
                     break
         return self
 
+    def branch(self, vary: Sequence[Parameter] | None = None) -> "Estimate":
+        """Another one that goes on from these states; with other parameters to `vary` if asked, the rest at nominal."""
+        other = Estimate(self.problem, self.hypothesis, self.mapping if vary is None else None, vary)
+        other._runs = {run: copy(one) for run, one in self._runs.items()}
+        other._slow, other._motions = dict(self._slow), dict(self._motions)
+        if vary is None:
+            other.stages, other._columns, other._steps = list(self.stages), self._columns, self._steps.copy()
+        return other
+
+    def to_its_end(self) -> "Estimate":
+        """Fit at all further jumps, whether that leads on or not; from states alone at those that need no filter."""
+        last = self.stages[-1].jump if self.stages else self.settings.filtered_above
+        for jump in self.settings.jumps:
+            if jump < last:
+                self.fit_at(jump)
+        return self
+
     def _filtered(self, jump: float, anew: bool) -> None:
         """Let the filter find the states, if that makes the cost smaller."""
         if anew:
@@ -385,19 +441,34 @@ class Estimate:
         if self._cost(self.values, self._slow, self._simulate(self.values, self._slow), jump) > known:
             self._runs, self._slow, self._columns = before
 
+    def _settled(self, jump: float) -> bool:
+        """Let each run of which the motion that began long before costs less go on from that: whether one does."""
+        changed = False
+        for run, one in self._runs.items():
+            windowed = self._windowed(run, self.values)
+            if (settled := one.settled(windowed)) is None:
+                continue
+            slow = settled.states.slow
+            known = one.cost(self._slow[run], self._motions[run], jump, self.settings)
+            if settled.cost(slow, settled.motion(windowed, slow), jump, self.settings) < known:
+                self._runs[run], self._slow[run], self._columns, changed = settled, slow, None, True
+        return changed
+
     def _descend(self, jump: float, held: bool) -> None:
         """Gauss-Newton steps at one jump, damped where they overreach, until the next one promises little."""
         settings = self.settings
         self._motions = self._simulate(self.values, self._slow)
         cost, damping = self._cost(self.values, self._slow, self._motions, jump), 0.0
         by_states, still = self._by_states(self.values), np.zeros(self.values.size)
-        fresh, stale = False, self._columns is None
+        fresh, stale, last = False, self._columns is None, jump <= settings.jumps[-1]
         for _ in range(settings.iterations):
             if stale:
                 self._columns = self._nothing() if held else self._by_values(self.values)
                 fresh, stale = True, False
             room = (still, still) if held else (self._low - self.values, self._high - self.values)
-            moved, negligible = False, max(1.0, settings.decrease * cost)
+            # what is poor need not be found to the last bit
+            found = last and cost <= self.problem.settings.stopping.poor_chi2_per_sample * self.problem.size
+            moved, negligible = False, max(1.0, 0.0 if found else settings.decrease * cost)
             for _ in range(8):
                 normal = self._at(jump, by_states, damping)
                 step, gain = normal.step(*room, damping)
@@ -418,7 +489,7 @@ class Estimate:
                 ends = max(decrease, promised) < negligible
             else:
                 ends, ratio, damping = True, 0.0, 0.0
-            if ends and fresh:
+            if ends and (fresh or (moved and not last)):
                 break
             fresh, stale = False, ends or ratio < settings.renewed_below
         normal = self._at(jump, by_states)
@@ -447,78 +518,106 @@ class Estimate:
             found[run] = slow + np.clip(change, -reach, reach)
         return found
 
-    def known(self, fit: Fit, ended: bool = False) -> np.ndarray:
-        """`Fit.windows` of a fit that began here; an estimate that ended earlier counts for one at its end if asked."""
-        keys = [p.key for p in fit.parameters]
-        places = [keys.index(p.key) for p in self.parameters]
-        values, rows = fit.values.copy(), np.zeros((0, fit.values.size))
-        values[places] = self.values
-        if ended or self.stages[-1].jump <= self.settings.jumps[-1]:
-            # bounds count by themselves
-            roots, vectors = np.linalg.eigh(self.stages[-1].hessian - np.diag(self.prior**2))
-            rows = np.zeros((roots.size, fit.values.size))
-            rows[:, places] = np.sqrt(np.maximum(roots, 0.0))[:, None] * vectors.T
-        return np.vstack([values, rows])
+    def fit(self) -> Fit:
+        """What was found, as a fit. Jumps count like residuals."""
+        size, count = self.problem.size, len(self.parameters)
+        residual, cost = self.residual, self.stages[-1].cost - self.cost_of_values
+        residual = residual * math.sqrt(cost / max(float(residual @ residual), 1e-300))
+        jacobian = np.zeros((size, count))
+        # bounds count by themselves
+        jacobian[:count] = _root(self.stages[-1].hessian - np.diag(self.prior**2))
+        found = Fit(self.hypothesis, self.parameters, self.values.copy(), residual, jacobian, 0, CONVERGED)
+        return replace(found, slope=np.zeros(count), in_windows=True, settings=self.problem.settings)
 
-    def scores(self, candidates: Sequence[Candidate]) -> list[tuple[float, Candidate, dict[str, float]]]:
-        """By how much each candidate would lower the deviance here if all were linear, and at which values; the most
-        first."""
-        jump = self.stages[-1].jump
-        by_states, columns = self._by_states(self.values), self._by_values(self.values)
-        without = self._normal(self.values - self._nominal, self.prior, columns, by_states, jump)
-        room = self._low - self.values, self._high - self.values
-        alone, found = without.step(*room)[1], []
+    def signatures(self, candidates: Sequence[Candidate]) -> Signatures:
+        """What candidates change here beyond what states of the pins take up, in as few rows as hold all inner
+        products. What is never small has no slope, and is left out."""
         taken = {claim for effect in self.hypothesis for claim in effect.claims}
-        for candidate in candidates:
-            if taken & candidate.claims:
-                continue
-            tried = []
-            for guess in candidate.initial_guesses:
-                if not set(guess) & set(candidate.amplitudes):  # what is never small has no slope
-                    try:
-                        tried.append(self._score(candidate, guess, jump, by_states, columns))
-                    except FAILURES:
-                        continue
-            if tried:
-                gain, values = max(tried, key=lambda each: each[0])
-                found.append((gain - alone, candidate, values))
-        return sorted(found, key=lambda each: -each[0])
+        by_states, columns, m = self._by_states(self.values), self._by_values(self.values), self.values.size
+        found: list[tuple[Candidate, Mapping[str, float], list]] = []
+        failed: dict[str, str] = {}
+        for candidate in steady_first(candidate for candidate in candidates if not taken & candidate.claims):
+            steady = next((own[0] for each, _, own in found if each.label == candidate.steady_counterpart), None)
+            guesses = [guess for guess in candidate.initial_guesses if not set(guess) & set(candidate.amplitudes)]
+            if steady and guesses:
+                *rest, carrier, residual = self._in_time(_wide(columns, [steady]), by_states).T
+                guesses = swinging_shapes(self.problem, candidate, residual, np.array(rest).T, carrier)
+            for shapes in guesses:
+                try:
+                    found.append((candidate, shapes, self._by_amplitudes(candidate, shapes)))
+                except FAILURES as error:
+                    failed[candidate.label] = str(error)
+        rows = self._rows(_wide(columns, [column for *_, own in found for column in own]), by_states)
+        residual, entries, begin = rows[:, -1], [], m
+        for candidate, shapes, own in found:
+            changes, begin = rows[:, begin : begin + len(own)], begin + len(own)
+            offsets = np.array([here for _, here in self._amplitudes(candidate)])
+            origin = residual - changes @ offsets if offsets.any() else residual
+            entries.append(Signature(candidate, dict(shapes), changes, origin, tuple(self.problem.runs)))
+        failed = {label: why for label, why in failed.items() if label not in {each.label for each, *_ in found}}
+        return Signatures(self.parameters, self.values.copy(), rows[:, :m], residual, entries, failed)
 
-    def _score(
-        self, candidate: Candidate, guess: Mapping[str, float], jump: float, by_states: Mapping, columns: Mapping
-    ) -> tuple[float, dict[str, float]]:
-        own = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates_in(self.problem.runs)}
-        absent = {key: guess.get(key, 0.0 if key in candidate.amplitudes else None) for key in own}
-        by_key = {p.key: p for p in candidate.coordinates}
-        at = self.mapping | {own[key]: by_key[key].nominal if value is None else value for key, value in absent.items()}
-        amplitudes = [by_key[key] for key in own if key in candidate.amplitudes]
-        both, steps, further = (*self.hypothesis, candidate), [], []
-        # a nuisance that it replaces goes on from where it is
-        for name, amplitude in candidate.replaces.items():
-            if name in self.mapping and own.get(amplitude):
-                at[own[amplitude]] = self.mapping[name] - next(p.nominal for p in self.parameters if p.key == name)
-        for p in amplitudes:
-            here = at[own[p.key]]
+    def _amplitudes(self, candidate: Candidate) -> list[tuple[Parameter, float]]:
+        """Amplitudes of an effect that is absent, and what they are: that of one that replaces a nuisance is what this
+        has beyond nominal."""
+        beyond = {p.key: self.mapping[p.key] - p.nominal for p in self.parameters}
+        replaced = {amplitude: beyond.get(name, 0.0) for name, amplitude in candidate.replaces.items()}
+        own = (p for p in candidate.coordinates_in(self.problem.runs) if p.key in candidate.amplitudes)
+        return [(p, replaced.get(p.key, 0.0)) for p in own]
+
+    def _by_amplitudes(self, candidate: Candidate, shapes: Mapping[str, float]) -> list[_Columns]:
+        """Derivatives by the amplitudes of an effect that is absent, one after the other."""
+        label, amplitudes, found = candidate.label, self._amplitudes(candidate), []
+        at = self.mapping | {
+            f"{label}.{p.key}": shapes.get(p.key, p.nominal) for p in candidate.coordinates_in(self.problem.runs)
+        }
+        at |= {f"{label}.{p.key}": here for p, here in amplitudes}
+        for p, here in amplitudes:
             step = p.step if here + p.step <= p.high else -p.step
-            further.append(self._by_value(p.run, step, at | {own[p.key]: here + step}, both))
-            steps.append((p.low - here, p.high - here))
-        wide = {
-            run: tuple(
-                np.concatenate([columns[run][j], np.stack([c[run][j] for c in further], axis=-1)], axis=-1)
-                for j in (0, 1)
-            )
-            for run in self._runs
-        }
-        more = np.zeros(len(amplitudes))
-        off = np.append(self.values - self._nominal, more)
-        normal = self._normal(off, np.append(self.prior, more), wide, by_states, jump)
-        low, high = np.array(steps).T
-        step, gain = normal.step(np.append(self._low - self.values, low), np.append(self._high - self.values, high))
-        # nuisances begin where they are: what is far from here moves them by less than slopes say
-        sizes = {
-            own[p.key]: at[own[p.key]] + float(s) for p, s in zip(amplitudes, step[self.values.size :], strict=True)
-        }
-        return gain, at | sizes
+            moved = at | {f"{label}.{p.key}": here + step}
+            found.append(self._by_value(p.run, step, moved, (*self.hypothesis, candidate)))
+        return found
+
+    def _rows(self, columns: _Columns, by_states: Mapping) -> np.ndarray:
+        """Columns, and the residual last, beyond what states take up: (n, m + 1), all but the first m + 1 rows 0."""
+        m = next(iter(columns.values()))[0].shape[1]
+        normal = self._normal(np.zeros(m), np.zeros(m), columns, by_states, self.stages[-1].jump)
+        cost = self.stages[-1].cost - self.cost_of_values - normal.gain
+        square = np.block([[normal.hessian, normal.gradient[:, None]], [normal.gradient[None, :], np.array([[cost]])]])
+        rows = np.zeros((max(self.problem.size, m + 1), m + 1))
+        rows[: m + 1] = _root(square)
+        return rows
+
+    def _in_time(self, columns: _Columns, by_states: Mapping) -> np.ndarray:
+        """Columns, and the residual last, at the samples, beyond what states take up: (n, m + 1)."""
+        m = next(iter(columns.values()))[0].shape[1]
+        normal = self._normal(np.zeros(m), np.zeros(m), columns, by_states, self.stages[-1].jump)
+        found = np.zeros((self.problem.size, m + 1))
+        for (run, one), solved in zip(self._runs.items(), normal.states, strict=True):
+            left = np.column_stack([columns[run][0], self._motions[run].residual])
+            follow = solved.reshape(*self._slow[run].shape, m + 1)
+            for parity in (0, 1):
+                window = np.maximum(np.where(one.window % 2 == parity, one.window, one.window - 1), 0)
+                left -= np.einsum("nd,ndm->nm", by_states[run][0][parity], follow[window])
+            ends = np.cumsum([int(part.used.sum()) for part in one.parts])[:-1]
+            for part, own in zip(one.parts, np.split(left, ends), strict=True):
+                found[part.place] = own
+        return found
+
+
+def _wide(columns: _Columns, further: Sequence[_Columns]) -> _Columns:
+    """Derivatives with further ones beside them."""
+    return {
+        run: tuple(np.concatenate([own[j], *(each[run][j][..., None] for each in further)], axis=-1) for j in (0, 1))
+        for run, own in columns.items()
+    }
+
+
+def _root(square: np.ndarray) -> np.ndarray:
+    """Rows of which the inner products are a matrix that is symmetric and, but for rounding, not negative."""
+    scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
+    values, vectors = np.linalg.eigh(square / np.outer(scale, scale))
+    return np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * scale
 
 
 def _both(motion: _Motion, other: _Motion, change: np.ndarray) -> np.ndarray:
@@ -571,41 +670,69 @@ def compete(estimates: Sequence[Estimate], below: float = math.inf) -> list[Esti
             except FAILURES:
                 failed.append(estimate)
         going = [each for each in going if each not in failed and each.leads_on]
-        if going and jump <= going[0].settings.compared_below:
+        if going and jump <= (settings := going[0].settings).held_above:
             least = min(each.stages[-1].deviance for each in going)
-            far = going[0].settings.far_behind * going[0].problem.size
-            going = [each for each in going if each.stages[-1].deviance <= least + far]
+            # with large jumps the true effect need not lead yet, but leaves no more than noise
+            far = settings.far_behind if jump <= settings.compared_below else settings.far_before
+            going = [each for each in going if each.stages[-1].deviance <= least + far * each.problem.size]
     return sorted((each for each in estimates if each not in failed), key=lambda each: each.best.deviance)
 
 
-def fitted_from(estimate: Estimate, differences: FiniteDifferences, sufficient_chi2: float = math.inf) -> Fit:
-    """The fit that an estimate leads to.
+def fitted(
+    problem: Problem,
+    hypothesis: Hypothesis = (),
+    start: Mapping[str, float] | None = None,
+    known_derivatives: Mapping[str, np.ndarray] | None = None,
+    differences: FiniteDifferences | None = None,
+    *,
+    refresh: bool = False,
+    vary: Sequence[Parameter] | None = None,
+    sufficient_chi2: float = np.inf,
+) -> Fit:
+    """A hypothesis fitted: in windows of the record where joints are loose, else to one trajectory of each run, to
+    which all but the first three arguments and `vary` are (`jointgap.identification.fit.fit_hypothesis`)."""
+    at = dict(start or {})
+    if not has_windows(problem, hypothesis, at):
+        more = {"refresh": refresh, "vary": vary, "sufficient_chi2": sufficient_chi2}
+        return fit_hypothesis(problem, hypothesis, at, known_derivatives, differences, **more)
+    estimate = Estimate(problem, hypothesis, at, vary)
+    try:
+        if not hypothesis and not at:
+            estimate = as_it_stands(problem).branch(vary)
+        else:
+            estimate.anneal(estimate.settings.jumps[0])
+        return estimate.to_its_end().fit()
+    except FAILURES as error:
+        residual, values = np.full(problem.size, np.nan), estimate.values
+        nothing = np.empty((problem.size, 0))
+        return Fit(hypothesis, estimate.parameters, values, residual, nothing, 0, FAILED, str(error), in_windows=True)
 
-    Of joints that became loose it is the estimate itself: the base, with ideal joints, has no states. Beside joints
-    that are loose it is one of one trajectory of each run, as that of the base: it begins where the estimate ended,
-    and knows that.
-    """
-    problem, hypothesis = estimate.problem, estimate.hypothesis
-    ended = estimate.stages[-1].jump <= estimate.settings.jumps[-1]
-    if ended and not has_windows(problem, (), estimate.mapping):
-        return _fit_of(estimate)
-    fit = fit_hypothesis(
-        problem, hypothesis, estimate.mapping, differences=differences, sufficient_chi2=sufficient_chi2
-    )
-    return replace(fit, windows=estimate.known(fit))
+
+def as_it_stands(problem: Problem) -> Estimate:
+    """The model as it stands at its best jump: at smaller ones a wrong model hides what it lacks in other valleys."""
+    if problem.as_it_stands is None:
+        first, *jumps = problem.settings.windows.jumps[1:]
+        best = Estimate(problem, ())
+        best.fit_at(first)
+        for jump in jumps:
+            further = best.branch()
+            further.fit_at(jump)
+            if further.best is not further.stages[-1]:
+                break
+            best = further
+        problem.as_it_stands = best
+    return problem.as_it_stands
 
 
-def _fit_of(estimate: Estimate) -> Fit:
-    """An estimate at its end as a fit. Jumps count like residuals."""
-    size, count = estimate.problem.size, len(estimate.parameters)
-    residual, cost = estimate.residual, estimate.stages[-1].cost - estimate.cost_of_values
-    residual = residual * math.sqrt(cost / max(float(residual @ residual), 1e-300))
-    settings = estimate.problem.settings
-    blank = np.zeros((size, count))
-    fit = Fit(estimate.hypothesis, estimate.parameters, estimate.values.copy(), residual, blank, 0, CONVERGED)
-    windows = estimate.known(fit)
-    blank[:count] = windows[1:]
-    return replace(fit, slope=np.zeros(count), windows=windows, settings=settings)
+def signatures_about(
+    problem: Problem, fit: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
+) -> Signatures:
+    """What candidates, by default all that slopes lead to, change about a fit; in windows about the model
+    `as_it_stands`."""
+    if not fit.in_windows:
+        return simulate_signatures(problem, fit, differences, candidates)
+    candidates = problem.model.candidates if candidates is None else candidates
+    return as_it_stands(problem).branch().signatures([one for one in candidates if not one.search_range])
 
 
 class Prediction(NamedTuple):
@@ -621,27 +748,5 @@ def predicted(
 ) -> Prediction:
     """What is predicted from the states of loose joints that are most likely at `values`; some of these may `vary`."""
     estimate = Estimate(problem, hypothesis, values, vary)
-    for jump in estimate.settings.jumps:
-        estimate.fit_at(jump)
+    estimate.anneal(estimate.settings.jumps[0]).to_its_end()
     return Prediction(estimate.mapping, estimate.residual, estimate.readings)
-
-
-def intervals_in_windows(problem: Problem, fit: Fit) -> Fit | None:
-    """A fit to one trajectory with its intervals from windows; None where it has none.
-
-    Of one trajectory differences are noise where impacts pass samples, and its valley is narrower than what is known:
-    the curvature is that of the marginal likelihood at the last jump, and how far the two ends are apart is a shift of
-    the values.
-    """
-    if fit.status == FAILED or not has_windows(problem, fit.hypothesis, fit.mapping):
-        return None
-    windows = fit.windows
-    if windows is None or len(windows) == 1:
-        try:
-            windows = Estimate(problem, fit.hypothesis, fit.mapping).anneal().known(fit, ended=True)
-        except FAILURES:
-            return None
-    jacobian = np.zeros(fit.jacobian.shape)
-    jacobian[: len(windows) - 1] = windows[1:]
-    slope, shifts = np.zeros(fit.values.size), windows[:1] - fit.values
-    return replace(fit, jacobian=jacobian, slope=slope, shifts=shifts, draws=None)

@@ -25,7 +25,7 @@ from jointgap.identification.initial_fit import (
     with_nuisances_of,
     without_other_effects,
 )
-from jointgap.identification.likelihood import has_windows, intervals_in_windows
+from jointgap.identification.likelihood import fitted
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import (
     LinearizedFit,
@@ -91,7 +91,7 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
     part of what the effect explains; of more than that, the small part is what a second effect has to gain.
     """
     best = _best_alone(fits)
-    if best is None or best.in_windows:  # states make up for numerics
+    if best is None:
         return limits
     nuisances = orthonormal(baseline.base.jacobian)
     try:
@@ -110,7 +110,7 @@ def second_effect_gain(problem: Problem, fits: Sequence[Fit], second: Thresholds
     """What a second effect has to gain [BIC] by thresholds from `two_effect_thresholds`: where a single one is
     sufficient, more than fits gain by ending on either side of a jump (`nonlinearity`)."""
     best = _best_alone(fits)
-    is_sufficient = best is not None and not best.in_windows and reduced_chi2(best) <= second.omnibus
+    is_sufficient = best is not None and reduced_chi2(best) <= second.omnibus
     return max(second.max_gain_threshold, nonlinearity(problem, best) if is_sufficient else 0.0)
 
 
@@ -128,6 +128,8 @@ def nonlinearity(problem: Problem, fit: Fit) -> float:
 
     In units of chi2; `fit` is one to the `problem`.
     """
+    if fit.in_windows:
+        return 0.0
     errors, largest = np.sqrt(np.diag(fit.covariance())), 0.0
     for p, value, error in zip(fit.parameters, fit.values, errors, strict=True):
         step = min(error, value - p.low, p.high - value)
@@ -167,8 +169,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
     lowest = lowest_of_each(fits)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
-    # in windows of the record nuisances were found from no start at all: none is to be copied
-    if not has_windows(problem, (), base.mapping):
+    if not base.in_windows:  # there nuisances were found from no start at all: none is to be copied
         base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
     if problem.has_statistics:
         base, lowest = leading_over_ensembles(problem, base, lowest)
@@ -227,7 +228,7 @@ def fit_look_alikes(baseline: Baseline, signatures: Signatures, best: Fit) -> li
     problem, found = baseline.problem, []
     subspaces = SignatureSubspaces(signatures, problem.settings.screening)
     for out in best.hypothesis:
-        if out.label not in subspaces.of or best.windows is not None:
+        if out.label not in subspaces.of or best.in_windows:
             continue
         rest = without_other_effects(problem, best, tuple(one for one in best.hypothesis if one is not out))
         space, regression = subspaces.span([out.label]), SignatureRegression(signatures.about(rest), rest.hypothesis)
@@ -354,10 +355,8 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
     def stated(fit: Fit) -> Fit:
-        in_windows = intervals_in_windows(baseline.problem, fit)
-        if in_windows is None:
-            fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
-        return with_other_ends(in_windows or fit, found)
+        fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
+        return with_other_ends(fit, found)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
     if decision.verdict == PARAMETERS_ONLY:  # else something is missing, and its parameters are not to be believed
@@ -375,10 +374,7 @@ def _needed(baseline: Baseline, signatures: Signatures, decision: Decision, done
     for kind, label, fit in decision.needs:
         if (kind, label) not in done:
             done.add((kind, label))
-            if kind == ALONE and not fit.in_windows:
-                fits += _fit_alone(baseline, fit, label)
-            elif kind != ALONE:
-                fits += fit_look_alikes(baseline, signatures, fit)
+            fits += _fit_alone(baseline, fit, label) if kind == ALONE else fit_look_alikes(baseline, signatures, fit)
     return fits
 
 
@@ -388,7 +384,8 @@ def _fit_alone(baseline: Baseline, pair: Fit, label: str) -> list[Fit]:
     own = {key: value for key, value in pair.mapping.items() if "." not in key or key.startswith(f"{label}.")}
     shared = {p.key: p.nominal for p in baseline.problem.nuisances if p.run is None and p.key in own}
     starts = own, own | shared
-    return [fit_hypothesis(baseline.problem, kept, start, differences=baseline.differences) for start in starts]
+    starts = starts[:1] if pair.in_windows else starts
+    return [fitted(baseline.problem, kept, start, differences=baseline.differences) for start in starts]
 
 
 def with_other_ends(fit: Fit, others: Sequence[Fit]) -> Fit:

@@ -572,16 +572,18 @@ def numerics_noise(
     values: Mapping[str, float],
     noise: Mapping[Key, Noise],
     settings: NoiseSettings = DEFAULT_SETTINGS.noise,
+    of_drives_alone: bool = False,
 ) -> dict[Key, Noise]:
-    """The noise together with what equally good numerics predict differently, and with the errors of what drives
-    runs.
+    """The noise together with what equally good numerics predict differently, unless states that are estimated make up
+    for that, and with the errors of what drives runs.
     """
     changed, statistics = dict(noise), {series.key for series in model.series if series.statistic}
     for run in runs_of(model):
         nuisances = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
-        usual = model.simulate(run, nuisances)
+        numbers = range(0) if of_drives_alone else range(1, len(model.numerics) + 1)
+        usual = model.simulate(run, nuisances) if numbers else {}
         squares = {channel: [] for channel in usual}
-        for number in range(1, len(model.numerics) + 1):
+        for number in numbers:
             try:
                 other = model.simulate(run, nuisances, numerics=number)
             except (InputError, SimulationError):

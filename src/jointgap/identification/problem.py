@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter, lfiltic
@@ -48,6 +49,7 @@ class SharedErrors:
     def __init__(self, changes: np.ndarray):
         self._directions, sizes, _ = np.linalg.svd(changes, full_matrices=False)
         self._excess = 1.0 - 1.0 / np.hypot(1.0, sizes)
+        self.changes = self._directions * sizes  # as few columns as there are directions
 
     def whiten(self, residual: np.ndarray) -> np.ndarray:
         """Residuals (n,) with covariance I + changes changes' as independent numbers of variance 1.
@@ -157,6 +159,7 @@ class Problem:
         self.model = model
         self.settings = settings
         self.simulations = 0
+        self.as_it_stands: Any = None  # kept by `jointgap.identification.likelihood.as_it_stands`
         self.parts: list[Part] = []
         begin = 0
         for series in model.series:
@@ -230,6 +233,23 @@ class Problem:
             if run in self._shared:
                 place, errors = self._shared[run]
                 residual[place] = errors.whiten(residual[place])
+        return residual
+
+    def shared_changes(self, run: str) -> np.ndarray:
+        """What each error that series of a run share, of variance 1, changes in the run's residuals, (n, e)."""
+        places = np.concatenate([np.arange(p.place.start, p.place.stop) for p in self.parts if p.series.run == run])
+        if run not in self._shared:
+            return np.zeros((places.size, 0))
+        sharing, errors = self._shared[run]
+        changes = np.zeros((self.size, errors.changes.shape[1]))
+        changes[sharing] = errors.changes
+        return changes[places]
+
+    def together(self, residual: np.ndarray) -> np.ndarray:
+        """Residuals (n,) of which each series is whitened by itself, with the errors that series share whitened too."""
+        residual = residual.copy()
+        for sharing, errors in self._shared.values():
+            residual[sharing] = errors.whiten(residual[sharing])
         return residual
 
     def _shared_errors(self, run: str) -> tuple[np.ndarray, SharedErrors] | None:

@@ -227,15 +227,17 @@ def simulate_signatures(
         candidates = [one for one in problem.model.candidates if problem.has_statistics or not one.is_rough]
     taken = {name for effect in base.hypothesis for name in effect.claims}
     candidates = [candidate for candidate in candidates if not taken & candidate.claims]
-    steady_first = sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart))
-    for candidate in followed(steady_first, "effects to screen"):
+    for candidate in followed(steady_first(candidates), "effects to screen"):
         steady = [signature for signature in entries if signature.candidate.label == candidate.steady_counterpart]
         try:
             origin = base.residual
             if candidate.replaces:
                 absent = _absent(candidate, candidate.initial_guesses[0], base)
                 origin = problem.residual(absent, (*base.hypothesis, candidate))
-            for shapes in _initial_shapes(problem, base, candidate, steady):
+            guesses = candidate.initial_guesses
+            if steady:
+                guesses = swinging_shapes(problem, candidate, base.residual, base.jacobian, steady[0].columns[:, 0])
+            for shapes in guesses:
                 try:
                     entries.append(_signature(problem, base, differences, candidate, shapes, origin))
                 except (InputError, SimulationError) as error:
@@ -248,16 +250,20 @@ def simulate_signatures(
     return Signatures(base.parameters, base.values, base.jacobian, base.residual, finite, failed)
 
 
-def _initial_shapes(
-    problem: Problem, base: Fit, candidate: Candidate, steady: Sequence[Signature]
+def steady_first(candidates: Iterable[Candidate]) -> list[Candidate]:
+    """Effects that swing after the steady ones, which tell at which frequencies or orders."""
+    return sorted(candidates, key=lambda candidate: bool(candidate.steady_counterpart))
+
+
+def swinging_shapes(
+    problem: Problem, candidate: Candidate, residual: np.ndarray, jacobian: np.ndarray, carrier: np.ndarray
 ) -> Sequence[Mapping[str, float]]:
-    """Shape parameters to start from; of an effect that is a steady one swinging, at likely frequencies or orders."""
-    if not steady:
-        return candidate.initial_guesses
+    """Shapes to start from of an effect that is a steady one, `carrier` (n,), swinging: likely frequencies or orders
+    in a residual (n,) beside what nuisances change (n, k)."""
     searches = {"frequency_Hz": likely_frequencies, "order": likely_orders}
     swing = next(p for p in candidate.coordinates if p.name in searches)
-    carrier, settings = steady[0].columns[:, 0], problem.settings.screening
-    tried = searches[swing.name](problem.parts, base.residual, base.jacobian, carrier, swing, settings)
+    settings = problem.settings.screening
+    tried = searches[swing.name](problem.parts, residual, jacobian, carrier, swing, settings)
     return [{**candidate.initial_guesses[0], swing.name: value} for value in tried] or candidate.initial_guesses
 
 

@@ -154,6 +154,7 @@ class WindowSettings:
     # [rad], [crank's rates] Jump from which on what is so far behind another ends: at larger ones the true effect need
     # not lead yet
     compared_below: float = 0.1
+    far_before: float = 1.0  # [1, for each sample] And at those larger ones: as much as noise leaves
     # [1] Sizes of a clearance that are tried, by this factor: half the width of the funnel
     size_factor: float = 1.4
     tried_sizes: int = 4  # The best of these, which are tried with all shapes

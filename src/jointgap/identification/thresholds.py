@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.identification.baseline import Baseline, other_numerics
+from jointgap.identification.likelihood import signatures_about
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Signatures, SignatureSubspaces, orthonormal, simulate_signatures
+from jointgap.identification.screening import Signatures, SignatureSubspaces, orthonormal
 from jointgap.identification.verdict import Thresholds
 
 
@@ -20,7 +21,7 @@ class Screening(NamedTuple):
 
 def screen_candidates(base: Baseline, rate: float, noise_dof: float = np.inf, seed: int = 0) -> Screening:
     """Simulate every candidate at a small size, and find what null campaigns would show of them."""
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    signatures = signatures_about(base.problem, base.base, base.differences)
     numerics = other_numerics(base.problem, base.base)
     numerical_noise = base.differences.numerical_noise_chi2
     return Screening(signatures, thresholds(base.problem, signatures, numerics, rate, noise_dof, numerical_noise, seed))

@@ -1,9 +1,8 @@
-"""The search beside joints that are loose, or may be: hypotheses are fitted in windows of the record, and then as one
-trajectory."""
+"""The search where joints are loose, or may be: hypotheses are fitted in windows of the record."""
 
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -11,73 +10,111 @@ from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.likelihood import FAILURES, Estimate, compete, fitted_from, has_windows
+from jointgap.identification.likelihood import FAILURES, Estimate, compete, fitted, has_windows
 from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures
 from jointgap.identification.verdict import Thresholds
+
+Found = list[tuple[Fit | None, Estimate]]
+"""Estimates, and the fits at their ends of those that lead to one."""
 
 
 def search_in_windows(
-    baseline: Baseline, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
+    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
 ) -> list[Fit]:
-    """Fits that no slope of one trajectory leads to, best first: of what explains most beside joints that are loose;
-    unless one of these leaves noise, of clearances of joints; and unless one of all, those `alone` too, does, of the
-    best of them with what explains most of the rest.
+    """Fits in windows, best first: of what explains most beside joints that are loose; unless one of these leaves
+    noise, of clearances of joints and of films; and of the best of all, those `alone` too, with what explains most of
+    the rest.
 
     Of effects slopes in windows say how much they would explain; of clearances each of many `sizes` is tried by the
     filter over one turn of each run.
     """
-    problem, settings = baseline.problem, baseline.problem.settings.windows
-    start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
-    found, known = [], baseline.base.windows
-    if has_windows(problem, (), start):
-        if known is not None:
-            start = dict(zip(baseline.base.mapping, known[0], strict=True))
-        try:
-            base = Estimate(problem, (), start).anneal(below=math.inf if known is None else settings.jumps[0])
-            found = _fitted(baseline, _leading(base))
-        except FAILURES:
-            return []
-        start = base.mapping
+    problem, base = baseline.problem, baseline.base
+    start = base.mapping if base.in_windows else {k: v for k, v in baseline.nominal.mapping.items() if "@" in k}
+    found: Found = []
+    if base.in_windows:
+        chosen = _worth(problem, signatures, (), limits, _leaves_noise(base, limits))
+        found = _fitted(problem, [Estimate(problem, each, base.mapping | at) for each, at in chosen])
 
     def goes_on() -> bool:
-        return not any(fit and fit.status != FAILED and reduced_chi2(fit) <= limits.omnibus for fit, _ in found)
+        fits = [*([base] if base.in_windows else []), *(fit for fit, _ in found if fit)]
+        return not any(_leaves_noise(fit, limits) for fit in fits)
 
     if sizes and goes_on():
         starts = _best_sizes(problem, problem.model.candidates, start)
-        found += _fitted(baseline, [Estimate(problem, *each) for each in starts], below=math.inf)
+        found += _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
     best = min((estimate for _, estimate in found), key=lambda estimate: estimate.best.deviance, default=None)
     if best and goes_on() and all(best.stages[-1].cost < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
-            found += _fitted(baseline, _leading(best))
-    return sorted((fit for fit, _ in found if fit), key=lambda fit: fit.chi2)
+            about = best.signatures([one for one in problem.model.candidates if not one.search_range])
+            chosen = _worth(problem, about, best.hypothesis, limits)
+            found += _fitted(problem, [Estimate(problem, each, best.mapping | at) for each, at in chosen])
+    films = _films(problem, base) if base.in_windows and goes_on() else []
+    return sorted([*(fit for fit, _ in found if fit), *films], key=lambda fit: fit.chi2)
 
 
-def _leading(estimate: Estimate) -> list[Estimate]:
-    """An estimate with what would explain most of the rest added, each at its start."""
-    problem, settings = estimate.problem, estimate.settings
-    scores = estimate.scores([one for one in problem.model.candidates if not one.search_range])
-    worth = [each for each in scores[: settings.leading] if each[0] > settings.leading_share * scores[0][0]]
-    return [Estimate(problem, (*estimate.hypothesis, candidate), values) for _, candidate, values in worth]
+def _leaves_noise(fit: Fit, limits: Thresholds) -> bool:
+    return fit.status != FAILED and reduced_chi2(fit) <= limits.omnibus
 
 
-def _fitted(
-    baseline: Baseline, estimates: Sequence[Estimate], below: float | None = None
-) -> list[tuple[Fit | None, Estimate]]:
-    """Fits in windows, at all jumps but the first or those `below` some; of what is near the best of them fits to one
-    trajectory of each run. Of a clearance whose windows leave much more than noise there is none: what it rattles
-    takes minutes."""
-    problem, settings, fits = baseline.problem, baseline.problem.settings.windows, []
+def _worth(
+    problem: Problem, signatures: Signatures, effects: Hypothesis, limits: Thresholds, enough: bool = False
+) -> list[tuple[Hypothesis, dict[str, float]]]:
+    """Hypotheses of one effect more than `effects` that are worth a fit, and where its own values start: those that
+    slopes promise most of or, where it is `enough` without, more than chance and their rivals."""
+    settings, selection = problem.settings.windows, problem.settings.selection
+    singles = SignatureRegression(signatures, effects).singles()
+    if not singles:
+        return []
+    before = float(signatures.residual @ signatures.residual)
+    if enough:
+        needed = selection.linear_share * max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
+        bic = before + len(signatures.parameters) * np.log(signatures.residual.size)
+        singles = singles[: selection.partners] if bic - singles[0].bic > needed else []
+    else:
+        least = before - settings.leading_share * max(before - single.chi2 for single in singles)
+        singles = [single for single in singles if single.chi2 <= least][: settings.leading]
+    return [(single.hypothesis, _own_start(single)) for single in singles]
+
+
+def _own_start(single: LinearizedFit) -> dict[str, float]:
+    """Where the values of the effect that is new start: nuisances begin where they are, since what is far from here
+    moves them by less than slopes say."""
+    label = single.hypothesis[-1].label
+    return {key: value for key, value in single.start.items() if key.startswith(f"{label}.")}
+
+
+def _films(problem: Problem, base: Fit) -> list[Fit]:
+    """The best of all films in place of a dry joint, which is fitted to one trajectory: in a film position and speed
+    are one, so that no state is lost."""
+    tried: list[tuple[float, Candidate, dict[str, float]]] = []
+    for candidate in problem.model.candidates:
+        guesses: Iterable = candidate.initial_guesses if not candidate.search_range else ()
+        for guess in (guess for guess in guesses if set(guess) & set(candidate.amplitudes)):
+            at = base.mapping | {f"{candidate.label}.{key}": value for key, value in guess.items()}
+            if not has_windows(problem, (candidate,), at):
+                with contextlib.suppress(*FAILURES):
+                    left = problem.residual(at, (candidate,))
+                    tried.append((float(left @ left), candidate, at))
+    best = min(tried, key=lambda each: each[0], default=None)
+    return [fitted(problem, (best[1],), best[2])] if best and best[0] < base.chi2 else []
+
+
+def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None = None) -> Found:
+    """Fits at all jumps but the first or those `below` some; of what is near the best of them to their ends. A
+    clearance of which windows leave much more than noise goes no further: what it rattles takes minutes."""
+    settings, found = problem.settings.windows, []
     estimates = compete(estimates, settings.jumps[0] if below is None else below)
     for estimate in estimates:
         if estimate.best.deviance > estimates[0].best.deviance + settings.far_behind * problem.size:
             break
         poor = estimate.stages[-1].cost > problem.settings.stopping.poor_chi2_per_sample * problem.size
         if poor and any(one.search_range for one in estimate.hypothesis):
-            fits.append((None, estimate))
+            found.append((None, estimate))
             continue
-        least = min((fit.chi2 for fit, _ in fits if fit and fit.status != FAILED), default=math.inf)
-        fits.append((fitted_from(estimate, baseline.differences, least), estimate))
-    return fits
+        with contextlib.suppress(*FAILURES):
+            found.append((estimate.to_its_end().fit(), estimate))
+    return found
 
 
 def _best_sizes(

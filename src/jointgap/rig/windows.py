@@ -9,7 +9,7 @@ import numpy as np
 from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects, FoundStates
 from jointgap.dynamics import windows
-from jointgap.dynamics.parameters import MOTOR
+from jointgap.dynamics.parameters import MOTOR, Parameters
 from jointgap.dynamics.sampling import SAMPLE
 from jointgap.rig import sensors
 from jointgap.rig.drives import RunPlan, Values
@@ -17,6 +17,7 @@ from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulat
 
 TOLERANCE = 1e-11  # [m] Of a step's local error: at 1e-10 some differences are half noise, at less steps are shorter
 DIRECTIONS = {1: 12, 2: 8, 3: 6}  # In which each loose joint may be at the beginning, by how many there are
+MOTIONS_KEPT = 8  # Of what was simulated last: the present motion of each run, when many others are compared with it
 LEAD = 1e-3  # [revolutions] By which the first window begins before the record
 
 
@@ -35,6 +36,20 @@ def run_in_windows(
     films = any(joint.film_viscosity > 0.0 for joint in (p.crank_pin, p.piston_pin, p.crank_pivot))
     size = 0 if films or p.drive.kind == MOTOR else 2 * windows.loose_joints(p).size
     return RunInWindows(campaign, plan, run, rows, size) if size else None
+
+
+_KEPT: dict[bytes, tuple] = {}
+
+
+def _simulated(p: Parameters, rows: windows.Rows, states: windows.WindowStates, tolerance: float) -> tuple:
+    """`windows.simulate_windows`; the last motions are kept, as faults of sensors do not change them."""
+    numbers = (rows.angles, rows.found.times, states.slow, *states.carried, *p)
+    key = b"".join(np.ascontiguousarray(each).tobytes() for each in numbers) + bytes(repr(tolerance), "ascii")
+    found = _KEPT.pop(key, None) or windows.simulate_windows(p, rows, states.slow, states.carried, tolerance)
+    _KEPT[key] = found
+    if len(_KEPT) > MOTIONS_KEPT:
+        del _KEPT[next(iter(_KEPT))]
+    return found
 
 
 class RunInWindows:
@@ -71,6 +86,19 @@ class RunInWindows:
         place = np.searchsorted(states.edges, time - self._plan.samples.time[0], side="right") - 1
         return np.clip(place, 0, len(states.slow) - 1)
 
+    def settled(self, states: windows.WindowStates) -> windows.WindowStates:
+        """As of `WindowedRun.settled`: as a filter goes on that reads nothing."""
+        edges, p = states.edges, self._run.driven.numbers
+        length = float(np.median(np.diff(edges)))
+        before = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
+        rows, n = self._rows(np.concatenate([before, edges]), np.empty(0)), before.size
+        nothing = windows.Readings(np.empty(0, np.int64), *np.zeros((2, 0)), *np.zeros((2, rows.angles.size, 0)))
+        start, others = np.zeros((1, self.size)), np.full((n + edges.size - 1, self.size), np.nan)
+        found, _ = windows.filtered(
+            p, rows, len(others), nothing, windows.FilterSettings(0.0), start, True, others, self._run.tolerance
+        )
+        return windows.WindowStates(edges, found.slow[n:], windows.Carried(*(each[n:] for each in found.carried)))
+
     def simulate(
         self, states: windows.WindowStates
     ) -> tuple[dict[str, np.ndarray], np.ndarray, windows.Carried, np.ndarray]:
@@ -81,9 +109,7 @@ class RunInWindows:
             nonlocal rest
             sorted_angles, places = np.unique(angles, return_inverse=True)
             rows = self._rows(states.edges, sorted_angles)
-            columns, *rest = windows.simulate_windows(
-                self._run.driven.numbers, rows, states.slow, states.carried, self._run.tolerance
-            )
+            columns, *rest = _simulated(self._run.driven.numbers, rows, states, self._run.tolerance)
             return {name: values[places] for name, values in columns.items()}
 
         readings = read(self._campaign, self._plan, self._run, motion)
