@@ -24,7 +24,7 @@ class _Without:
 def frames(chain):
     """Tables of the screening, by name."""
     signatures = chain.screening.signatures
-    return signatures_to_frames(signatures) | {
+    return signatures_to_frames(signatures, chain.recalibrated.base) | {
         "screened": screened_frame(signatures, shortlist_singles(signatures, chain.screening.limits))
     }
 

@@ -31,11 +31,15 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TABLES
 from jointgap.identification import hypothesis_fits, model_selection
+from jointgap.identification.baseline import Baseline
 from jointgap.identification.confirmation import confirm, fit_run_parameters
-from jointgap.identification.fit import FAILED, fit_hypothesis
+from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesis
+from jointgap.identification.likelihood import fitted, signatures_about
 from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
+from jointgap.identification.screening import SignatureRegression
 from tests.campaign.conftest import TRUTH
+from tests.identification.oscillator import PULL, PUSH, SWING, WOBBLE, linear
 from tests.identification.toy import SPEEDS, candidate_of, stated_noise, toy
 
 
@@ -145,14 +149,27 @@ def test_fits_come_back_from_files_with_the_same_intervals(chain, tmp_path):
 def test_what_a_verdict_states_comes_back_from_files_with_what_intervals_need(chain, tmp_path):
     folder, chosen = ResultsFolder(tmp_path), chain.outcome.chosen
     shifts, draws = (np.arange(count * chosen.values.size, dtype=float).reshape(count, -1) for count in (2, 12))
-    known = {"shifts": shifts, "draws": draws, "windows": draws[:5], "gap_left": 1.5}
+    known = {"shifts": shifts, "draws": draws, "gap_left": 1.5}
     folder.write_all(fits_to_frames([replace(chosen, **known)]), "decide")
     (again,) = fits_from_frames(folder.read_all(FIT_TABLES, "decide"), chain.recalibrated.problem)
-    assert again.gap_left == 1.5
-    np.testing.assert_array_equal(again.windows, draws[:5])
+    assert again.gap_left == 1.5 and not again.in_windows
     np.testing.assert_allclose(again.half_derivative, chosen.half_derivative, rtol=1e-12)
     np.testing.assert_array_equal(again.shifts, shifts)
     np.testing.assert_array_equal(again.draws, draws)
+
+
+def test_fits_in_windows_come_back_from_files_with_their_states(tmp_path):
+    problem, folder = linear(hidden={"swing": {"size": 0.1}}), ResultsFolder(tmp_path)
+    fits = fitted(problem), fitted(problem, (SWING,)), fit_hypothesis(problem, (WOBBLE,))
+    folder.write_all(fits_to_frames(fits), "fit/0")
+    again = fits_from_frames(folder.read_all(FIT_TABLES, "fit/0"), problem)
+    assert [one.in_windows for one in again] == [True, True, False]
+    for one, other in zip(again[:2], fits, strict=False):
+        assert one.states.keys() == other.states.keys() == {"slow", "fast"}
+        for run, states in other.states.items():
+            np.testing.assert_array_equal(one.states[run], states)
+        assert one.mapping == other.mapping and one.chi2 == other.chi2
+        np.testing.assert_allclose(one.distribution.covariance, other.distribution.covariance, rtol=1e-6)
 
 
 def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
@@ -197,13 +214,60 @@ def test_noise_comes_back_from_files(chain, tmp_path):
 def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain, tmp_path):
     folder, signatures = ResultsFolder(tmp_path), chain.screening.signatures
     expected = model_selection.shortlist_singles(signatures, chain.screening.limits)
-    folder.write_all(signatures_to_frames(signatures) | {"screened": screened_frame(signatures, expected)}, "screen")
-    frames = folder.read_all(("signatures", "signature_shapes", "screened"), "screen")
-    chosen = model_selection.shortlist_singles(
-        signatures_from_frames(frames, chain.recalibrated), chain.screening.limits
-    )
+    again = from_files(folder, signatures, chain.recalibrated, expected)
+    chosen = model_selection.shortlist_singles(again, chain.screening.limits)
     assert [one.label for one in chosen] == [one.label for one in expected]
     assert [one.start for one in chosen] == [one.start for one in expected]
+    assert again.residual is chain.recalibrated.base.residual
+
+
+def from_files(folder, signatures, baseline, shortlist):
+    """Signatures about a base as a later stage reads them."""
+    frames = signatures_to_frames(signatures, baseline.base) | {"screened": screened_frame(signatures, shortlist)}
+    folder.write_all(frames, "screen")
+    return signatures_from_frames(folder.read_all(("signatures", "signature_shapes", "screened"), "screen"), baseline)
+
+
+def test_signatures_about_a_base_in_windows_are_not_those_of_its_fit_and_come_back_from_files(tmp_path):
+    turning = replace(WOBBLE, initial_guesses=({"turn": 0.5}, {"turn": 1.5}))
+    turning = replace(turning, coordinates=(*WOBBLE.coordinates, Parameter("turn", 1.0, 0.0, 2.0, 0.1)))
+    problem = linear(hidden={"swing": {"size": 0.1}}, candidates=(SWING, PUSH, turning, PULL))
+    make = problem.model.windows
+
+    def without_pull(run, values, effects=()):
+        if any(one.name == "pull" for one, _ in effects):
+            raise SimulationError("nothing pulls here")
+        return make(run, values, effects)
+
+    problem.model.windows = without_pull
+    base, differences = fitted(problem), FiniteDifferences(problem)
+    signatures = signatures_about(problem, base, differences)
+    assert np.abs(signatures.residual - base.residual).max() > 1.0
+    assert np.abs(signatures.jacobian - base.jacobian).max() > 1.0
+    singles = SignatureRegression(signatures).singles()
+    again = from_files(ResultsFolder(tmp_path), signatures, Baseline(problem, differences, base, base), singles)
+    np.testing.assert_array_equal(again.residual, signatures.residual)
+    np.testing.assert_array_equal(again.jacobian, signatures.jacobian)
+    assert again.failed == signatures.failed == {"pull": "nothing pulls here"}
+    assert [(one.candidate.label, one.shape_parameters) for one in again.entries] == [
+        ("swing", {}),
+        ("push", {}),
+        ("wobble", {"turn": 0.5}),
+        ("wobble", {"turn": 1.5}),
+    ]
+    for one, other in zip(again.entries, signatures.entries, strict=True):
+        np.testing.assert_array_equal(one.columns, other.columns)
+        np.testing.assert_array_equal(one.origin, other.origin)
+    assert not np.array_equal(again.of("push")[0].origin, again.residual)  # it begins where the drive is nominal
+    assert [one.label for one in SignatureRegression(again).singles()] == [one.label for one in singles]
+
+
+def test_so_do_the_values_about_which_they_are(tmp_path):
+    problem = linear(hidden={"swing": {"size": 0.1}})
+    base, differences = fitted(problem), FiniteDifferences(problem)
+    signatures = signatures_about(problem, base, differences)
+    again = from_files(ResultsFolder(tmp_path), signatures, Baseline(problem, differences, base, base), ())
+    np.testing.assert_array_equal(again.values, signatures.values)
 
 
 def test_parts_of_the_fits_together_are_all_of_them(chain):

@@ -116,13 +116,17 @@ class Windows:
     def settled(self, states):
         return None
 
+    def known(self, slow, per_turn):
+        if len(slow) != round(TURNS * per_turn):
+            return None
+        edges = np.linspace(0.0, TURNS * math.tau / SPEEDS[self.run], len(slow) + 1)
+        return States(edges, slow, Handed(np.zeros((len(slow), 1))))
+
     def find(self, measured, noise, per_turn, jump, turns):
         """States at rest: nothing is known of them."""
         self.model.per_turn = per_turn
         self.model.filtered.append((self.values, self.effects, jump, turns))
-        count = round(TURNS * per_turn)
-        edges = np.linspace(0.0, TURNS * math.tau / SPEEDS[self.run], count + 1)
-        states = States(edges, np.full((count, 2), self.model.rest), Handed(np.zeros((count, 1))))
+        states = self.known(np.full((round(TURNS * per_turn), 2), self.model.rest), per_turn)
         return FoundStates(states, self.model.deviance(self.effects), 1.0)
 
     def _lasting(self, t):

@@ -14,7 +14,8 @@ from jointgap.identification.initial_fit import labels_of
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.identification.thresholds import thresholds
+from jointgap.identification.thresholds import screen_candidates, thresholds
+from tests.identification.oscillator import SPRING, SWING, WOBBLE, linear
 from tests.identification.toy import candidate_of, stated_noise, toy
 
 
@@ -178,3 +179,19 @@ def test_where_a_pair_is_worth_a_fit_windows_are_asked_for_one_effect_that_does_
     (found,), seconds = fit_pairs(base, signatures, limits, alone, doubted=doubted)
     assert found is (pair if doubted else beside)  # of one hypothesis the lowest fit
     assert len(seconds) == 1
+
+
+def test_where_joints_are_loose_the_first_part_searches_for_all_in_windows_but_for_no_sizes_on_doubted_data():
+    problem = linear(hidden={"swing": {"size": 0.3}, "wobble": {"size": 0.3}}, candidates=(SWING, WOBBLE, SPRING))
+    base = recalibrate(problem.model, {part.series.key: part.noise for part in problem.parts})
+    screening = screen_candidates(base, 0.01)
+    # what leaves noise ends the search
+    limits = replace(screening.limits, omnibus=0.0)
+    assert fit_singles(base, screening.signatures, limits) == ([], [])
+    assert fit_pairs(base, screening.signatures, limits, [], part=1, parts=2) == ([], [])
+    for doubted in (False, True):
+        problem.model.filtered.clear()
+        fits, seconds = fit_pairs(base, screening.signatures, limits, [], part=0, parts=2, doubted=doubted)
+        assert labels_of(fits[0].hypothesis) == {"swing", "wobble"}
+        assert all(fit.in_windows for fit in fits) and len(fits) == len(seconds)
+        assert any("spring" in effects for _, effects, *_ in problem.model.filtered) != doubted

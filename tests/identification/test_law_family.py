@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jointgap.core.candidates import LawFamily
 from jointgap.identification import law_family, model_selection
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.fit import fit_hypothesis
@@ -19,12 +20,14 @@ from jointgap.identification.law_family import (
     shape_interval,
     with_families,
 )
+from jointgap.identification.likelihood import fitted
 from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
 from jointgap.identification.verdict import Decision
+from tests.identification.oscillator import SPRING, linear
 from tests.identification.toy import FALLING_SPEED, RINGING, Toy, candidate_of, stated_noise, toy
 
 pytestmark = pytest.mark.integration
@@ -85,6 +88,18 @@ def test_intervals_of_90_and_99_percent_hold_the_exponent_that_often():
     for rise, least, most in ((RISE_90, 80, 97), (RISE, 95, 100)):  # what all but 0.1 % of 100 draws at these rates do
         ends = [one.interval(rise) for one in profiles]
         assert least <= sum(low <= 3.0 <= high for low, high in ends) <= most
+
+
+def test_where_joints_are_loose_each_shape_is_fitted_in_windows_from_the_states_of_the_one_before():
+    problem = linear(hidden={"spring": {"size": 0.3, "damping": 0.1}}, candidates=(SPRING,))
+    problem.model.simulate = None
+    found = fitted(problem, (SPRING,), {"spring.size": 0.3, "spring.damping": 0.0})
+    problem.model.filtered.clear()
+    profile = profile_shape(problem, found, LawFamily(SPRING, "damping", 0.0, (0.0, 0.3), dict))
+    assert problem.model.filtered == []
+    error = float(np.sqrt(found.covariance()[-1, -1]))
+    ends = found.mapping["spring.damping"] + np.sqrt(RISE) * error * np.array([-1.0, 1.0])
+    assert profile.interval(RISE) == pytest.approx(ends, abs=0.2 * error)
 
 
 @pytest.mark.parametrize(("away", "held"), [(2.5, True), (2.8, True), (3.1, False)])

@@ -11,18 +11,20 @@ from scipy.optimize import least_squares
 
 from jointgap.core.candidates import Parameter
 from jointgap.core.errors import SimulationError
-from jointgap.identification.fit import FiniteDifferences, Fit
+from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesis
 from jointgap.identification.likelihood import (
     Estimate,
     _band,
+    as_it_stands,
     compete,
-    fitted_from,
+    fitted,
     has_windows,
-    intervals_in_windows,
     predicted,
+    signatures_about,
     turned,
 )
 from jointgap.identification.problem import Problem, whiten
+from jointgap.identification.screening import SignatureRegression
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.oscillator import (
     FREQUENCY,
@@ -73,7 +75,10 @@ def exact(problem: Problem, hypothesis, jump: float, per_turn: int) -> tuple[flo
         for k in range(1, count):
             mix[2 * k : 2 * k + 2, : 2 * k] = step[k - 1] @ mix[2 * k - 2 : 2 * k, : 2 * k]
         spread = np.concatenate([[first] * 2, [jump] * (2 * count - 2)])
-        covariances.append(np.eye(len(by_state)) + (by_state @ mix * spread**2) @ (by_state @ mix).T)
+        shared = problem.shared_changes(run)
+        covariances.append(
+            np.eye(len(by_state)) + (by_state @ mix * spread**2) @ (by_state @ mix).T + shared @ shared.T
+        )
 
         def mean(values, run=run, white=white, by_state=by_state, mix=mix):
             readings, ends, _, _ = read(run, values, None)
@@ -98,6 +103,15 @@ def windows(**changed):
     return replace(DEFAULT_SETTINGS, windows=replace(DEFAULT_SETTINGS.windows, **changed))
 
 
+def with_errors_of_the_drive(problem: Problem) -> Problem:
+    """The problem with errors that the channels of a run share, some of them far larger than its noise."""
+    rng, noise = np.random.default_rng(8), {}
+    for part in problem.parts:
+        waves = np.cos(np.outer(part.series.angle, [1, 2, 3]) + rng.uniform(0.0, math.tau, 3))
+        noise[part.series.key] = replace(part.noise, drive=SD * np.array([5.0, 1.0, 0.2]) * waves)
+    return Problem(problem.model, noise, settings=problem.settings)
+
+
 @pytest.fixture(scope="module")
 def hidden():
     """A problem with a hidden swing, and estimates of the base and with it."""
@@ -105,8 +119,17 @@ def hidden():
     return problem, Estimate(problem, ()).anneal(), Estimate(problem, (SWING,)).anneal()
 
 
-def test_the_deviance_is_the_marginal_likelihood_of_a_gaussian_computation(hidden):
-    problem, *estimates = hidden
+@pytest.fixture(scope="module", params=["as measured", "driven by a measured angle"])
+def either(request, hidden):
+    """The same, and with a drive of which the errors are shared."""
+    if request.param == "as measured":
+        return hidden
+    problem = with_errors_of_the_drive(hidden[0])
+    return problem, Estimate(problem, ()).anneal(), Estimate(problem, (SWING,)).anneal()
+
+
+def test_the_deviance_is_the_marginal_likelihood_of_a_gaussian_computation(either):
+    problem, *estimates = either
     compared = 0
     for estimate in estimates:
         for stage in estimate.stages:
@@ -132,20 +155,12 @@ def test_at_the_smallest_jump_the_estimate_is_the_least_squares_of_one_trajector
     assert np.abs((estimate.values - at) / np.sqrt(np.diag(covariance))).max() < 0.1
 
 
-def test_intervals_are_those_of_the_likelihood_and_reach_from_one_end_to_the_other(hidden):
-    problem, _, estimate = hidden
+def test_errors_of_a_fit_are_those_of_the_likelihood(either):
+    problem, _, estimate = either
     _, _, covariance = exact(problem, (SWING,), problem.settings.windows.jumps[-1], 4)
-    off = np.sqrt(np.diag(covariance)) * np.where(np.arange(estimate.values.size) == 0, 5.0, 0.0)
-    jacobian = np.zeros((problem.size, estimate.values.size))
-    residual = np.full(problem.size, 0.9)
-    fit = Fit((SWING,), estimate.parameters, estimate.values + off, residual, jacobian, 0, "converged")
-    found = intervals_in_windows(problem, fit)
-    errors = np.sqrt(np.diag(found.distribution.covariance))
-    assert errors[1:] == pytest.approx(np.sqrt(np.diag(covariance))[1:], rel=0.3)
-    assert errors[0] == pytest.approx(math.hypot(1.0, 5.0) * np.sqrt(covariance[0, 0]), rel=0.3)
-    kept = intervals_in_windows(problem, replace(fit, windows=estimate.known(fit)))
-    np.testing.assert_allclose(kept.distribution.covariance, found.distribution.covariance, rtol=0.05, atol=1e-9)
-    assert intervals_in_windows(problem, replace(fit, status="failed")) is None
+    fit = replace(estimate.fit(), gap_left=0.0)
+    errors = np.sqrt(np.diag(fit.distribution.covariance)) / fit.scale
+    assert errors == pytest.approx(np.sqrt(np.diag(covariance)), rel=0.05)
 
 
 def test_what_is_far_behind_a_rival_ends_at_a_larger_jump(hidden):
@@ -157,47 +172,48 @@ def test_what_is_far_behind_a_rival_ends_at_a_larger_jump(hidden):
     assert below.stages[0].jump < 0.1 and below.values == pytest.approx(best.values, abs=1e-3)
 
 
-def test_scores_rank_the_hidden_force_first_and_tell_its_gain(hidden):
-    _, base, true = hidden
-    (gain, candidate, values), (second, *_), *_ = base.scores([WOBBLE, PULL, SWING])
-    assert candidate is SWING and second < 0.5 * gain
-    jump = base.stages[-1].jump
+def test_signatures_hold_what_a_force_and_the_parameters_would_explain_together(either):
+    problem, base, true = either
+    signatures = base.signatures([SWING])
+    (own,) = signatures.entries
+    jump, count = base.stages[-1].jump, base.values.size
+    # the weak law of the parameters, as rows
+    law = np.hstack([np.diag(base.prior), np.zeros((count, 1))])
+    rows = np.vstack([np.hstack([signatures.jacobian, own.columns]), law])
+    off = base.values - np.array([p.nominal for p in base.parameters])
+    left = np.concatenate([signatures.residual, base.prior * off])
+    step, (least,), *_ = np.linalg.lstsq(rows, -left, rcond=None)
     with_it = next(stage for stage in true.stages if stage.jump == jump)
-    assert gain == pytest.approx(base.stages[-1].deviance - with_it.deviance, rel=1e-6)
-    assert values["swing.size"] == pytest.approx(0.03, abs=0.005)
+    assert left @ left == pytest.approx(base.stages[-1].cost, rel=1e-6)
+    assert least == pytest.approx(with_it.cost, rel=1e-6)
+    assert np.append(base.values, 0.0) + step == pytest.approx(with_it.values, abs=1e-5)
+    assert signatures.residual.size == problem.size
 
 
-@pytest.mark.parametrize("size", [0.03, -0.03])
-def test_scores_say_what_a_size_would_gain_beyond_what_values_do_and_to_where_it_would_go(size):
-    more = {
-        "drive": 0.2 + size,
-        "zero": 3.0 * size,
-        "hidden": {"swing": {"size": size}, "wobble": {"size": 3.0 * size}},
-    }
-    base = Estimate(linear(**more), ())
-    base.fit_at(1.0)  # where values are held
-    free = linear(settings=windows(held_above=1.0), **more)
-    without = Estimate(free, ())
-    without.fit_at(1.0)
-    for gain, candidate, values in base.scores([WOBBLE, SWING]):
-        with_it, key = Estimate(free, (candidate,)), f"{candidate.name}.size"
-        with_it.fit_at(1.0)
-        assert gain == pytest.approx(without.stages[-1].deviance - with_it.stages[-1].deviance, rel=1e-5)
-        assert values[key] == pytest.approx(with_it.mapping[key], abs=1e-5)
+def test_signatures_rank_the_hidden_force_first(hidden):
+    _, base, _ = hidden
+    signatures = base.signatures([WOBBLE, PULL, SWING])
+    first, second, *_ = SignatureRegression(signatures).singles()
+    chi2 = signatures.residual @ signatures.residual
+    assert first.label == "swing" and chi2 - second.chi2 < 0.5 * (chi2 - first.chi2)
+    assert first.start["swing.size"] == pytest.approx(0.03, abs=0.005)
 
 
-def test_what_replaces_a_nuisance_is_scored_beyond_its_bounds_and_beside_no_other_such():
+def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_stands_beside_no_other_such():
     problem = linear(drive=0.3, bounds=(0.0, 0.25))
-    ((gain, *_),) = Estimate(problem, ()).anneal().scores([PUSH])
-    assert gain > 10.0
+    base = Estimate(problem, ()).anneal()
+    signatures = base.signatures([PUSH])
+    (single,) = SignatureRegression(signatures).singles()
+    assert signatures.residual @ signatures.residual - single.chi2 > 10.0
+    assert single.start["push.size"] == pytest.approx(0.1, abs=0.02)  # beyond the nominal 0.2
     with_it = Estimate(problem, (PUSH,)).anneal()
-    assert [each.name for _, each, _ in with_it.scores([SWING, PUSH])] == ["swing"]
+    assert [each.candidate.name for each in with_it.signatures([SWING, PUSH]).entries] == ["swing"]
 
 
-def test_an_effect_that_is_never_small_is_not_scored():
+def test_an_effect_that_is_never_small_has_no_signature():
     problem = linear()
     finite = replace(SWING, initial_guesses=({"size": 0.1},))
-    assert Estimate(problem, ()).anneal().scores([finite]) == []
+    assert Estimate(problem, ()).anneal().signatures([finite]).entries == []
 
 
 def test_nothing_is_simulated_beyond_bounds():
@@ -211,7 +227,7 @@ def test_nothing_is_simulated_beyond_bounds():
 
     problem.model.windows = windows_of
     Estimate(problem, (PULL,)).anneal()
-    Estimate(problem, ()).anneal().scores([PULL])
+    Estimate(problem, ()).anneal().signatures([PULL])
     assert 0.0 <= min(drives) and max(drives) == 0.25 and min(pulls) == 0.0
     drives.clear()
     problem = linear(drive=0.1, bounds=(0.15, 0.25))
@@ -219,8 +235,8 @@ def test_nothing_is_simulated_beyond_bounds():
     assert Estimate(problem, ()).anneal().mapping["drive"] == 0.15 == min(drives)
     pulls.clear()
     limited = replace(PULL, coordinates=(replace(PULL.coordinates[0], low=-0.02, high=0.0),))
-    ((_, _, values),) = Estimate(problem, ()).anneal().scores([limited])
-    assert max(pulls) <= 0.0 and -0.02 <= values["pull.size"] <= 0.0
+    (single,) = SignatureRegression(Estimate(problem, ()).anneal().signatures([limited])).singles()
+    assert max(pulls) <= 0.0 and -0.02 <= single.start["pull.size"] <= 0.0
 
 
 def test_bounds_hold():
@@ -230,8 +246,10 @@ def test_bounds_hold():
         at = dict(zip((p.key for p in estimate.parameters), stage.values, strict=True))
         assert at["drive"] <= 0.25 and at["pull.size"] >= 0.0
     assert estimate.mapping["drive"] == 0.25 and estimate.mapping["pull.size"] == 0.0
-    ((gain, _, values),) = Estimate(problem, ()).anneal().scores([PULL])
-    assert gain == pytest.approx(0.0, abs=1e-6) and values["pull.size"] == 0.0
+    signatures = Estimate(problem, ()).anneal().signatures([PULL])
+    (single,) = SignatureRegression(signatures).singles()
+    assert single.chi2 == pytest.approx(signatures.residual @ signatures.residual, rel=1e-3)
+    assert single.start["pull.size"] == 0.0
 
 
 def test_where_a_value_is_at_its_bound_the_others_are_best_for_that():
@@ -384,10 +402,13 @@ def test_rivals_that_are_as_good_go_on_to_the_end():
     assert compete([]) == []
 
 
-def test_rivals_are_not_compared_at_large_jumps():
+def test_rivals_that_leave_much_end_at_once_and_those_that_leave_less_where_they_are_compared():
     problem = linear(hidden={"swing": {"size": 0.3}})
-    _, other = compete([Estimate(problem, (SWING,)), Estimate(problem, (WOBBLE,))])
-    assert other.stages[-1].jump in (0.3, 0.1)
+    rivals = [Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))]
+    for far_before, ends in ((0.0, 0.3), (math.inf, 0.1)):
+        problem.settings = windows(far_before=far_before)
+        _, other = compete([Estimate(problem, each.hypothesis) for each in rivals])
+        assert other.stages[-1].jump == ends
 
 
 def test_what_does_not_lead_on_ends_without_a_rival_too():
@@ -408,38 +429,61 @@ def test_what_cannot_be_simulated_is_no_rival():
     assert [each.hypothesis for each in found] == [(SWING,)]
 
 
-def test_a_fit_knows_the_curvature_of_an_estimate_that_came_to_its_end(hidden):
-    problem, _, true = hidden
-    fit = fitted_from(true, FiniteDifferences(problem))
-    assert fit.hypothesis == (SWING,) and fit.chi2 < 1.1 * problem.size
-    assert fit.windows[0] == pytest.approx(true.values)
-    hessian = true.stages[-1].hessian - np.diag(true.prior**2)
-    assert fit.windows[1:].T @ fit.windows[1:] == pytest.approx(hessian, rel=1e-6, abs=1e-6)
-    base = Estimate(problem, ())
-    base.fit_at(1.0)
-    base.fit_at(0.006)
-    fit = fitted_from(base, FiniteDifferences(problem))
-    assert fit.windows == pytest.approx(base.values[None])
-    assert len(base.known(fit, ended=True)) == 1 + base.values.size
-    # of a fit that knows no curvature it is that at the end of another estimate
-    found, other = (intervals_in_windows(problem, replace(fit, windows=each)) for each in (fit.windows, None))
-    assert found.jacobian == pytest.approx(other.jacobian) and np.abs(found.jacobian).max() > 0.0
-    assert found.shifts == pytest.approx(other.shifts)
-
-
-def test_what_cannot_be_simulated_in_windows_has_no_intervals_from_them(hidden):
+def test_the_model_as_it_stands_is_looked_at_where_its_likelihood_is_largest(hidden):
     problem, base, _ = hidden
-    fit = replace(fitted_from(base, FiniteDifferences(problem)), windows=None)
+    best, further = as_it_stands(problem)
+    assert best.stages[-1] is best.best and best.stages[-1].jump > problem.settings.windows.jumps[-1]
+    assert further.stages[-1].deviance > best.stages[-1].deviance and further.stages[:-1] == best.stages
+    assert best.stages[-1].deviance == pytest.approx(base.best.deviance, abs=0.1)
+    found = fitted(problem)
+    assert found.chi2 == pytest.approx(Estimate(problem, ()).anneal().to_its_end().fit().chi2, rel=1e-3)
+    assert signatures_about(problem, found, FiniteDifferences(problem)).residual == pytest.approx(
+        best.signatures(problem.model.candidates).residual
+    )
 
+
+def test_a_fit_in_windows_begins_at_the_states_of_one_near_by(hidden):
+    problem, _, true = hidden
+    near = true.fit()
+    problem.model.filtered.clear()
+    fit = fitted(problem, (SWING,), near.mapping | {"swing.size": 0.02}, near=near)
+    assert problem.model.filtered == []
+    assert fit.values == pytest.approx(near.values, abs=1e-4) and fit.chi2 == pytest.approx(near.chi2, rel=1e-3)
+    other = replace(near, states={run: states[:-1] for run, states in near.states.items()})
+    assert fitted(problem, (SWING,), near.mapping, near=other).chi2 == pytest.approx(near.chi2, rel=1e-3)
+    assert problem.model.filtered
+
+
+def test_where_the_motion_that_began_long_before_costs_less_windows_go_on_from_it(hidden, monkeypatch):
+    problem, _, true = hidden
+    known = true.fit().states
+    monkeypatch.setattr(
+        Windows, "settled", lambda self, states: replace(states, slow=known[self.run].copy()), raising=True
+    )
+    estimate = Estimate(problem, (SWING,), true.mapping, vary=())
+    estimate.begin_at({run: slow + 2.0 for run, slow in known.items()})
+    assert estimate._settled(0.001)
+    assert all(np.array_equal(estimate._slow[run], known[run]) for run in problem.runs)
+    estimate._motions = estimate._simulate(estimate.values, estimate._slow)
+    assert not estimate._settled(0.001)
+
+
+def test_one_trajectory_is_fitted_where_there_are_no_windows(hidden):
+    problem = linear(hidden={"swing": {"size": 0.03}}, windowed=lambda effects: False)
+    found, usual = fitted(problem, (SWING,)), fit_hypothesis(problem, (SWING,))
+    assert found.states is None and found.values == pytest.approx(usual.values)
+
+
+def test_what_cannot_be_simulated_in_windows_is_a_fit_that_failed():
     def deviance(effects):
         raise SimulationError("no states")
 
-    other = linear(hidden={"swing": {"size": 0.03}}, deviance=deviance)
-    assert intervals_in_windows(other, fit) is None
-    other.model.windowed = lambda effects: False
-    assert intervals_in_windows(other, replace(fit, windows=np.ones((4, 3)))) is None
+    problem = linear(deviance=deviance)
+    found = fitted(problem, (SWING,), {"swing.size": 0.1})
+    assert found.status == FAILED and found.reason == "no states" and found.mapping["swing.size"] == 0.1
+    problem.model.windowed = lambda effects: False
     with pytest.raises(SimulationError, match="run slow is not simulated in windows with base"):
-        Estimate(other, ()).find_states(1.0)
+        Estimate(problem, ()).find_states(1.0)
 
 
 def test_statistics_are_not_compared_in_windows():
@@ -462,10 +506,10 @@ def becoming_windowed(**more):
     return linear(hidden=hidden, windowed=lambda effects: "spring" in effects, candidates=(SPRING,), **more)
 
 
-def test_of_what_has_states_that_the_base_has_not_the_estimate_itself_is_the_fit():
+def test_an_estimate_as_a_fit_counts_jumps_like_residuals_and_leaves_the_law_of_the_parameters_out():
     problem = becoming_windowed()
     estimate = Estimate(problem, (SPRING,), {"spring.size": 0.28}).anneal()
-    fit = fitted_from(estimate, FiniteDifferences(problem))
+    fit = estimate.fit()
     assert fit.in_windows and fit.status == "converged"
     np.testing.assert_array_equal(fit.values, estimate.values)
     assert fit.mapping["spring.size"] == pytest.approx(0.3, abs=0.01)

@@ -14,14 +14,16 @@ from jointgap.identification.model_selection import (
     nonlinearity,
     refit_and_decide,
     second_effect_gain,
+    select_hypothesis,
     shortlist_singles,
     swap_one_effect,
     two_effect_thresholds,
 )
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import SignatureRegression, SignatureSubspaces, simulate_signatures
-from jointgap.identification.thresholds import thresholds
+from jointgap.identification.thresholds import screen_candidates, thresholds
 from jointgap.identification.verdict import Decision
+from tests.identification.oscillator import PULL, PUSH, SPRING, SWING, WOBBLE, linear
 from tests.identification.toy import CANDIDATES, RINGING, Toy, stated_noise, toy
 
 
@@ -288,3 +290,32 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     decision = refit_and_decide(base, signatures, [*fits, *fit_pairs(base, signatures, limits, fits)[0]], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "viscous"
+
+
+@pytest.mark.parametrize(
+    ("hidden", "candidates", "how"),
+    [
+        ({}, (SWING, WOBBLE, PULL), {}),
+        ({"swing": {"size": 0.03}}, (SWING, WOBBLE, PULL), {}),
+        ({"swing": {"size": 0.3}}, (SWING, WOBBLE, PULL), {}),
+        ({"swing": {"size": 0.3}, "wobble": {"size": 0.3}}, (SWING, WOBBLE, PULL), {}),
+        ({"push": {"size": 0.3}}, (SWING, PUSH), {"drive": 0.2, "bounds": (0.0, 0.25)}),
+        ({"spring": {"size": 0.3, "damping": 0.1}}, (SWING, SPRING), {}),
+    ],
+    ids=["nothing", "a_small_one", "a_large_one", "two", "a_nuisance_beyond_its_bounds", "a_size_that_is_searched"],
+)
+def test_where_joints_are_loose_all_is_named_from_windows_without_simulating_one_trajectory(hidden, candidates, how):
+    problem = linear(hidden=hidden, candidates=candidates, **how)
+    problem.model.simulate = None
+    base = recalibrate(problem.model, {part.series.key: part.noise for part in problem.parts})
+    signatures, limits = screen_candidates(base, 0.01)
+    fits, _ = fit_singles(base, signatures, limits)
+    fits = [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
+    decision = select_hypothesis(base, signatures, fits, limits)
+    assert decision.verdict == ("named" if hidden else "parameters_only")
+    assert {one.name for one in decision.chosen.hypothesis} == hidden.keys()
+    found, errors = decision.chosen.mapping, np.sqrt(np.diag(decision.chosen.covariance()))
+    errors = dict(zip(found, errors, strict=True))
+    for name, true in hidden.items():
+        for key, value in true.items():
+            assert abs(found[f"{name}.{key}"] - value) < 4.0 * errors[f"{name}.{key}"] < 0.05

@@ -85,3 +85,20 @@ def test_errors_that_series_share_are_whitened_to_independent_numbers():
     shared = SharedErrors(changes)
     root = np.column_stack([shared.whiten(column) for column in np.eye(40)])
     np.testing.assert_allclose(root @ (np.eye(40) + changes @ changes.T) @ root.T, np.eye(40), atol=1e-9)
+    np.testing.assert_allclose(shared.changes @ shared.changes.T, changes @ changes.T, atol=1e-9)
+
+
+def test_errors_of_the_drive_are_whitened_after_the_noise_of_each_series():
+    model, sds = read(0)
+    _, whole = problems(model, sds)
+    noise = {part.series.key: replace(part.noise, drive=None) for part in whole.parts}
+    by_series = Problem(model, noise).residual({})
+    np.testing.assert_allclose(whole.together(by_series), whole.residual({}), atol=1e-12)
+    for run in whole.runs:
+        changes = whole.shared_changes(run)
+        own = np.concatenate([by_series[part.place] for part in whole.parts if part.series.run == run])
+        likeliest = np.linalg.solve(np.eye(changes.shape[1]) + changes.T @ changes, changes.T @ own)
+        left = own - changes @ likeliest
+        together = np.concatenate([whole.residual({})[part.place] for part in whole.parts if part.series.run == run])
+        # what the likeliest errors leave, and what these cost
+        assert left @ left + likeliest @ likeliest == pytest.approx(together @ together)

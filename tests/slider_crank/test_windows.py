@@ -1,6 +1,7 @@
 """A measured run of loose joints reads in windows what it does as one settled simulation, whatever its sensors do."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,6 +69,49 @@ def test_windows_cover_the_turns_that_are_asked_for_and_each_holds_its_own_sampl
     since = time[time < time[0] + turn] - time[0]
     window = windows.window_of(since + time[0], states)
     assert np.all((states.edges[window] <= since) & (since < states.edges[window + 1]))
+
+
+@pytest.fixture(scope="module")
+def found():
+    """A run, its windows, what is read of it and the states that a filter finds in that."""
+    model = rig()
+    values = model.nominal("slow")
+    true, windows = model.simulate("slow", values), model.windows("slow", values)
+    noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in true.items()}
+    return model, windows, true, windows.find(true, noise, 16, 0.01, math.inf).states
+
+
+def test_the_motion_that_began_long_before_the_record_is_that_of_one_simulation_and_jumps_nowhere(found):
+    _, windows, true, states = found
+    states = windows.settled(replace(states, slow=states.slow + 1.0))
+    read, ends, _, done = windows.simulate(states)
+    jumps = ends[:-1] - states.slow[1:]
+    jumps[:, 0::2] -= math.tau * np.round(jumps[:, 0::2] / math.tau)
+    assert done.all() and np.abs(jumps).max() < 5e-3
+    for name, value in true.items():
+        bound = 1e-5 if name == "slider_position" else 1e-9 if name == "crank_angle" else 5e-3
+        assert np.sqrt(np.mean((read[name] - value) ** 2)) / np.std(value) < bound, name
+
+
+def test_states_are_those_of_a_run_if_there_are_as_many_of_as_many_numbers_as_its_windows_have(found):
+    _, windows, _, states = found
+    known = windows.known(states.slow, 16)
+    np.testing.assert_array_equal(known.edges, states.edges)
+    np.testing.assert_array_equal(known.slow, states.slow)
+    assert windows.known(states.slow[:-1], 16) is None
+    assert windows.known(states.slow[:, :2], 16) is None
+    assert windows.known(states.slow, 8) is None
+
+
+def test_what_a_sensor_errs_by_is_in_no_reading_but_its_own(found):
+    model, windows, _, states = found
+    effects = [(one, GAIN[one.label]) for one in model.candidates if one.label in GAIN]
+    before = windows.simulate(states)[0]
+    faulty = model.windows("slow", model.nominal("slow"), effects).simulate(states)[0]
+    again = windows.simulate(states)[0]
+    for name, value in before.items():
+        np.testing.assert_allclose(faulty[name], value * (1.1 if name == "crank_torque" else 1.0))
+        np.testing.assert_array_equal(again[name], value)
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ FIT_TABLES = (
     schema.FIT_RESIDUALS,
     schema.FIT_SHIFTS,
     schema.FIT_DRAWS,
+    schema.FIT_STATES,
 )
 NOISE_TABLES = (schema.NOISE, schema.NOISE_MEMORY, schema.NOISE_DRIVE)
 OUTCOME_TABLES = (*FIT_TABLES, schema.RANKING, schema.DECISION, schema.FIT_PARAMETERS)

@@ -128,6 +128,7 @@ def signatures_to_frames(signatures: Signatures, base: Fit) -> Frames:
     if signatures.residual is not base.residual:
         keys = [p.key for p in signatures.parameters]
         add(label_of(()), 0, dict(zip(keys, signatures.jacobian.T, strict=True)) | {_ORIGIN: signatures.residual})
+        shapes += [(label_of(()), 0, key, value) for key, value in zip(keys, signatures.values, strict=True)]
     for signature in signatures.entries:
         label = signature.candidate.label
         start = count[label] = count.get(label, -1) + 1
@@ -148,13 +149,15 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
     for row in frames["signature_shapes"].itertuples():
         shapes.setdefault((row.label, row.start), {})[row.name] = row.value
     fit, runs = base.base, base.problem.runs
-    residual, jacobian = fit.residual, fit.jacobian
+    values, residual, jacobian = fit.values, fit.residual, fit.jacobian
     by_label = {candidate.label: candidate for candidate in base.problem.model.candidates}
     signatures, factor = [], base.problem.settings.screening.secant_factor
     for (label, start), rows in frames["signatures"].groupby(["label", "start"], sort=False):
         own = {name: column.to_numpy() for name, column in rows.groupby("name", sort=False)["derivative"]}
         if label == label_of(()):
-            residual, jacobian = own.pop(_ORIGIN), np.column_stack([own[p.key] for p in fit.parameters])
+            residual, about = own.pop(_ORIGIN), shapes[label, start]
+            values = np.array([about[p.key] for p in fit.parameters])
+            jacobian = np.array([own[p.key] for p in fit.parameters]).reshape(values.size, -1).T
             continue
         candidate = by_label.get(label)
         sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []
@@ -167,7 +170,7 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
         origin, own_shapes = own.get(_ORIGIN, residual), shapes.get((label, start), {})
         signatures.append(Signature(candidate, own_shapes, derivatives, origin, runs, factor))
     failed = frames["screened"].query("kind == 'failed'").set_index("explanation")["reason"].to_dict()
-    return Signatures(fit.parameters, fit.values, jacobian, residual, signatures, failed)
+    return Signatures(fit.parameters, values, jacobian, residual, signatures, failed)
 
 
 def screened_frame(signatures: Signatures, chosen: Sequence[LinearizedFit]) -> pd.DataFrame:
@@ -205,19 +208,21 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
     """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals."""
     fits = list(fits)
     durations = [np.nan] * len(fits) if seconds is None else list(seconds)
-    parts: dict[str, list] = {name: [] for name in ("fits", "fit_values", "fit_residuals", *_MATRICES)}
+    parts: dict[str, list] = {name: [] for name in ("fits", "fit_values", "fit_residuals", "fit_states", *_MATRICES)}
     for fit, duration in zip(fits, durations, strict=True):
         failed, keys, label = fit.status == FAILED, [p.key for p in fit.parameters], {"explanation": fit.label}
         row = label | {"kind": kind_of(fit.hypothesis), "status": fit.status, "reason": fit.reason or None}
         row |= {"chi2": np.nan if failed else fit.chi2, "samples": fit.residual.size, "parameters": len(keys)}
         row |= {"bic": np.nan if failed else fit.bic, "simulations": fit.simulations, "seconds": duration}
-        parts["fits"].append(row | {"in_windows": fit.in_windows, "gap_left": fit.gap_left})
+        parts["fits"].append(row | {"gap_left": fit.gap_left})
         slope = np.nan if failed else fit.half_derivative
         parts["fit_values"].append(pd.DataFrame({"key": keys, "value": fit.values, "slope": slope}).assign(**label))
         if failed:
             continue
         residuals = pd.DataFrame({"sample": np.arange(fit.residual.size), "residual": fit.residual})
         parts["fit_residuals"].append(residuals.assign(**label))
+        for run, states in (fit.states or {}).items():
+            parts["fit_states"].append(_long(states, "window", "number", "value").assign(run=run, **label))
         jacobian = fit.jacobian if whole_jacobian else compress_rows(fit.jacobian)[0]
         matrices = jacobian, fit.shifts, fit.draws
         for (table, (count, entry)), matrix in zip(_MATRICES.items(), matrices, strict=True):
@@ -253,11 +258,16 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
             for table, (count, entry) in _MATRICES.items()
             if label in own[table]
         }
+        states = None
+        if label in own["fit_states"]:
+            of_runs = own["fit_states"][label].groupby("run", sort=False)
+            states = {run: each.pivot(index="window", columns="number", values="value") for run, each in of_runs}
+            states = {run: each.to_numpy() for run, each in states.items()}
         jacobian, shifts, draws = (matrices.get(table) for table in _MATRICES)
         if jacobian is None:
             jacobian = np.empty((problem.size, 0))
         status = row["simulations"], row["status"], row["reason"] or ""
-        known = slope, shifts, draws, problem.settings, row["gap_left"], row["in_windows"]
+        known = slope, shifts, draws, problem.settings, row["gap_left"], states
         fits.append(Fit(hypothesis, parameters, values, residual, jacobian, *status, *known))
     return fits
 
@@ -324,7 +334,7 @@ def ranking_frame(ranking: Sequence[Row], seconds: Mapping[str, float] | None = 
     fits = [ranked.fit for ranked in ranking]
     frame = fits_to_frames(fits, [(seconds or {}).get(fit.label, np.nan) for fit in fits])["fits"]
     failed = ~np.isfinite([ranked.delta_bic for ranked in ranking])
-    return frame.drop(columns="in_windows").assign(
+    return frame.assign(
         delta_bic=np.where(failed, np.nan, [ranked.delta_bic for ranked in ranking]),
         explained_share=np.where(failed, np.nan, [ranked.share for ranked in ranking]),
         passes=[ranked.passes for ranked in ranking],

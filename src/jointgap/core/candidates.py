@@ -333,6 +333,9 @@ class WindowedRun(Protocol):
         `jump`: standard deviation of a state beyond where the window before ends.
         """
 
+    def known(self, slow: np.ndarray, per_turn: int) -> Any:
+        """States that are known (k, d), of `per_turn` windows; None where these are not k."""
+
     def settled(self, states: Any) -> Any:
         """`states` of the motion that began long before the record, so that no window jumps; None where that tells
         nothing of them."""

@@ -403,9 +403,11 @@ def recalibrate(
     if has_windows(first, (), {}):
         counted = numerics_noise(model, nominal_values, noise, settings.noise, of_drives_alone=True)
         problem = Problem(model, counted, settings=settings)
-        base, nominal = fitted(problem), fitted(problem, vary=[p for p in problem.nuisances if p.run is not None])
+        base = nominal = fitted(problem)
         if base.status == FAILED:
             raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
+        if base.chi2 <= settings.decision.max_gap_of_noise**2 * problem.size:  # else nominal values are no explanation
+            nominal = fitted(problem, vary=[p for p in problem.nuisances if p.run is not None])
         return Baseline(problem, differences_at(problem, base), nominal, base)
     differences = probed_differences(first, nominal_values)
     start = fit_hypothesis(first, differences=differences)

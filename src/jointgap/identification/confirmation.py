@@ -13,8 +13,8 @@ import pandas as pd
 from jointgap.core.candidates import Model, Parameter
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import Fit, fit_hypothesis
-from jointgap.identification.likelihood import FAILURES, Prediction, predicted
-from jointgap.identification.problem import Hypothesis, Noise, Problem, unwhiten
+from jointgap.identification.likelihood import FAILURES, Prediction, as_fitted, predicted
+from jointgap.identification.problem import Hypothesis, Noise, Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
 from jointgap.identification.verdict import (
     CANNOT_TELL,
@@ -114,8 +114,8 @@ def confirm(
     """
     named = base if named is None else named
     used, frames, remarks = Problem(model, noise, settings=settings), [], {}
-    plain = _as_fitted(used, base)
-    frames.append(_compared(used, plain, plain if named is base else _as_fitted(used, named)))
+    plain = as_fitted(used, base)
+    frames.append(_compared(used, plain, plain if named is base else as_fitted(used, named)))
     runs = Problem(model, noise, held_out=True, settings=settings).runs
     problems = {run: Problem(_Alone(model, run), noise, held_out=True, settings=settings) for run in runs}
     likely_base = likeliest(problems.values(), base)
@@ -209,29 +209,13 @@ def _with_run_parameters(problem: Problem, fit: Fit) -> tuple[dict[str, float], 
     return fit.mapping | found.mapping, np.linalg.qr(moving)[0]
 
 
-def _simulated(problem: Problem, values: Mapping[str, float], hypothesis: Hypothesis = ()) -> Prediction:
-    readings = {run: problem.predict(run, values, hypothesis) for run in problem.runs}
-    return Prediction(values, problem.residual(values, hypothesis), readings)
-
-
-def _as_fitted(problem: Problem, fit: Fit) -> Prediction:
-    """The runs of a fit: of one in windows as it left them, of samples that count."""
-    if not fit.in_windows:
-        return _simulated(problem, fit.mapping, fit.hypothesis)
-    readings: dict[str, dict[str, np.ndarray]] = {run: {} for run in problem.runs}
-    for part in problem.parts:
-        white = np.full(part.used.size, np.nan)
-        white[part.used] = fit.residual[part.place]
-        missed = unwhiten(white, part.noise) * part.noise.spread
-        readings[part.series.run][part.series.channel] = part.series.value - missed
-    return Prediction(fit.mapping, fit.residual, readings)
-
-
 def _predicted(problem: Problem, fit: Fit) -> Prediction:
     """A held-out run with what it has for itself fitted to it; of a fit in windows its states too."""
     if fit.in_windows:
         return predicted(problem, fit.hypothesis, fit.mapping, _not_fitted(problem, fit))
-    return _simulated(problem, fit_run_parameters(problem, fit), fit.hypothesis)
+    values = fit_run_parameters(problem, fit)
+    readings = {run: problem.predict(run, values, fit.hypothesis) for run in problem.runs}
+    return Prediction(values, problem.residual(values, fit.hypothesis), readings)
 
 
 def _compared(problem: Problem, before: Prediction, after: Prediction) -> pd.DataFrame:

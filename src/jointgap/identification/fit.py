@@ -355,7 +355,12 @@ class Fit:
     draws: np.ndarray | None = None
     settings: IdentificationSettings = DEFAULT_SETTINGS  # Those of the problem that was fitted
     gap_left: float = 1.0  # [1] Gap on the held-out data, where these were predicted
-    in_windows: bool = False  # Whether states of loose joints were estimated too, in windows of the record
+    states: Mapping[str, np.ndarray] | None = None  # By run (k, d): those of loose joints in k windows, if estimated
+
+    @property
+    def in_windows(self) -> bool:
+        """Whether states of loose joints were estimated too, in windows of the record."""
+        return self.states is not None
 
     @property
     def label(self) -> str:

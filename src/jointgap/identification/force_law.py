@@ -143,7 +143,8 @@ def find_force_law(
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
     differences = differences or FiniteDifferences(problem)
-    best = fitted(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
+    if not best.in_windows:
+        best = fitted(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
     best = with_intervals(problem, best, differences)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
     return ForceLawResult(best, accepted, because, rivals, others, signatures.failed, ranking)

@@ -24,7 +24,8 @@ def fit_screened(
     several times as large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer.
     """
     if has_windows(problem, screened.hypothesis, screened.start):
-        return fitted(problem, screened.hypothesis, screened.start)
+        here = {p.key: float(value) for p, value in zip(signatures.parameters, signatures.values, strict=True)}
+        return fitted(problem, screened.hypothesis, here | screened.own_start)
     is_finite = any(p.key in one.shape_parameters for one in screened.signatures for p in one.amplitudes)
     # a finite amplitude is far from the base already
     start, near = (screened.start, False) if is_finite else _best_multiple(problem, screened)

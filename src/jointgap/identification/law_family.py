@@ -75,7 +75,9 @@ def fit_shape(
     for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
         for guess in family.law.initial_guesses or ({},):
             at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
-            fits.append(fitted(problem, hypothesis, start | at_guess, differences=differences, refresh=True))
+            fits.append(
+                fitted(problem, hypothesis, start | at_guess, differences=differences, refresh=True, near=found)
+            )
         if converged := [fit for fit in fits if fit.status == CONVERGED]:
             return min(converged, key=lambda fit: fit.chi2)
     return min(fits, key=lambda fit: fit.chi2)
@@ -100,7 +102,7 @@ def profile_shape(
             value = float(np.clip(value + sign * step, shape.low, shape.high))
             known = {p.key: column for p, column in zip(before.parameters, before.jacobian.T, strict=True)}
             start = before.mapping | {shape.key: value}
-            fit = fitted(problem, free.hypothesis, start, known, differences, vary=vary)
+            fit = fitted(problem, free.hypothesis, start, known, differences, vary=vary, near=before)
             if fit.status == FAILED:
                 return None
             chi2[value], before = fit.chi2, fit
@@ -301,7 +303,7 @@ def _without_idle(baseline: Baseline, found: Fit, family: LawFamily, limits: Thr
         if not rest or candidate is family.law:
             continue
         start = {key: value for key, value in found.mapping.items() if not key.startswith(f"{candidate.label}.")}
-        fit = fitted(problem, rest, start, differences=differences, refresh=True)
+        fit = fitted(problem, rest, start, differences=differences, refresh=True, near=found)
         if fit.bic - found.bic < needed:
             found = fit
     return found

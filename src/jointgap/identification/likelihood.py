@@ -28,7 +28,7 @@ from jointgap.identification.fit import (
     bounds_of,
     fit_hypothesis,
 )
-from jointgap.identification.problem import Hypothesis, Part, Problem, label_of, values_in_run, whiten
+from jointgap.identification.problem import Hypothesis, Problem, label_of, values_in_run, whiten
 from jointgap.identification.screening import Signature, Signatures, simulate_signatures, steady_first, swinging_shapes
 from jointgap.identification.settings import WindowSettings
 
@@ -66,17 +66,11 @@ class _Motion:
 class _Run:
     """A run of a problem in windows."""
 
-    def __init__(
-        self, parts: Sequence[Part], shared: np.ndarray, windowed: WindowedRun, per_turn: int, jump: float, turns: float
-    ):
-        self.parts, self.shared = parts, shared  # (n, e) what errors of the drive, of variance 1, change in residuals
-        self._weights = np.linalg.inv(np.eye(shared.shape[1]) + shared.T @ shared)
-        channels = {part.series.channel: part for part in parts}
-        measured = {name: np.where(part.used, part.series.value, np.nan) for name, part in channels.items()}
-        noise = {name: part.noise.spread for name, part in channels.items()}
-        found = windowed.find(measured, noise, per_turn, jump, turns)
-        self.states, self.filtered = found.states, found
-        self.first = self.states.slow[0].copy()
+    def __init__(self, problem: Problem, run: str, windowed: WindowedRun, states: Any):
+        self.parts, self.states = [part for part in problem.parts if part.series.run == run], states
+        self.shared = problem.shared_changes(run)  # (n, e) what errors of the drive, of variance 1, change in residuals
+        self._weights = np.linalg.inv(np.eye(self.shared.shape[1]) + self.shared.T @ self.shared)
+        self.first, parts = states.slow[0].copy(), self.parts
         self.windows = [windowed.window_of(part.series.time, self.states) for part in parts]
         self.window = np.concatenate([w[part.used] for w, part in zip(self.windows, parts, strict=True)])
 
@@ -177,8 +171,8 @@ class Estimate:
         self.problem, self.hypothesis = problem, hypothesis
         self.settings: WindowSettings = problem.settings.windows
         # whole numbers, such as the order of a torque, are held
-        varied = problem.parameters(hypothesis) if vary is None else vary
-        self.parameters = tuple(p for p in varied if not p.whole)
+        self._varied = tuple(problem.parameters(hypothesis) if vary is None else vary)
+        self.parameters = tuple(p for p in self._varied if not p.whole)
         self._fixed = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
         self._low, self._high = bounds_of(self.parameters)
         self.values = np.clip([self._fixed[p.key] for p in self.parameters], self._low, self._high)
@@ -241,11 +235,13 @@ class Estimate:
         deviance, readings = 0.0, 0.0
         per_turn, self._columns = self._windows_a_turn(), None
         for run in self.problem.runs:
-            parts = [part for part in self.problem.parts if part.series.run == run]
-            shared = self.problem.shared_changes(run)
-            one = self._runs[run] = _Run(parts, shared, self._windowed(run, self.values), per_turn, jump, turns)
-            self._slow[run] = one.states.slow.copy()
-            deviance, readings = deviance + one.filtered.deviance, readings + one.filtered.readings
+            windowed, parts = self._windowed(run, self.values), [p for p in self.problem.parts if p.series.run == run]
+            measured = {part.series.channel: np.where(part.used, part.series.value, np.nan) for part in parts}
+            noise = {part.series.channel: part.noise.spread for part in parts}
+            found = windowed.find(measured, noise, per_turn, jump, turns)
+            self._runs[run] = _Run(self.problem, run, windowed, found.states)
+            self._slow[run] = found.states.slow.copy()
+            deviance, readings = deviance + found.deviance, readings + found.readings
         return deviance / max(readings, 1.0)
 
     def _windows_a_turn(self) -> int:
@@ -295,6 +291,8 @@ class Estimate:
                 if abs(step) < TOO_LONG * self._steps[i]:
                     break
             columns.append(column)
+        if not columns:
+            return self._nothing()
         return {run: tuple(np.stack([c[run][j] for c in columns], axis=-1) for j in (0, 1)) for run in self._runs}
 
     def _nothing(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -415,12 +413,28 @@ class Estimate:
 
     def branch(self, vary: Sequence[Parameter] | None = None) -> "Estimate":
         """Another one that goes on from these states; with other parameters to `vary` if asked, the rest at nominal."""
-        other = Estimate(self.problem, self.hypothesis, self.mapping if vary is None else None, vary)
+        at, varied = (self.mapping, self._varied) if vary is None else (None, vary)
+        other = Estimate(self.problem, self.hypothesis, at, varied)
         other._runs = {run: copy(one) for run, one in self._runs.items()}
         other._slow, other._motions = dict(self._slow), dict(self._motions)
         if vary is None:
             other.stages, other._columns, other._steps = list(self.stages), self._columns, self._steps.copy()
         return other
+
+    def begin_at(self, states: Mapping[str, np.ndarray]) -> bool:
+        """Begin at states that are about right, if they are of these runs and joints: whether they are."""
+        per_turn = self._windows_a_turn()
+        for run in self.problem.runs:
+            windowed = self._windowed(run, self.values)
+            known = windowed.known(states[run], per_turn) if run in states else None
+            if known is None:
+                self._runs = {}
+                return False
+            one, slow = _Run(self.problem, run, windowed, known), states[run]
+            for _ in range(2):  # until windows begin with what those before them hand on
+                one.hand_on(slow, one.motion(windowed, slow))
+            self._runs[run], self._slow[run], self._motions[run] = one, slow, one.motion(windowed, slow)
+        return True
 
     def to_its_end(self) -> "Estimate":
         """Fit at all further jumps, whether that leads on or not; from states alone at those that need no filter."""
@@ -429,6 +443,20 @@ class Estimate:
             if jump < last:
                 self.fit_at(jump)
         return self
+
+    def polished(self) -> "Estimate":
+        """The best of what it leads to at the smaller jumps again and again, each time from the states of the last."""
+        best = self
+        for _ in range(self.settings.polishes):
+            again, before = best.branch(), best.stages
+            again.stages = []
+            again.to_its_end()
+            gain = before[-1].cost - again.stages[-1].cost if before else math.inf
+            again.stages = [*before, *again.stages]
+            best = again if gain > 0.0 else best
+            if gain < self.settings.worth_polishing:
+                break
+        return best
 
     def _filtered(self, jump: float, anew: bool) -> None:
         """Let the filter find the states, if that makes the cost smaller."""
@@ -523,11 +551,13 @@ class Estimate:
         size, count = self.problem.size, len(self.parameters)
         residual, cost = self.residual, self.stages[-1].cost - self.cost_of_values
         residual = residual * math.sqrt(cost / max(float(residual @ residual), 1e-300))
-        jacobian = np.zeros((size, count))
+        jacobian = np.zeros((size, len(self._varied)))
         # bounds count by themselves
-        jacobian[:count] = _root(self.stages[-1].hessian - np.diag(self.prior**2))
-        found = Fit(self.hypothesis, self.parameters, self.values.copy(), residual, jacobian, 0, CONVERGED)
-        return replace(found, slope=np.zeros(count), in_windows=True, settings=self.problem.settings)
+        free = [i for i, p in enumerate(self._varied) if not p.whole]
+        jacobian[:count, free] = _root(self.stages[-1].hessian - np.diag(self.prior**2))
+        values = np.array([self.mapping[p.key] for p in self._varied])
+        found = Fit(self.hypothesis, self._varied, values, residual, jacobian, 0, CONVERGED)
+        return replace(found, slope=np.zeros(values.size), states=dict(self._slow), settings=self.problem.settings)
 
     def signatures(self, candidates: Sequence[Candidate]) -> Signatures:
         """What candidates change here beyond what states of the pins take up, in as few rows as hold all inner
@@ -688,9 +718,11 @@ def fitted(
     refresh: bool = False,
     vary: Sequence[Parameter] | None = None,
     sufficient_chi2: float = np.inf,
+    near: Fit | None = None,
 ) -> Fit:
-    """A hypothesis fitted: in windows of the record where joints are loose, else to one trajectory of each run, to
-    which all but the first three arguments and `vary` are (`jointgap.identification.fit.fit_hypothesis`)."""
+    """A hypothesis fitted: in windows of the record where joints are loose, from the states of another fit if that is
+    `near`; else to one trajectory of each run, to which all else but `vary` is
+    (`jointgap.identification.fit.fit_hypothesis`)."""
     at = dict(start or {})
     if not has_windows(problem, hypothesis, at):
         more = {"refresh": refresh, "vary": vary, "sufficient_chi2": sufficient_chi2}
@@ -698,21 +730,32 @@ def fitted(
     estimate = Estimate(problem, hypothesis, at, vary)
     try:
         if not hypothesis and not at:
-            estimate = as_it_stands(problem).branch(vary)
-        else:
-            estimate.anneal(estimate.settings.jumps[0])
-        return estimate.to_its_end().fit()
+            estimate = as_it_stands(problem)[1].branch(vary).to_its_end()
+            if noise_alone(problem) < estimate.stages[-1].cost < noise_alone(problem) + problem.size:
+                estimate = estimate.polished()
+        elif near is None or not estimate.begin_at(near.states or {}):
+            estimate.anneal(estimate.settings.jumps[0]).to_its_end()
+        elif vary is None:
+            estimate = estimate.polished()
+        else:  # what is held has moved by little
+            estimate.fit_at(estimate.settings.jumps[-1])
+        return estimate.fit()
     except FAILURES as error:
-        residual, values = np.full(problem.size, np.nan), estimate.values
-        nothing = np.empty((problem.size, 0))
-        return Fit(hypothesis, estimate.parameters, values, residual, nothing, 0, FAILED, str(error), in_windows=True)
+        residual, nothing = np.full(problem.size, np.nan), np.empty((problem.size, 0))
+        return Fit(hypothesis, estimate.parameters, estimate.values, residual, nothing, 0, FAILED, str(error))
 
 
-def as_it_stands(problem: Problem) -> Estimate:
-    """The model as it stands at its best jump: at smaller ones a wrong model hides what it lacks in other valleys."""
+def noise_alone(problem: Problem) -> float:
+    """Squares of residuals up to which noise alone may leave them."""
+    return problem.size + problem.settings.baseline.noise_sigmas * math.sqrt(2.0 * problem.size)
+
+
+def as_it_stands(problem: Problem) -> tuple[Estimate, Estimate]:
+    """The model as it stands at its best jump, since at smaller ones a wrong model hides what it lacks in other
+    valleys; and at the one after that."""
     if problem.as_it_stands is None:
         first, *jumps = problem.settings.windows.jumps[1:]
-        best = Estimate(problem, ())
+        best = further = Estimate(problem, ())
         best.fit_at(first)
         for jump in jumps:
             further = best.branch()
@@ -720,7 +763,7 @@ def as_it_stands(problem: Problem) -> Estimate:
             if further.best is not further.stages[-1]:
                 break
             best = further
-        problem.as_it_stands = best
+        problem.as_it_stands = best, further
     return problem.as_it_stands
 
 
@@ -732,7 +775,7 @@ def signatures_about(
     if not fit.in_windows:
         return simulate_signatures(problem, fit, differences, candidates)
     candidates = problem.model.candidates if candidates is None else candidates
-    return as_it_stands(problem).branch().signatures([one for one in candidates if not one.search_range])
+    return as_it_stands(problem)[0].branch().signatures([one for one in candidates if not one.search_range])
 
 
 class Prediction(NamedTuple):
@@ -741,6 +784,17 @@ class Prediction(NamedTuple):
     values: Mapping[str, float]  # by key [SI]
     residual: np.ndarray  # (n,) whitened
     readings: Mapping[str, Mapping[str, np.ndarray]]  # by run and channel [unit]
+
+
+def as_fitted(problem: Problem, fit: Fit) -> Prediction:
+    """The runs of a fit: of one in windows from the states that it has."""
+    if fit.states is None:
+        readings = {run: problem.predict(run, fit.mapping, fit.hypothesis) for run in problem.runs}
+        return Prediction(fit.mapping, problem.residual(fit.mapping, fit.hypothesis), readings)
+    estimate = Estimate(problem, fit.hypothesis, fit.mapping, vary=())
+    if not estimate.begin_at(fit.states):
+        raise ValueError(f"{fit.label}: fitted to other data, as its states are of other windows")
+    return Prediction(fit.mapping, estimate.residual, estimate.readings)
 
 
 def predicted(

@@ -169,8 +169,7 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
     lowest = lowest_of_each(fits)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
-    if not base.in_windows:  # there nuisances were found from no start at all: none is to be copied
-        base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
+    base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
     if problem.has_statistics:
         base, lowest = leading_over_ensembles(problem, base, lowest)
     best = none_above_its_parts(baseline, [base, *lowest], limits)
@@ -330,7 +329,7 @@ def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float)
         if accounted >= max(needed + parameters, share * (base.chi2 - fit.chi2)):
             break
         start = with_nuisances_of(problem, base, fit)
-        again = fit_hypothesis(problem, start=start, differences=baseline.differences)
+        again = fitted(problem, start=start, differences=baseline.differences)
         base = min(base, again, key=lambda fit: fit.chi2)
     return base
 

@@ -213,6 +213,13 @@ class LinearizedFit:
         """The effects in words."""
         return label_of(self.hypothesis)
 
+    @property
+    def own_start(self) -> dict[str, float]:
+        """Where the values of effects that are new start. In windows nuisances begin where they are: what is far from
+        there moves them by less than slopes say."""
+        new = {signature.candidate.label for signature in self.signatures}
+        return {key: value for key, value in self.start.items() if key.partition(".")[0] in new}
+
 
 def simulate_signatures(
     problem: Problem, base: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None

@@ -155,6 +155,8 @@ class WindowSettings:
     # not lead yet
     compared_below: float = 0.1
     far_before: float = 1.0  # [1, for each sample] And at those larger ones: as much as noise leaves
+    polishes: int = 3  # How often the smaller jumps are gone through again at most, where valleys decide
+    worth_polishing: float = 5.0  # [1] Fall of the cost that makes another time worth it: half of what decides
     # [1] Sizes of a clearance that are tried, by this factor: half the width of the funnel
     size_factor: float = 1.4
     tried_sizes: int = 4  # The best of these, which are tried with all shapes

@@ -10,21 +10,21 @@ from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.likelihood import FAILURES, Estimate, compete, fitted, has_windows
+from jointgap.identification.likelihood import FAILURES, Estimate, compete, fitted, has_windows, noise_alone
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.screening import LinearizedFit, SignatureRegression, Signatures
+from jointgap.identification.screening import SignatureRegression, Signatures
 from jointgap.identification.verdict import Thresholds
 
 Found = list[tuple[Fit | None, Estimate]]
-"""Estimates, and the fits at their ends of those that lead to one."""
+"""Estimates where their search ended, and the fits at the ends of those that lead to one."""
 
 
 def search_in_windows(
     baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
 ) -> list[Fit]:
     """Fits in windows, best first: of what explains most beside joints that are loose; unless one of these leaves
-    noise, of clearances of joints and of films; and of the best of all, those `alone` too, with what explains most of
-    the rest.
+    noise, of clearances of joints and of films; and of the best of all, unless one of those `alone` is better, with
+    what explains most of the rest, or more than chance if it leaves noise.
 
     Of effects slopes in windows say how much they would explain; of clearances each of many `sizes` is tried by the
     filter over one turn of each run.
@@ -43,14 +43,18 @@ def search_in_windows(
     if sizes and goes_on():
         starts = _best_sizes(problem, problem.model.candidates, start)
         found += _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
-    best = min((estimate for _, estimate in found), key=lambda estimate: estimate.best.deviance, default=None)
-    if best and goes_on() and all(best.stages[-1].cost < fit.chi2 for fit in alone):
+    best = min(found, key=lambda each: each[1].best.deviance, default=None)
+    if best and all(_cost(*best) < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
-            about = best.signatures([one for one in problem.model.candidates if not one.search_range])
-            chosen = _worth(problem, about, best.hypothesis, limits)
-            found += _fitted(problem, [Estimate(problem, each, best.mapping | at) for each, at in chosen])
+            about = best[1].signatures([one for one in problem.model.candidates if not one.search_range])
+            chosen = _worth(problem, about, best[1].hypothesis, limits, not goes_on())
+            found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen])
     films = _films(problem, base) if base.in_windows and goes_on() else []
     return sorted([*(fit for fit, _ in found if fit), *films], key=lambda fit: fit.chi2)
+
+
+def _cost(fit: Fit | None, estimate: Estimate) -> float:
+    return fit.chi2 if fit else estimate.stages[-1].cost
 
 
 def _leaves_noise(fit: Fit, limits: Thresholds) -> bool:
@@ -68,20 +72,14 @@ def _worth(
         return []
     before = float(signatures.residual @ signatures.residual)
     if enough:
-        needed = selection.linear_share * max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
+        share = 1.0 if effects else selection.linear_share
+        needed = share * max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
         bic = before + len(signatures.parameters) * np.log(signatures.residual.size)
         singles = singles[: selection.partners] if bic - singles[0].bic > needed else []
     else:
         least = before - settings.leading_share * max(before - single.chi2 for single in singles)
         singles = [single for single in singles if single.chi2 <= least][: settings.leading]
-    return [(single.hypothesis, _own_start(single)) for single in singles]
-
-
-def _own_start(single: LinearizedFit) -> dict[str, float]:
-    """Where the values of the effect that is new start: nuisances begin where they are, since what is far from here
-    moves them by less than slopes say."""
-    label = single.hypothesis[-1].label
-    return {key: value for key, value in single.start.items() if key.startswith(f"{label}.")}
+    return [(single.hypothesis, single.own_start) for single in singles]
 
 
 def _films(problem: Problem, base: Fit) -> list[Fit]:
@@ -101,8 +99,9 @@ def _films(problem: Problem, base: Fit) -> list[Fit]:
 
 
 def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None = None) -> Found:
-    """Fits at all jumps but the first or those `below` some; of what is near the best of them to their ends. A
-    clearance of which windows leave much more than noise goes no further: what it rattles takes minutes."""
+    """Fits at all jumps but the first or those `below` some; of what is near the best of them to their ends, of that
+    one the best of several. A clearance of which windows leave much more than noise goes no further: what it rattles
+    takes minutes."""
     settings, found = problem.settings.windows, []
     estimates = compete(estimates, settings.jumps[0] if below is None else below)
     for estimate in estimates:
@@ -113,7 +112,10 @@ def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None
             found.append((None, estimate))
             continue
         with contextlib.suppress(*FAILURES):
-            found.append((estimate.to_its_end().fit(), estimate))
+            ended = estimate.branch().to_its_end()
+            if estimate is estimates[0] and ended.stages[-1].cost < noise_alone(problem) + problem.size:
+                estimate = ended = ended.polished()
+            found.append((ended.fit(), estimate))
     return found
 
 

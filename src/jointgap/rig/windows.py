@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from itertools import product
-from math import tau
+from math import inf, tau
 
 import numpy as np
 
@@ -85,6 +85,13 @@ class RunInWindows:
         """As of `WindowedRun.window_of`."""
         place = np.searchsorted(states.edges, time - self._plan.samples.time[0], side="right") - 1
         return np.clip(place, 0, len(states.slow) - 1)
+
+    def known(self, slow: np.ndarray, per_turn: int) -> windows.WindowStates | None:
+        """As of `WindowedRun.known`."""
+        edges = self._edges(per_turn, inf)
+        if slow.shape != (edges.size - 1, self.size):
+            return None
+        return windows.WindowStates(edges, slow, windows.resting(self._run.driven.numbers, len(slow)))
 
     def settled(self, states: windows.WindowStates) -> windows.WindowStates:
         """As of `WindowedRun.settled`: as a filter goes on that reads nothing."""
