@@ -1,7 +1,6 @@
 """Intervals of chaotic motion's parameters, from a regression over simulations that each are one realisation."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -194,7 +193,7 @@ def test_members_that_cannot_be_simulated_are_left_out_and_too_few_change_nothin
 
 def test_intervals_of_statistics_are_those_of_the_regression():
     problem = Chaotic(6)
-    found = with_intervals(problem, problem.fit(), SimpleNamespace(numerical_noise_chi2=0.0))
+    found = with_intervals(problem, problem.fit())
     assert np.array_equal(found.draws, regressed_over_ensemble(problem, problem.fit()).draws)
 
 

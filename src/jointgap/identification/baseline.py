@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from scipy.optimize import minimize
 
 from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
@@ -27,180 +26,7 @@ from jointgap.identification.settings import (
     DEFAULT_SETTINGS,
     EnsembleSettings,
     IdentificationSettings,
-    ValleySettings,
 )
-
-
-class ResidualSurrogate:
-    """Residuals about a fit of k parameters to n samples."""
-
-    def __init__(
-        self,
-        values: np.ndarray,
-        residual: np.ndarray,
-        jacobian: np.ndarray,
-        errors: np.ndarray,
-        settings: ValleySettings = DEFAULT_SETTINGS.valley,
-    ):
-        self._values, self.errors, self._settings = values, errors, settings
-        self._residual, self._jacobian = residual, jacobian
-        # of the fit itself, where the linear model is exact, and then of what was simulated
-        self._points, self._changes = np.zeros((1, values.size)), np.zeros((1, residual.size))
-        self._log_lengths = np.full(values.size, np.log(settings.usual_length))
-        self._prepare()
-
-    def add(self, points: np.ndarray, residuals: np.ndarray) -> None:
-        """Learn the `residuals` (m, n) that were simulated at `points` (m, k) [SI], and the lengths from them all."""
-        away = points - self._values
-        self._points = np.vstack([self._points, away / self.errors])
-        self._changes = np.vstack([self._changes, residuals - self._residual - away @ self._jacobian.T])
-        products = self._changes @ self._changes.T
-        apart = (self._points[:, None, :] - self._points[None, :, :]) ** 2
-        settings = self._settings
-        farthest = settings.max_length_spreads * settings.log_length_spread  # beyond, exponentials overflow
-        ends = np.log(settings.usual_length) + farthest * np.array([-1.0, 1.0])
-        found = minimize(
-            self._improbability,
-            self._log_lengths,
-            (products, apart),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=[ends] * self._log_lengths.size,
-            options={"maxiter": settings.max_length_steps},
-        )
-        self._log_lengths = found.x
-        self._prepare()
-
-    def chi2(self, points: np.ndarray) -> np.ndarray:
-        """Sum of squared residuals at `points` (m, k) [SI], (m,)."""
-        away = points - self._values
-        scaled = away / self.errors / np.exp(self._log_lengths)
-        distance = np.sum(scaled**2, axis=1)[:, None] + self._squares - 2.0 * scaled @ self._scaled.T
-        weights = np.exp(-0.5 * np.maximum(distance, 0.0)) @ self._inverse
-        factors = np.hstack([np.ones((len(points), 1)), away, weights])
-        return np.sum((factors @ self._products) * factors, axis=1)
-
-    def _prepare(self) -> None:
-        """What `chi2` needs, for the lengths and simulations that there are."""
-        self._scaled = self._points / np.exp(self._log_lengths)
-        self._squares = np.sum(self._scaled**2, axis=1)
-        apart = (self._points[:, None, :] - self._points[None, :, :]) ** 2
-        self._inverse = np.linalg.inv(self._kernel(self._log_lengths, apart))
-        rows = np.vstack([self._residual, self._jacobian.T, self._changes])
-        self._products = rows @ rows.T
-
-    def _kernel(self, log_lengths: np.ndarray, apart: np.ndarray) -> np.ndarray:
-        return np.exp(-0.5 * apart @ np.exp(-2.0 * log_lengths)) + self._settings.nugget * np.eye(len(apart))
-
-    def _improbability(
-        self, log_lengths: np.ndarray, products: np.ndarray, apart: np.ndarray
-    ) -> tuple[float, np.ndarray]:
-        """Minus the log-likelihood of the lengths per sample, for the best variance, less their prior; its derivative.
-
-        Samples are far from independent, so all of them count as one number for each simulation.
-        """
-        count, kernel = len(apart), self._kernel(log_lengths, apart)
-        inverse = np.linalg.inv(kernel)
-        explained = inverse @ products @ inverse
-        total = max(float(np.sum(inverse * products)), 1e-300)
-        by_kernel = 0.5 * inverse - 0.5 * count / total * explained
-        slope = np.einsum("ij,ijk->k", by_kernel * kernel, apart) * np.exp(-2.0 * log_lengths)
-        off = (log_lengths - np.log(self._settings.usual_length)) / self._settings.log_length_spread
-        value = 0.5 * np.linalg.slogdet(kernel)[1] + 0.5 * count * np.log(total) + 0.5 * off @ off
-        return value, slope + off / self._settings.log_length_spread
-
-
-def draws_along_valley(problem: Problem, fit: Fit, numerical_noise_chi2: float = 0.0) -> np.ndarray | None:
-    """Draws of all that a fit varies, from exp(-chi2 / 2) within the bounds.
-
-    chi2 counts less where the residual is more than noise, as in `Fit.distribution`.
-    """
-    settings, known = problem.settings.valley, fit.distribution
-    errors = np.sqrt(np.diag(known.covariance))
-    live = (errors > 0.0) & ~np.array([parameter.whole for parameter in fit.parameters])
-    if not live.any():
-        return None
-    generator = np.random.default_rng(0)
-    low, high = bounds_of(fit.parameters)
-    if known.draws is None:
-        correlation = known.covariance[np.ix_(live, live)] / np.outer(errors[live], errors[live])
-        normal = generator.multivariate_normal(np.zeros(live.sum()), correlation, settings.walkers, method="svd")
-        ensemble = np.clip(fit.values[live] + errors[live] * normal, low[live], high[live])
-    else:
-        ensemble = known.draws[generator.choice(len(known.draws), settings.walkers, replace=False)][:, live]
-    surrogate = ResidualSurrogate(fit.values[live], fit.residual, fit.jacobian[:, live], errors[live], settings)
-    bounds, inflation = (low[live], high[live]), fit.inflation
-
-    def simulate(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What can be simulated of `points`, and the residuals."""
-        kept, residuals = [], []
-        for point in points:
-            values = fit.values.copy()
-            values[live] = point
-            at = dict(zip((p.key for p in fit.parameters), map(float, values), strict=True))
-            try:
-                residuals.append(problem.residual(fit.mapping | at, fit.hypothesis))
-            except (InputError, SimulationError):
-                continue
-            kept.append(point)
-        return np.array(kept).reshape(-1, points.shape[1]), np.array(residuals).reshape(-1, problem.size)
-
-    farther = fit.values[live] + settings.probe_reach * (ensemble[: settings.probes] - fit.values[live])
-    probes, residuals = simulate(np.clip(farther, *bounds))
-    missed = np.abs(np.sum(residuals**2, axis=1) - surrogate.chi2(probes))
-    if not np.any(missed > settings.quadratic_within * inflation + numerical_noise_chi2):
-        return None
-    surrogate.add(probes, residuals)
-    for temperature in settings.temperatures:
-        ensemble = _drawn(surrogate, ensemble, bounds, temperature * inflation, generator, settings)[-len(ensemble) :]
-        points, residuals = simulate(ensemble[generator.choice(len(ensemble), settings.batch, replace=False)])
-        if len(points):
-            surrogate.add(points, residuals)
-    ensemble = _drawn(surrogate, ensemble, bounds, inflation, generator, settings)[-len(ensemble) :]
-    drawn = _drawn(surrogate, ensemble, bounds, inflation, generator, settings)
-    drawn = drawn[generator.choice(len(drawn), min(settings.kept_draws, len(drawn)), replace=False)]
-    draws = np.tile(fit.values, (len(drawn), 1))
-    draws[:, live] = drawn
-    return draws
-
-
-def _drawn(
-    surrogate: ResidualSurrogate,
-    ensemble: np.ndarray,
-    bounds: tuple[np.ndarray, np.ndarray],
-    temperature: float,
-    generator: np.random.Generator,
-    settings: ValleySettings,
-) -> np.ndarray:
-    """The ensembles (walkers, k) of the second half of the steps, every tenth, one below the other: the last is last.
-
-    The density is exp(-chi2 / (2 `temperature`)) within the `bounds` (k,). One half of the ensemble moves by
-    differences between members of the other, which stands still, so that the move is symmetric.
-    """
-    low, high = bounds
-    now, chi2 = ensemble.copy(), surrogate.chi2(ensemble)
-    count, half = ensemble.shape[1], len(ensemble) // 2
-    kept = []
-    for step in range(settings.steps):
-        for moving, standing in ((slice(half), slice(half, None)), (slice(half, None), slice(half))):
-            others = now[standing]
-            size = len(now[moving])
-            first, second = generator.integers(len(others), size=(2, size))
-            jumps = generator.random(size) < settings.long_jumps
-            gamma = np.where(jumps, 1.0, generator.uniform(0.3, 1.2, size) * 2.38 / np.sqrt(2.0 * count))
-            proposed = now[moving] + gamma[:, None] * (others[first] - others[second])
-            proposed += settings.jitter * surrogate.errors * generator.normal(size=proposed.shape)
-            inside = np.all((proposed >= low) & (proposed <= high), axis=1)
-            there = np.full(size, np.inf)
-            if inside.any():
-                there[inside] = surrogate.chi2(proposed[inside])
-            fall = np.where(inside, chi2[moving] - there, -np.inf)
-            taken = np.log(generator.random(size)) < fall / (2.0 * temperature)
-            now[moving] = np.where(taken[:, None], proposed, now[moving])
-            chi2[moving] = np.where(taken, there, chi2[moving])
-        if step >= settings.steps // 2 and (step + 1) % 10 == 0:
-            kept.append(now.copy())
-    return np.concatenate(kept)
 
 
 @dataclass(frozen=True)
@@ -473,24 +299,19 @@ def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteD
     return differences
 
 
-def with_intervals(problem: Problem, fit: Fit, differences: FiniteDifferences) -> Fit:
-    """A fit to the `problem` that knows what its intervals ask for: draws of chaotic motion's parameters, or along a
-    curved valley of chi2, or shifts.
+def with_intervals(problem: Problem, fit: Fit) -> Fit:
+    """A fit to the `problem` that knows what its intervals ask for: draws of chaotic motion's parameters, or shifts.
 
-    Where chi2 is quadratic, intervals count what other numerics, another start among them, change in the values: it is
-    projected onto the parameters as the data and the widths of the bounds determine them. Along a curved valley a
-    projection would lead astray, and there numerics count in the noise alone. Of chaotic motion the values are those of
+    Intervals count what other numerics, another start among them, change in the values: it is projected onto the
+    parameters as the data and the widths of the bounds determine them. Of chaotic motion the values are those of
     the regression, and what is left is as it was. A fit that failed, that has draws, that cannot be regressed, or that
-    cannot be simulated by other numerics, is left as it is; the `differences` know the numerical noise.
+    cannot be simulated by other numerics, is left as it is.
     """
     if fit.status == FAILED or fit.draws is not None or fit.in_windows:
         return fit
     if problem.has_statistics:
         # what is left stays as it is: by that explanations were compared
         return replace(regressed_over_ensemble(problem, fit), residual=fit.residual)
-    draws = draws_along_valley(problem, fit, differences.numerical_noise_chi2)
-    if draws is not None:
-        return replace(fit, draws=draws)
     try:
         changes = other_numerics(problem, fit)
     except (InputError, SimulationError):

@@ -1,20 +1,16 @@
-"""How far the gap shrinks on data that took no part in fitting or in choosing an explanation.
+"""How far the gap shrinks on data that took no part in fitting or in choosing an explanation."""
 
-They choose one thing: with which of the values that the fit leaves open they are predicted (`likeliest`).
-"""
-
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from jointgap.core.candidates import Model, Parameter
-from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import Fit, fit_hypothesis
 from jointgap.identification.likelihood import FAILURES, Prediction, as_fitted, predicted
-from jointgap.identification.problem import Hypothesis, Noise, Problem
+from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
 from jointgap.identification.verdict import (
     CANNOT_TELL,
@@ -107,8 +103,7 @@ def confirm(
     """Predict every run with and without the effects of the verdict.
 
     What a held-out run has for itself (its speed, its first angle) is fitted to it, for the base as well as for the
-    named effects. What all runs share stays as found on the runs for fitting; where these leave much of it open, as of
-    a joint whose contact shows at another speed, it is the `likeliest` of that. A held-out run that cannot be simulated
+    named effects. What all runs share stays as found on the runs for fitting. A held-out run that cannot be simulated
     with the named effects has no prediction and no gap after, with the reason as a remark of its gaps; all runs
     together have none either.
     """
@@ -118,12 +113,10 @@ def confirm(
     frames.append(_compared(used, plain, plain if named is base else as_fitted(used, named)))
     runs = Problem(model, noise, held_out=True, settings=settings).runs
     problems = {run: Problem(_Alone(model, run), noise, held_out=True, settings=settings) for run in runs}
-    likely_base = likeliest(problems.values(), base)
-    likely = likely_base if named is base else likeliest(problems.values(), named)
     for run, problem in problems.items():
-        before = _predicted(problem, likely_base)
+        before = _predicted(problem, base)
         try:
-            frames.append(_compared(problem, before, before if named is base else _predicted(problem, likely)))
+            frames.append(_compared(problem, before, before if named is base else _predicted(problem, named)))
         except FAILURES as error:
             remarks[run] = str(error)
             frames.append(_compared(problem, before, before).assign(augmented=np.nan, whitened_augmented=np.nan))
@@ -143,70 +136,21 @@ class _Alone:
         return getattr(self._model, name)
 
 
-def likeliest(problems: Collection[Problem], fit: Fit) -> Fit:
-    """The fit at that one of its draws under which the held-out runs are likeliest.
-
-    Draws along a curved valley of chi2 are alike in the data used for fitting and far from each other elsewhere: of a
-    joint that became loose, impacts at another speed may ask for a restitution that the slower runs hardly feel. A
-    model is contradicted by held-out data if no values that the fit leaves open meet these, not if those at the minimum
-    do not. The fit is as it was where it has no such draws, where its own values leave noise alone, or where motion is
-    chaotic: among many realisations one is always luckier.
-    """
-    if fit.draws is None or any(problem.has_statistics for problem in problems):
-        return fit
-    own = []
-    for problem in problems:
-        try:
-            own.append((problem, *_with_run_parameters(problem, fit)))
-        except (InputError, SimulationError):
-            continue
-
-    def left(values: np.ndarray) -> np.ndarray:
-        """chi2 of each run for each sample at `values` (k,)."""
-        shared = replace(fit, values=values).mapping
-        chi2 = [_left(problem, fit.hypothesis, at | shared, directions) for problem, at, directions in own]
-        return np.array([own_chi2 / problem.size for own_chi2, (problem, *_) in zip(chi2, own, strict=True)])
-
-    sizes = np.array([problem.size for problem, *_ in own])
-    if not own or left(fit.values) @ sizes <= sizes.sum() * fit.settings.decision.max_gap_of_noise**2:
-        return fit
-    drawn = [fit.values, *fit.draws[:: -(-len(fit.draws) // fit.settings.confirmation.valley_draws)]]
-    found = [left(values) for values in drawn]
-    return replace(fit, values=drawn[int(np.argmin(np.array(found) @ sizes))])
-
-
-def _left(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float], directions: np.ndarray) -> float:
-    """chi2 of a held-out run at `values` by key, with what it has for itself moved linearly along `directions` (n, own)
-    to where it fits best; infinite where it cannot be simulated."""
-    try:
-        residual = problem.residual(values, hypothesis)
-    except (InputError, SimulationError):
-        return np.inf
-    return float(residual @ residual - np.sum((directions.T @ residual) ** 2))
-
-
 def fit_run_parameters(problem: Problem, fit: Fit) -> dict[str, float]:
     """Values [SI] of a fit by key, with those that a held-out run has for itself fitted to that run.
 
     These are nominal where the run cannot be simulated.
     """
-    return _with_run_parameters(problem, fit)[0]
+    own = _not_fitted(problem, fit)
+    if not own:
+        return fit.mapping
+    return fit.mapping | fit_hypothesis(problem, fit.hypothesis, start=fit.mapping, vary=own).mapping
 
 
 def _not_fitted(problem: Problem, fit: Fit) -> list[Parameter]:
     """What the runs of a problem have for themselves that the fit did not vary."""
     fitted = {p.key for p in fit.parameters}
     return [p for p in problem.parameters(fit.hypothesis) if p.run is not None and p.key not in fitted]
-
-
-def _with_run_parameters(problem: Problem, fit: Fit) -> tuple[dict[str, float], np.ndarray]:
-    """As `fit_run_parameters`; and orthonormal columns (n, own) along which these parameters move the residual."""
-    own = _not_fitted(problem, fit)
-    if not own:
-        return fit.mapping, np.empty((problem.size, 0))
-    found = fit_hypothesis(problem, fit.hypothesis, start=fit.mapping, vary=own)
-    moving = found.jacobian[:, found.jacobian.any(axis=0)]
-    return fit.mapping | found.mapping, np.linalg.qr(moving)[0]
 
 
 def _predicted(problem: Problem, fit: Fit) -> Prediction:

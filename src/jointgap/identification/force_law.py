@@ -145,7 +145,7 @@ def find_force_law(
     differences = differences or FiniteDifferences(problem)
     if not best.in_windows:
         best = fitted(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
-    best = with_intervals(problem, best, differences)
+    best = with_intervals(problem, best)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
     return ForceLawResult(best, accepted, because, rivals, others, signatures.failed, ranking)
 

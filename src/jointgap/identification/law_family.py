@@ -261,7 +261,7 @@ def _asked(
     profile = fit.status != FAILED and profile_shape(problem, fit, family, baseline.differences)
     if not profile:
         return fit, None
-    fit, place = with_intervals(problem, fit, baseline.differences), _place(fit, family)
+    fit, place = with_intervals(problem, fit), _place(fit, family)
     low, high = shape_interval(profile, family, problem.settings.family.level)
     moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
     if fit.draws is not None and problem.has_statistics:

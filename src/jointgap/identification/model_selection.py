@@ -354,12 +354,12 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
         decision = refit_and_decide(baseline, signatures, fits, limits)
 
     def stated(fit: Fit) -> Fit:
-        fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit), baseline.differences)
+        fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit))
         return with_other_ends(fit, found)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
     if decision.verdict == PARAMETERS_ONLY:  # else something is missing, and its parameters are not to be believed
-        base = with_intervals(baseline.problem, base, baseline.differences)
+        base = with_intervals(baseline.problem, base)
     chosen = base if decision.chosen is decision.base else decision.chosen
     chosen = stated(chosen) if chosen.hypothesis else chosen
     equivalent = [stated(fit) for fit in decision.equivalent]

@@ -280,15 +280,12 @@ class DetectabilitySettings:
 
 @dataclass(frozen=True)
 class ConfirmationSettings:
-    """Held-out data: the bootstrap of their gaps, and with which values of the parameters they are predicted."""
+    """Held-out data: the bootstrap of their gaps."""
 
     # Stretches into which a series is cut: neighbours in one miss the measurement alike, so blocks are drawn, not
     # samples
     blocks: int = 20
     draws: int = 1000  # Bootstrap samples; the ends of a 90 % interval are known to a few percent of its width
-    # Draws along a curved valley of chi2 with which held-out runs are simulated at most: of 200 one in twenty met a
-    # run at twice the speed as noise does, where the values at the minimum left a gap of 2.2
-    valley_draws: int = 100
 
 
 @dataclass(frozen=True)
@@ -392,43 +389,6 @@ class IntervalSettings:
 
 
 @dataclass(frozen=True)
-class ValleySettings:
-    """Draws where chi2 is not quadratic (`jointgap.identification.baseline`)."""
-
-    # Points drawn from the quadratic chi2 that are simulated to see whether it is right; so many simulations it
-    # costs where it is
-    probes: int = 3
-    # [1] They lie so many times farther from the fit than drawn. Ideal joints miss 0.3 there at most, loose ones
-    # more than 1 at one of three (experience)
-    probe_reach: float = 2.0
-    # [chi2] By how much it may be wrong there. An error of one changes odds by a factor of 1.6
-    quadratic_within: float = 1.0
-    # [1] By which chi2 is divided where points are drawn for the next simulations: from ten standard errors out,
-    # which find where the valley leads, to those that count. Beginning at three or five, the far end of a long
-    # valley is missed (experience)
-    temperatures: tuple[float, ...] = (100.0, 100.0, 30.0, 15.0, 8.0, 4.0, 2.0, 1.0)
-    # Simulations at each of these. With some 100 in all chi2 is known to within 1 along the valley in most
-    # campaigns (experience)
-    batch: int = 12
-    usual_length: float = 3.0  # [standard errors] Over which derivatives change, if nothing is known of it
-    # [1] Standard deviation of the logarithm of such lengths between parameters: a factor of seven
-    log_length_spread: float = 2.0
-    # [1] How many of these from the usual length such a length may be: exponentials of more overflow
-    max_length_spreads: float = 5.0
-    # Steps towards the most likely lengths, at each batch; they begin from those of the batch before
-    max_length_steps: int = 30
-    # [1, of the variance] What neighbouring points may differ by, so that the matrix can be inverted
-    nugget: float = 1e-6
-    walkers: int = 200  # Points that are moved side by side, and how often; the first half of the steps is dropped
-    steps: int = 400  # Points that are moved side by side, and how often; the first half of the steps is dropped
-    kept_draws: int = 2000  # From which intervals are taken: the ends of those of 99 % have ten draws beyond them
-    # [1] Share of moves by a whole difference between two walkers, from one valley into another; the usual tenth
-    # (ter Braak 2006)
-    long_jumps: float = 0.1
-    jitter: float = 1e-3  # [standard errors] Of the moves, so that they lead out of the plane of the walkers
-
-
-@dataclass(frozen=True)
 class EnsembleSettings:
     """Regression over simulations of chaotic motion (`jointgap.identification.baseline`)."""
 
@@ -497,7 +457,6 @@ class IdentificationSettings:
     decision: DecisionSettings = field(default_factory=DecisionSettings)
     disagreement: DisagreementSettings = field(default_factory=DisagreementSettings)
     intervals: IntervalSettings = field(default_factory=IntervalSettings)
-    valley: ValleySettings = field(default_factory=ValleySettings)
     ensemble: EnsembleSettings = field(default_factory=EnsembleSettings)
     family: FamilySettings = field(default_factory=FamilySettings)
 
