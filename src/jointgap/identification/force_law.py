@@ -23,6 +23,7 @@ from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import LinearizedFit, Signature, SignatureRegression
 from jointgap.identification.settings import IdentificationSettings, ModelSelectionSettings
 from jointgap.identification.verdict import Row, Thresholds
+from jointgap.identification.window_search import fit_together
 
 COEFFICIENTS = ("c1", "c2")
 """Names of the coefficients in a formula, as many as a law may have terms."""
@@ -123,9 +124,14 @@ def find_force_law(
     sums.sort(key=lambda screened: screened.bic)
 
     def each(chosen: Sequence[LinearizedFit]) -> list[Fit]:
+        if base.in_windows:
+            here = {p.key: float(value) for p, value in zip(signatures.parameters, signatures.values, strict=True)}
+            return fit_together(problem, [(one.hypothesis, here | one.own_start) for one in chosen])
         return [fit_screened(problem, differences, signatures, screened) for screened in chosen]
 
     fits = each(_singles(sums, settings))
+    if not fits:
+        return ForceLawResult(None, False, "no law could be simulated", failed=signatures.failed)
     alone = min(fits, key=lambda fit: fit.bic)
     fits += each(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
     cost = {fit.label: fit.bic + choice_cost(fit.hypothesis) for fit in fits}

@@ -736,7 +736,7 @@ def fitted(
         elif near is None or not estimate.begin_at(near.states or {}):
             estimate.anneal(estimate.settings.jumps[0]).to_its_end()
         elif vary is None:
-            estimate = estimate.polished()
+            estimate.to_its_end()
         else:  # what is held has moved by little
             estimate.fit_at(estimate.settings.jumps[-1])
         return estimate.fit()

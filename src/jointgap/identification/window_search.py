@@ -98,6 +98,11 @@ def _films(problem: Problem, base: Fit) -> list[Fit]:
     return [fitted(problem, (best[1],), best[2])] if best and best[0] < base.chi2 else []
 
 
+def fit_together(problem: Problem, starts: Sequence[tuple[Hypothesis, Mapping[str, float]]]) -> list[Fit]:
+    """Fits of hypotheses from where each starts, those alone that are near the best."""
+    return [fit for fit, _ in _fitted(problem, [Estimate(problem, *each) for each in starts]) if fit]
+
+
 def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None = None) -> Found:
     """Fits at all jumps but the first or those `below` some; of what is near the best of them to their ends, of that
     one the best of several. A clearance of which windows leave much more than noise goes no further: what it rattles
