@@ -196,3 +196,13 @@ def test_runs_of_a_fit_in_windows_are_as_it_left_them_and_held_out_ones_from_the
         assert np.std(rows["measured"] - rows["augmented"]) == pytest.approx(SD, rel=0.35)
         assert np.std(rows["measured"] - rows["base"]) > 2.0 * SD
     assert found.test.outcome == "falls"
+
+
+def test_a_held_out_run_without_windows_is_predicted_by_one_trajectory():
+    problem, noise = oscillating(hidden={"swing": {"size": 0.3}})
+    base, named = fitted(problem), fitted(problem, (SWING,), {"swing.size": 0.28})
+    make = problem.model.windows
+    problem.model.windows = lambda run, *more: None if run == "fast" else make(run, *more)
+    found = confirm(problem.model, noise, base, named)
+    gaps = found.gaps.set_index(["run", "role", "channel"])["after"]
+    assert gaps["fast", "confirm", "all"] == pytest.approx(1.0, abs=0.2)

@@ -384,6 +384,39 @@ def test_each_window_begins_with_what_the_one_before_hands_on():
         assert run.states.carried.windows[:, 0] == pytest.approx(np.arange(len(run.states.slow)))
 
 
+def test_after_a_window_that_is_lost_the_next_one_begins_with_what_it_knew():
+    problem = linear(broken=6)
+    estimate = Estimate(problem, ())
+    for jump in (0.03, 0.006):
+        estimate.fit_at(jump)
+    for run in estimate._runs.values():
+        assert run.states.carried.windows[:8, 0] == pytest.approx([0, 1, 2, 3, 4, 5, 6, 0])
+
+
+def test_a_model_without_nuisances_has_signatures_too():
+    own = replace(
+        SWING, steady_counterpart="wobble", coordinates=(*SWING.coordinates, Parameter("order", 2.0, tried=(2.0, 3.0)))
+    )
+    own = replace(own, initial_guesses=({"order": 2.0},))
+    problem = measured(Oscillator(()), {"drive": 0.3}, {"swing": {"size": 0.03}})
+    make = problem.model.windows
+    problem.model.windows = lambda run, values, effects=(): make(run, {"drive": 0.3} | values, effects)
+    found = Estimate(problem, ()).anneal().signatures([WOBBLE, own])
+    assert found.jacobian.shape == (problem.size, 0)
+    assert [each.candidate.name for each in found.entries][:2] == ["wobble", "swing"]
+
+
+def test_what_an_effect_keeps_of_a_nuisance_goes_on_from_where_that_is():
+    shared = replace(
+        SWING,
+        coordinates=(*SWING.coordinates, Parameter("drive", 0.2, 0.0, 0.6, 0.01)),
+        initial_guesses=({"drive": 0.2},),
+    )
+    base = Estimate(linear(drive=0.3), ()).anneal()
+    (entry,) = base.signatures([shared]).entries
+    assert entry.shape_parameters["drive"] == pytest.approx(base.mapping["drive"])
+
+
 def test_a_fit_goes_on_while_its_deviance_falls(hidden):
     problem = linear(hidden={"swing": {"size": 0.03}}, settings=windows(far_behind=0.0))
     estimate = Estimate(problem, (SWING,)).anneal()

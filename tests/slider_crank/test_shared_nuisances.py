@@ -10,9 +10,9 @@ from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.evidence import row_of
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
+from jointgap.identification.likelihood import signatures_about
 from jointgap.identification.model_selection import refit_and_decide
 from jointgap.identification.problem import Noise
-from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.thresholds import thresholds
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
@@ -48,7 +48,7 @@ def test_friction_of_both_pins_beyond_its_range_is_one_effect():
         one for one in model.candidates if one.name in ("common_pin_restitution", "common_pin_friction", "pin_friction")
     )
     base = recalibrate(model, noises)
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    signatures = signatures_about(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
     singles = fit_singles(base, signatures, limits)[0]
     fits = [*singles, *fit_pairs(base, signatures, limits, singles)[0]]

@@ -122,3 +122,18 @@ def test_what_a_sensor_errs_by_is_in_no_reading_but_its_own(found):
 def test_what_has_no_state_on_a_clearance_circle_of_its_own_has_no_windows(loose, effects, keys):
     model = rig(loose, effects, **keys)
     assert model.windows("slow", model.nominal("slow")) is None
+
+
+def test_a_channel_of_which_no_sample_counts_tells_the_filter_nothing():
+    model = rig()
+    values = model.nominal("slow")
+    read, windows = model.simulate("slow", values), model.windows("slow", values)
+    noise = {name: np.full(value.size, 0.01 * np.std(value)) for name, value in read.items()}
+    rest = {name: value for name, value in read.items() if name != "guide_force"}
+    found = windows.find(rest, {name: noise[name] for name in rest}, 16, 0.01, math.inf)
+    assert found.readings == sum(rest[name].size for name in windows.channels if name in rest)
+
+
+def test_a_run_of_which_the_crank_angle_alone_is_read_has_no_windows():
+    model = build_model(campaign(mechanism(PINS), ("time", "crank_angle"), speeds=(20.0, 30.0)))
+    assert model.windows("slow", model.nominal("slow")) is None

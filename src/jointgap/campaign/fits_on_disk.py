@@ -155,9 +155,9 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
     for (label, start), rows in frames["signatures"].groupby(["label", "start"], sort=False):
         own = {name: column.to_numpy() for name, column in rows.groupby("name", sort=False)["derivative"]}
         if label == label_of(()):
-            residual, about = own.pop(_ORIGIN), shapes[label, start]
+            residual, about = own.pop(_ORIGIN), shapes.get((label, start), {})
             values = np.array([about[p.key] for p in fit.parameters])
-            jacobian = np.array([own[p.key] for p in fit.parameters]).reshape(values.size, -1).T
+            jacobian = np.array([own[p.key] for p in fit.parameters]).reshape(values.size, residual.size).T
             continue
         candidate = by_label.get(label)
         sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []

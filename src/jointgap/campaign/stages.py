@@ -155,7 +155,7 @@ _SCREENED = _read("noise", "recalibrate", "screen")
 
 @stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES), does="fit candidates, part {part}", minutes=120)
 def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
-    """Fit the chosen effects by forward simulation."""
+    """Fit the chosen effects by forward simulation. Where joints are loose all are fitted by the stage pair."""
     from jointgap.identification.hypothesis_fits import fit_singles
 
     fits, seconds = fit_singles(state.baseline, *state.screening, part, parts)

@@ -214,7 +214,7 @@ def _simulated(problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray)
 class Baseline:
     """The model as it stands, that every hypothesis is compared with."""
 
-    problem: Problem  # With the noise of the numerics in it
+    problem: Problem  # With the noise of the numerics in it, unless the base is in windows
     differences: FiniteDifferences
     nominal: Fit  # All shared nuisances at nominal; only what belongs to single runs (speed, first angle) is fitted
     base: Fit  # All nuisances fitted
@@ -223,16 +223,18 @@ class Baseline:
 def recalibrate(
     model: Model, noise: Mapping[tuple[str, str], Noise], settings: IdentificationSettings = DEFAULT_SETTINGS
 ) -> Baseline:
-    """Fit the nuisances; then count in what equally good numerics would predict, and fit again."""
+    """Fit the nuisances; then count in what equally good numerics would predict, and fit again. In windows of the
+    record numerics do not count, and the fit is one."""
     first = Problem(model, noise, settings=settings)
     nominal_values = {p.key: p.nominal for p in first.nuisances}
     if has_windows(first, (), {}):
         counted = numerics_noise(model, nominal_values, noise, settings.noise, of_drives_alone=True)
         problem = Problem(model, counted, settings=settings)
-        base = nominal = fitted(problem)
+        base = fitted(problem)
         if base.status == FAILED:
             raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
-        if base.chi2 <= settings.decision.max_gap_of_noise**2 * problem.size:  # else nominal values are no explanation
+        nominal = replace(base, status=FAILED, reason="not fitted, as the model leaves much at any values", states=None)
+        if base.chi2 <= settings.decision.max_gap_of_noise**2 * problem.size:
             nominal = fitted(problem, vary=[p for p in problem.nuisances if p.run is not None])
         return Baseline(problem, differences_at(problem, base), nominal, base)
     differences = probed_differences(first, nominal_values)

@@ -9,7 +9,7 @@ import pandas as pd
 
 from jointgap.core.candidates import Model, Parameter
 from jointgap.identification.fit import Fit, fit_hypothesis
-from jointgap.identification.likelihood import FAILURES, Prediction, as_fitted, predicted
+from jointgap.identification.likelihood import FAILURES, Prediction, as_fitted, has_windows, predicted
 from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, ConfirmationSettings, IdentificationSettings
 from jointgap.identification.verdict import (
@@ -155,7 +155,7 @@ def _not_fitted(problem: Problem, fit: Fit) -> list[Parameter]:
 
 def _predicted(problem: Problem, fit: Fit) -> Prediction:
     """A held-out run with what it has for itself fitted to it; of a fit in windows its states too."""
-    if fit.in_windows:
+    if fit.in_windows and has_windows(problem, fit.hypothesis, fit.mapping):
         return predicted(problem, fit.hypothesis, fit.mapping, _not_fitted(problem, fit))
     values = fit_run_parameters(problem, fit)
     readings = {run: problem.predict(run, values, fit.hypothesis) for run in problem.runs}

@@ -727,7 +727,7 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
     """Parameters of an effect as a verdict states them, by name, each as `coordinate_estimate` gives it.
 
     Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from
-    these linearly, as they do draws along a curved valley; where a bound cuts off a coordinate on which they depend
+    these linearly; where a bound cuts off a coordinate on which they depend
     their intervals are from draws, each followed through.
     """
     keys = [p.key for p in fit.parameters]

@@ -148,7 +148,6 @@ def find_force_law(
     rivals = [fit for fit in rest if cost[fit.label] - cost[best.label] < min_delta_bic and _differs(fit, best, base)]
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
-    differences = differences or FiniteDifferences(problem)
     if not best.in_windows:
         best = fitted(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
     best = with_intervals(problem, best)

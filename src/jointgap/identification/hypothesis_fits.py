@@ -11,7 +11,6 @@ from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened, labels_of, lowest_of_each, not_above_its_parts
-from jointgap.identification.likelihood import has_windows
 from jointgap.identification.model_selection import (
     best_sufficient,
     shortlist_pairs,
@@ -139,7 +138,7 @@ def _search(
         fits += _fit_each(baseline, masked, limits, singles(), until)[0]
     if not found():
         # what is fitted in windows has its partners from there
-        leading = [fit for fit in singles() if not has_windows(problem, fit.hypothesis, fit.mapping)]
+        leading = [fit for fit in singles() if not fit.in_windows]
         fits += _pairs_of_leading(baseline, leading, limits, until)
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, signatures, limits, singles())

@@ -6,7 +6,6 @@ import numpy as np
 
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import FAILED, STOPPED, FiniteDifferences, Fit, bounded_step, bounds_of, fit_hypothesis
-from jointgap.identification.likelihood import fitted, has_windows
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import LinearizedFit, Signatures
 
@@ -23,9 +22,6 @@ def fit_screened(
     A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be
     several times as large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer.
     """
-    if has_windows(problem, screened.hypothesis, screened.start):
-        here = {p.key: float(value) for p, value in zip(signatures.parameters, signatures.values, strict=True)}
-        return fitted(problem, screened.hypothesis, here | screened.own_start)
     is_finite = any(p.key in one.shape_parameters for one in screened.signatures for p in one.amplitudes)
     # a finite amplitude is far from the base already
     start, near = (screened.start, False) if is_finite else _best_multiple(problem, screened)
@@ -171,8 +167,8 @@ def chi2_without_effects(problem: Problem, fit: Fit) -> float:
 
 def derivatives_of(fit: Fit) -> dict[str, np.ndarray]:
     """Derivatives of a fit's residuals by key, each (n,) [1/SI]; none where it comes from a file, which has fewer
-    rows.
+    rows, or is in windows, where rows are no samples.
     """
-    if fit.jacobian.shape[0] != fit.residual.size:
+    if fit.in_windows or fit.jacobian.shape[0] != fit.residual.size:
         return {}
     return dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True))

@@ -264,7 +264,7 @@ def _asked(
     fit, place = with_intervals(problem, fit), _place(fit, family)
     low, high = shape_interval(profile, family, problem.settings.family.level)
     moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
-    if fit.draws is not None and problem.has_statistics:
+    if fit.draws is not None:
         level = problem.settings.family.level
         drawn = np.quantile(fit.draws[:, place], [0.5 - 0.5 * level, 0.5 + 0.5 * level])
         rivals = (*rivals, *map(float, drawn))

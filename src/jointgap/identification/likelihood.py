@@ -5,8 +5,8 @@ the full model runs from a state of its own, and the jump from where one window 
 normal with the standard deviation q. With a large q the misfit is a wide funnel around the truth; as q falls it becomes
 that of one trajectory. A filter finds first states. Then states and parameters are found together by Gauss-Newton
 steps, of which the normal equations are banded in the states with the parameters as a border (multiple shooting: H. G.
-Bock, 1983; Kalman smoothing as Gauss-Newton: B. M. Bell, SIAM J. Optim. 4 (1994) 626-636). Hypotheses are compared by
-their marginal likelihood over the states (Laplace), each at its own best q."""
+Bock, 1983; Kalman smoothing as Gauss-Newton: B. M. Bell, SIAM J. Optim. 4 (1994) 626-636). While they are sought
+hypotheses are compared by their marginal likelihood over the states (Laplace), each at its own best q."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -117,9 +117,11 @@ class _Run:
 
     def hand_on(self, slow: np.ndarray, motion: _Motion) -> None:
         """Let each window begin with what the one before hands on."""
-        carried = type(motion.handed)(
-            *(np.concatenate([c[:1], h[:-1]]) for c, h in zip(self.states.carried, motion.handed, strict=True))
-        )
+        known, carried = motion.done[:-1], []
+        for own, handed in zip(self.states.carried, motion.handed, strict=True):
+            carried.append(own.copy())
+            carried[-1][1:][known] = handed[:-1][known]
+        carried = type(motion.handed)(*carried)
         self.states = replace(self.states, slow=slow, carried=carried)
 
 
@@ -413,7 +415,8 @@ class Estimate:
 
     def branch(self, vary: Sequence[Parameter] | None = None) -> "Estimate":
         """Another one that goes on from these states; with other parameters to `vary` if asked, the rest at nominal."""
-        at, varied = (self.mapping, self._varied) if vary is None else (None, vary)
+        varied = self._varied if vary is None else vary
+        at = self.mapping if vary is None else {p.key: self.mapping[p.key] for p in vary}
         other = Estimate(self.problem, self.hypothesis, at, varied)
         other._runs = {run: copy(one) for run, one in self._runs.items()}
         other._slow, other._motions = dict(self._slow), dict(self._motions)
@@ -450,7 +453,10 @@ class Estimate:
         for _ in range(self.settings.polishes):
             again, before = best.branch(), best.stages
             again.stages = []
-            again.to_its_end()
+            try:
+                again.to_its_end()
+            except FAILURES:
+                break
             gain = before[-1].cost - again.stages[-1].cost if before else math.inf
             again.stages = [*before, *again.stages]
             best = again if gain > 0.0 else best
@@ -559,6 +565,13 @@ class Estimate:
         found = Fit(self.hypothesis, self._varied, values, residual, jacobian, 0, CONVERGED)
         return replace(found, slope=np.zeros(values.size), states=dict(self._slow), settings=self.problem.settings)
 
+    def failed(self, reason: str) -> Fit:
+        """A fit that failed."""
+        values = np.array([self.mapping[p.key] for p in self._varied])
+        residual, nothing = np.full(self.problem.size, np.nan), np.empty((self.problem.size, 0))
+        found = Fit(self.hypothesis, self._varied, values, residual, nothing, 0, FAILED, reason)
+        return replace(found, settings=self.problem.settings)
+
     def signatures(self, candidates: Sequence[Candidate]) -> Signatures:
         """What candidates change here beyond what states of the pins take up, in as few rows as hold all inner
         products. What is never small has no slope, and is left out."""
@@ -570,9 +583,11 @@ class Estimate:
             steady = next((own[0] for each, _, own in found if each.label == candidate.steady_counterpart), None)
             guesses = [guess for guess in candidate.initial_guesses if not set(guess) & set(candidate.amplitudes)]
             if steady and guesses:
-                *rest, carrier, residual = self._in_time(_wide(columns, [steady]), by_states).T
-                guesses = swinging_shapes(self.problem, candidate, residual, np.array(rest).T, carrier)
-            for shapes in guesses:
+                left = self._in_time(_wide(columns, [steady]), by_states)
+                guesses = swinging_shapes(self.problem, candidate, left[:, -1], left[:, :-2], left[:, -2])
+            # what it keeps of a nuisance that it shares goes on from where that is
+            kept = {p.key: self.mapping[p.key] for p in candidate.coordinates if p.key in self.mapping}
+            for shapes in ({**guess, **kept} for guess in guesses):
                 try:
                     found.append((candidate, shapes, self._by_amplitudes(candidate, shapes)))
                 except FAILURES as error:
@@ -591,7 +606,9 @@ class Estimate:
         """Amplitudes of an effect that is absent, and what they are: that of one that replaces a nuisance is what this
         has beyond nominal."""
         beyond = {p.key: self.mapping[p.key] - p.nominal for p in self.parameters}
-        replaced = {amplitude: beyond.get(name, 0.0) for name, amplitude in candidate.replaces.items()}
+        # the first one is the nearest to the effect
+        replaces = reversed(candidate.replaces.items())
+        replaced = {amplitude: beyond[name] for name, amplitude in replaces if name in beyond}
         own = (p for p in candidate.coordinates_in(self.problem.runs) if p.key in candidate.amplitudes)
         return [(p, replaced.get(p.key, 0.0)) for p in own]
 
@@ -717,7 +734,6 @@ def fitted(
     *,
     refresh: bool = False,
     vary: Sequence[Parameter] | None = None,
-    sufficient_chi2: float = np.inf,
     near: Fit | None = None,
 ) -> Fit:
     """A hypothesis fitted: in windows of the record where joints are loose, from the states of another fit if that is
@@ -725,8 +741,7 @@ def fitted(
     (`jointgap.identification.fit.fit_hypothesis`)."""
     at = dict(start or {})
     if not has_windows(problem, hypothesis, at):
-        more = {"refresh": refresh, "vary": vary, "sufficient_chi2": sufficient_chi2}
-        return fit_hypothesis(problem, hypothesis, at, known_derivatives, differences, **more)
+        return fit_hypothesis(problem, hypothesis, at, known_derivatives, differences, refresh=refresh, vary=vary)
     estimate = Estimate(problem, hypothesis, at, vary)
     try:
         if not hypothesis and not at:
@@ -741,8 +756,7 @@ def fitted(
             estimate.fit_at(estimate.settings.jumps[-1])
         return estimate.fit()
     except FAILURES as error:
-        residual, nothing = np.full(problem.size, np.nan), np.empty((problem.size, 0))
-        return Fit(hypothesis, estimate.parameters, estimate.values, residual, nothing, 0, FAILED, str(error))
+        return estimate.failed(str(error))
 
 
 def noise_alone(problem: Problem) -> float:
@@ -792,8 +806,8 @@ def as_fitted(problem: Problem, fit: Fit) -> Prediction:
         readings = {run: problem.predict(run, fit.mapping, fit.hypothesis) for run in problem.runs}
         return Prediction(fit.mapping, problem.residual(fit.mapping, fit.hypothesis), readings)
     estimate = Estimate(problem, fit.hypothesis, fit.mapping, vary=())
-    if not estimate.begin_at(fit.states):
-        raise ValueError(f"{fit.label}: fitted to other data, as its states are of other windows")
+    if not estimate.begin_at(fit.states):  # a delay that ended at 0 leaves fewer windows
+        estimate.anneal(estimate.settings.jumps[0]).to_its_end()
     return Prediction(fit.mapping, estimate.residual, estimate.readings)
 
 

@@ -91,7 +91,7 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
     part of what the effect explains; of more than that, the small part is what a second effect has to gain.
     """
     best = _best_alone(fits)
-    if best is None:
+    if best is None or baseline.base.in_windows:
         return limits
     nuisances = orthonormal(baseline.base.jacobian)
     try:
@@ -255,7 +255,7 @@ def fits_beyond_bounds(baseline: Baseline, fits: Sequence[Fit]) -> list[Fit]:
     problem, done = baseline.problem, {labels_of(fit.hypothesis) for fit in fits}
     beyond = {labels_of(each): each for each in _beyond_bounds(problem, best) if labels_of(each) not in done}
     return [
-        fit_hypothesis(problem, each, with_effects_absent(problem, each, best), differences=baseline.differences)
+        fitted(problem, each, with_effects_absent(problem, each, best), differences=baseline.differences)
         for each in list(beyond.values())[: problem.settings.selection.partners]
     ]
 

@@ -217,8 +217,8 @@ class LinearizedFit:
     def own_start(self) -> dict[str, float]:
         """Where the values of effects that are new start. In windows nuisances begin where they are: what is far from
         there moves them by less than slopes say."""
-        new = {signature.candidate.label for signature in self.signatures}
-        return {key: value for key, value in self.start.items() if key.partition(".")[0] in new}
+        new = tuple(f"{signature.candidate.label}." for signature in self.signatures)
+        return {key: value for key, value in self.start.items() if key.startswith(new)}
 
 
 def simulate_signatures(

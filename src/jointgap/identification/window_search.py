@@ -74,7 +74,8 @@ def _worth(
     if enough:
         share = 1.0 if effects else selection.linear_share
         needed = share * max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
-        bic = before + len(signatures.parameters) * np.log(signatures.residual.size)
+        replaced = sum(len(one.replaces) for one in effects)
+        bic = before + (len(signatures.parameters) + replaced) * np.log(signatures.residual.size)
         singles = singles[: selection.partners] if bic - singles[0].bic > needed else []
     else:
         least = before - settings.leading_share * max(before - single.chi2 for single in singles)

@@ -17,7 +17,9 @@ from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulat
 
 TOLERANCE = 1e-11  # [m] Of a step's local error: at 1e-10 some differences are half noise, at less steps are shorter
 DIRECTIONS = {1: 12, 2: 8, 3: 6}  # In which each loose joint may be at the beginning, by how many there are
-MOTIONS_KEPT = 8  # Of what was simulated last: the present motion of each run, when many others are compared with it
+MOTIONS_KEPT = (
+    8  # Of what was simulated last: the present motion of each of a few runs, when others are compared with it
+)
 LEAD = 1e-3  # [revolutions] By which the first window begins before the record
 
 
@@ -26,10 +28,11 @@ def run_in_windows(
 ) -> "RunInWindows | None":
     """A run with `values` and `effects` put in; None where it is not cut in windows.
 
-    That is where nothing is compared by samples, all joints are ideal, a motor turns the crank, or a film fills a
-    joint, in which position and speed are one. `rows` (n,) are those of the samples that each channel has.
+    That is where nothing but the crank angle is compared by samples, all joints are ideal, a motor turns the crank, or
+    a film fills a joint, in which position and speed are one. `rows` (n,) are those of the samples that each channel
+    has.
     """
-    if not plan.channels:
+    if not {*plan.channels} - {"crank_angle"}:
         return None
     run = prepared(campaign, plan, values, simulated_effects(effects)[0], tolerance=TOLERANCE)
     p = run.driven.numbers
@@ -172,6 +175,8 @@ class RunInWindows:
         factor, shift = np.ones(len(names)), np.zeros(len(names))
         at_rows, elapsed = rows.sample >= 0, self._plan.samples.elapsed
         for c, name in enumerate(names):
+            if name not in measured:  # of which no sample counts here
+                continue
             zero, one = self._reading(name, 0.0), self._reading(name, 1.0)
             factor[c], shift[c] = one - zero, zero
             own = np.flatnonzero(self._rows_of[name])
