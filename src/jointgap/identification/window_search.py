@@ -106,20 +106,21 @@ def fit_together(problem: Problem, starts: Sequence[tuple[Hypothesis, Mapping[st
 
 def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None = None) -> Found:
     """Fits at all jumps but the first or those `below` some; of what is near the best of them to their ends, of that
-    one the best of several. A clearance of which windows leave much more than noise goes no further: what it rattles
-    takes minutes."""
+    one, but for clearances, the best of several. A clearance of which windows leave much more than noise goes no
+    further: what it rattles takes minutes."""
     settings, found = problem.settings.windows, []
     estimates = compete(estimates, settings.jumps[0] if below is None else below)
     for estimate in estimates:
         if estimate.best.deviance > estimates[0].best.deviance + settings.far_behind * problem.size:
             break
-        poor = estimate.stages[-1].cost > problem.settings.stopping.poor_chi2_per_sample * problem.size
-        if poor and any(one.search_range for one in estimate.hypothesis):
+        became_loose = any(one.search_range for one in estimate.hypothesis)
+        if became_loose and estimate.stages[-1].cost > problem.settings.stopping.poor_chi2_per_sample * problem.size:
             found.append((None, estimate))
             continue
         with contextlib.suppress(*FAILURES):
             ended = estimate.branch().to_its_end()
-            if estimate is estimates[0] and ended.stages[-1].cost < noise_alone(problem) + problem.size:
+            is_good = ended.stages[-1].cost < noise_alone(problem) + problem.size
+            if estimate is estimates[0] and is_good and not became_loose:
                 estimate = ended = ended.polished()
             found.append((ended.fit(), estimate))
     return found
