@@ -80,7 +80,7 @@ class StoppingSettings:
     # grows with the square of chi2 per sample, because poor fits need less care, up to what one sample leaves: so
     # far no parameter is farther from the end than its standard error, which grows with the misfit
     min_decrease: float = 0.05
-    max_steps: int = 80  # Valleys of loose joints may be long; this is a guard, not the usual end (experience)
+    max_steps: int = 80  # Valleys may be long; this is a guard, not the usual end (experience)
     stalled_window: int = 4  # Steps over which progress is measured
     # [1] Above it a fit is poor, and ends where it improves by less than `poor_progress` in the window: it will not
     # be named
