@@ -1,4 +1,4 @@
-"""The slider-crank of Flores and co-authors: one loose joint, between rod and slider; see docs/independent.md."""
+"""The slider-crank of Flores and co-authors: one loose joint, between rod and slider; see docs/simulation.md."""
 
 import math
 

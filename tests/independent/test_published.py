@@ -1,4 +1,4 @@
-"""What Flores and co-authors report of their slider-crank is seen here too; see docs/independent.md."""
+"""What Flores and co-authors report of their slider-crank is seen here too; see docs/simulation.md."""
 
 import math
 

@@ -40,8 +40,8 @@ def test_every_name_of_the_package_can_be_imported(page):
             assert hasattr(import_module(module), name), (module, name)
 
 
-def test_every_path_that_the_page_of_the_code_names_is_there():
-    text = (ROOT / "docs/code_map.md").read_text(encoding="utf-8")
+def test_every_path_that_the_map_of_the_code_names_is_there():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     for path in re.findall(r"`([\w.]+/[\w./-]*)`", text):
-        if not path.startswith("results/"):
+        if not path.startswith(("results/", "docs/_build/")):
             assert (ROOT / path).exists() or (ROOT / "src/jointgap" / path).exists(), path
