@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-CODE = "\n".join(re.findall(r"```python\n(.*?)```", Path("docs/how_to/own_model.md").read_text(encoding="utf-8"), re.DOTALL))
+PAGE = Path("docs/how_to/own_model.md").read_text(encoding="utf-8")
+CODE = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
 NOISE = 0.05  # N
 MASS = 10.3  # kg; the page's model says 10
 
