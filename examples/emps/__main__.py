@@ -41,7 +41,7 @@ class Named:
 
 
 def name(model: Emps) -> Named:
-    """All stages from the noise to the verdict, as docs/own_model.md has them."""
+    """All stages from the noise to the verdict, as docs/how_to/own_model.md has them."""
     noise = noise_of_model(model)
     base = recalibrate(model, noise)
     signatures, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))

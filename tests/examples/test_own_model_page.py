@@ -1,4 +1,4 @@
-"""The code of docs/own_model.md, run as it stands on made data."""
+"""The code of docs/how_to/own_model.md, run as it stands on made data."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-CODE = "\n".join(re.findall(r"```python\n(.*?)```", Path("docs/own_model.md").read_text(encoding="utf-8"), re.DOTALL))
+PAGE = Path("docs/how_to/own_model.md").read_text(encoding="utf-8")
+CODE = "\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
 NOISE = 0.05  # N
 MASS = 10.3  # kg; the page's model says 10
 
@@ -31,7 +32,7 @@ def outcome(tmp_path, monkeypatch):
         made(tmp_path, force)
         monkeypatch.chdir(tmp_path)
         names: dict = {}
-        exec(compile(CODE, "docs/own_model.md", "exec"), names)
+        exec(compile(CODE, "docs/how_to/own_model.md", "exec"), names)
         return names
 
     return run

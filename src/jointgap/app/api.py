@@ -903,7 +903,7 @@ def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool
     Parameters
     ----------
     campaign : Path or str
-        A campaign file (docs/naming.md has its keys), or a folder that holds one.
+        A campaign file (config/README.md has its keys), or a folder that holds one.
     folder : Path or str, optional
         Where all tables, the mechanism with what was found and ``verdict.json`` are written;
         ``results/campaigns/{name of the campaign}`` by default. What an earlier analysis concluded there is removed.

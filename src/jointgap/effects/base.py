@@ -1,4 +1,4 @@
-"""What every effect has: see `Effect`, and docs/extending.md for how to write one."""
+"""What every effect has: see `Effect`, and docs/how_to/add_effect.md for how to write one."""
 
 import math
 import re

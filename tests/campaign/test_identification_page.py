@@ -1,4 +1,4 @@
-"""What docs/naming.md shows can be used as it stands."""
+"""What docs/identification.md shows can be used as it stands."""
 
 import re
 from pathlib import Path
@@ -12,12 +12,12 @@ from jointgap.campaign.plan import preflight_in_words, preflight_tables
 from jointgap.config.load import load_campaign
 from jointgap.rig.read_files import read_measurements
 
-PAGE = Path("docs/naming.md").read_text(encoding="utf-8")
+PAGE = Path("docs/identification.md").read_text(encoding="utf-8")
 NUMBER = r"(?<![A-Za-z0-9_])\d+\.?\d*(?:e-?\d+)?"
 
 
 def test_its_campaign_file_and_its_columns_are_read(tmp_path):
-    header, campaign = (re.search(rf"```{kind}\n(.*?)```", PAGE, re.DOTALL)[1] for kind in ("", "yaml"))
+    header, campaign = (re.search(f"```{start}", PAGE, re.DOTALL)[1] for start in (r"\n(t,.*?)```", r"yaml\n(.*?)```"))
     (tmp_path / "campaign.yaml").write_text(campaign)
     (tmp_path / "mechanism.yaml").write_text(Path("config/mechanisms/erkaya2009.yaml").read_text())
     time = np.arange(2000) * 5e-4

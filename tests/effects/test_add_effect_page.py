@@ -1,4 +1,4 @@
-"""docs/extending.md followed to the letter in a copy of the sources: the effect and the fault that it adds work
+"""docs/how_to/add_effect.md followed to the letter in a copy of the sources: the effect and the fault that it adds work
 everywhere.
 
 Compiled code runs as plain Python here: a copy would have to be compiled anew, which takes longer than these few
@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs/how_to/add_effect.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"`(src/jointgap/[\w/]+\.py)`(?:(?!\n\n).)*:\n\n```diff\n(.*?)```", re.DOTALL)
 
 
@@ -40,7 +40,7 @@ def followed(folder: Path, section: str) -> list[str]:
 def sources(tmp_path_factory):
     folder = tmp_path_factory.mktemp("extended")
     shutil.copytree(ROOT / "src", folder / "src", ignore=shutil.ignore_patterns("__pycache__"))
-    touched = followed(folder, "## An effect") + followed(folder, "## A fault of a sensor")
+    touched = followed(folder, "## Effect") + followed(folder, "## Sensor fault")
     return folder / "src", touched
 
 
