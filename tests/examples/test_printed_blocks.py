@@ -1,9 +1,12 @@
-"""What README.md and the tutorials print can be typed: files are written, commands and code are run, page by page.
+"""What README.md, the tutorials and some how-to pages print can be typed: files are written, commands and code are run,
+page by page. What code and quick commands print is what the page shows.
 
 A `make` of a workflow takes minutes: that its target exists and that the files it is given can be used is tested here;
 what the workflow does then has tests of its own.
 """
 
+import contextlib
+import io
 import os
 import re
 import shlex
@@ -22,7 +25,11 @@ ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 PAGES = [
     str(page.relative_to(ROOT))
-    for page in (ROOT / "README.md", *sorted((ROOT / "docs/tutorial").glob("*.md")))
+    for page in (
+        ROOT / "README.md",
+        *sorted((ROOT / "docs/tutorial").glob("*.md")),
+        *(ROOT / "docs/how_to" / f"{name}.md" for name in ("mechanism_file", "known_loads")),
+    )
     if BLOCK.search(page.read_text(encoding="utf-8"))
 ]
 TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
@@ -70,14 +77,20 @@ def written(text: str) -> None:
         assert load_mechanism(path).crank.length > 0
 
 
-def commands(language: str, text: str) -> list[str]:
-    """What is typed: lines after ``$`` of a console, all lines of a shell block; comments taken away."""
-    lines = text.splitlines()
-    typed = [line[2:] for line in lines if line.startswith("$ ")] if language == "console" else lines
-    return [command for line in typed if (command := line.split("  #")[0].strip())]
+def commands(language: str, text: str) -> list[tuple[str, list[str]]]:
+    """What is typed, each with what the page says it prints: lines after ``$`` of a console, all lines of a shell
+    block; comments taken away."""
+    found: list[tuple[str, list[str]]] = []
+    for line in text.splitlines():
+        if language == "console" and not line.startswith("$ "):
+            found[-1][1].append(line)
+        elif command := line.removeprefix("$ ").split("  #")[0].strip():
+            found.append((command, []))
+    return found
 
 
-def typed(command: str) -> None:
+def typed(command: str, shown: list[str]) -> None:
+    """Run a command; what the page shows of it, up to ``...`` in a line, is printed."""
     words = shlex.split(command)
     given = dict(word.split("=", 1) for word in words if re.match(r"[A-Z]+=", word))
     if words[0] == "git":
@@ -88,11 +101,13 @@ def typed(command: str) -> None:
         if "CONFIG" in given:
             assert resolve(read_yaml(given["CONFIG"]), (Path(), Path(given["CONFIG"]).parent), given["CONFIG"])
         if "CAMPAIGN" in given:
-            assert all((Path(given["CAMPAIGN"]).parent / run.file).is_file()
-                       for run in load_campaign(given["CAMPAIGN"]).runs)  # fmt: skip
+            campaign = load_campaign(given["CAMPAIGN"])
+            assert all((campaign.folder / run.file).is_file() for run in campaign.runs)
     elif words not in (["source", ".venv/bin/activate"], [".venv/bin/python"]) and words[0] != "cd":
         done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, env=os.environ, check=False)
         assert done.returncode == 0, f"{command}: {done.stderr}"
+        for line in shown:
+            assert line.split("...")[0].strip() in done.stdout, command
 
 
 SLOW = ("docs/tutorial/own_data.md",)
@@ -101,14 +116,20 @@ SLOW = ("docs/tutorial/own_data.md",)
 @pytest.mark.parametrize("page", [pytest.param(page, marks=[pytest.mark.slow] * (page in SLOW)) for page in PAGES])
 def test_every_block_of_a_page_does_what_it_prints(page, clone):
     names: dict = {}
+    printed = ""
     results_of_the_workflow(page)
     for language, text in BLOCK.findall((ROOT / page).read_text(encoding="utf-8")):
         if language == "yaml":
             written(text)
         elif language == "python":
-            exec(compile(text, page, "exec"), names)
+            with contextlib.redirect_stdout(io.StringIO()) as output:
+                exec(compile(text, page, "exec"), names)
+            printed = output.getvalue()
         elif language in ("", "sh", "console"):
-            for command in commands(language, text):
-                typed(command)
+            for command, shown in commands(language, text):
+                typed(command, shown)
         else:
             assert language == "text", f"{page}: a block of {language} is not tested"
+            if printed:
+                assert text == printed, page
+            printed = ""
