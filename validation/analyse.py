@@ -44,7 +44,9 @@ def analyse_trial(campaign: Path) -> dict[str, Any]:
             keys = flagged["run"].astype(str) + " " + flagged["channel"].astype(str)
             record["map"] = (flagged["start_deg"] / 10).round().astype(int).groupby(keys).agg(list).to_dict()
             paths = sorted(results.path.glob("*/*/fits.parquet"))
-            record["greedy"] = greedy_names(pd.concat([parquet.read(schema.FITS, path) for path in paths]))
+            fits = pd.concat([parquet.read(schema.FITS, path) for path in paths])
+            record["greedy"] = greedy_names(fits)
+            record["bic"] = fits.groupby("explanation")["bic"].min().dropna().round(2).to_dict()
             residuals = parquet.read(schema.RESIDUALS, results.path / "confirm" / "residuals.parquet")
             try:
                 record["sparse"] = sparse_names(copy / "campaign.yaml", residuals)

@@ -44,7 +44,7 @@ BASELINES = ("greedy", "sparse")
 
 _NUMBERS = (
     "error", *(f"covered_{level}" for level in LEVELS),
-    "map_hit", "map_false", "map_missed",
+    "map_hit", "map_false", "map_missed", "names_hit", "names_false", "names_missed",
     "nuisances", *(f"nuisances_covered_{level}" for level in LEVELS), "gap_before", "gap_after", "closed",
 )  # fmt: skip
 
@@ -89,6 +89,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
         "foreseen": foreseen,
         "told": told,
         "seconds": analysis.get("seconds", math.nan),
+        "cause": "",
         "reason": analysis.get("error", ""),
     }
     row |= {one: _baseline_outcome(truth, hidden, analysis.get(one)) for one in BASELINES}
@@ -98,8 +99,11 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     row["verdict"] = verdict["verdict"]
     row["named"] = " + ".join(sorted(map(_name_stated, verdict["effects"]))) or verdict["verdict"]
     row["reason"] = " or ".join(sorted(map(_joined, _equivalent(verdict)))) or verdict["because"]
+    row |= _names_found(truth, verdict, hidden)
     if damaged:
         return row
+    if outcome != "right" and hidden and not _is_off_list(truth):
+        row["cause"] = _cause(hidden, analysis.get("bic", {}))
     row |= _bins_found(truth, analysis)
     if outcome == "right" and verdict["verdict"] != "ambiguous":
         row |= _nuisances_covered(truth, verdict)
@@ -287,16 +291,53 @@ def _bins_found(truth: Mapping, analysis: Mapping) -> dict[str, int]:
     return {"map_hit": hit, "map_false": false, "map_missed": missed}
 
 
-def _f1(part: pd.DataFrame) -> dict[str, float]:
-    """F1 of the bins flagged in all trials, with the 95 % interval of a bootstrap over trials."""
-    counts = part[["map_hit", "map_false", "map_missed"]].to_numpy(float)
+def _names_found(truth: Mapping, verdict: Mapping, hidden: frozenset[str]) -> dict[str, int]:
+    """How many effects are named rightly, falsely and not; one that is not on the list cannot be missed."""
+    named = named_labels(verdict["effects"], hidden)
+    if _is_off_list(truth):
+        own = len(named & hidden) or int(_is_the_force(truth, verdict))
+        return {"names_hit": own, "names_false": len(named) - own, "names_missed": 0}
+    if "damage" in truth:
+        faults = sum(_is_fault_of(effect, truth["damage"]["channels"]) for effect in verdict["effects"])
+        return {"names_hit": 0, "names_false": len(named) - faults, "names_missed": 0}
+    return {
+        "names_hit": len(named & hidden),
+        "names_false": len(named - hidden),
+        "names_missed": len(hidden - named),
+    }
 
-    def of(sums: np.ndarray) -> np.ndarray:
-        return 2 * sums[..., 0] / np.maximum(2 * sums[..., 0] + sums[..., 1] + sums[..., 2], 1.0)
+
+def _cause(hidden: frozenset[str], bic: Mapping[str, float]) -> str:
+    """Why what is hidden was not named, as the BIC of all fits say."""
+    by_labels = {frozenset(name.split(" + ")): value for name, value in bic.items()}
+    if not by_labels:
+        return ""
+    if hidden not in by_labels:
+        return "the hidden effects were not fitted together"
+    best = min(by_labels, key=by_labels.__getitem__)
+    if best == hidden:
+        return "the hidden effects fit best, and the decision asks for more"
+    return f"{' + '.join(sorted(best))} fits better, BIC lower by {by_labels[hidden] - by_labels[best]:.4g}"
+
+
+def _ratio(part: pd.DataFrame, counted: str, of: str) -> dict[str, float]:
+    """Precision, recall or F1 of what was found in all trials, with the 95 % interval of a bootstrap over trials."""
+    counts = part[[f"{counted}_{end}" for end in ("hit", "false", "missed")]].to_numpy(float)
+    false, missed = {"precision": (1.0, 0.0), "recall": (0.0, 1.0), "F1": (0.5, 0.5)}[of]
+
+    def of_sums(sums: np.ndarray) -> np.ndarray:
+        return sums[..., 0] / np.maximum(sums[..., 0] + false * sums[..., 1] + missed * sums[..., 2], 1e-9)
 
     drawn = np.random.default_rng(0).integers(len(counts), size=(2000, len(counts)))
-    low, high = np.quantile(of(counts[drawn].sum(axis=1)), [0.025, 0.975])
-    return {"count": len(counts), "value": float(of(counts.sum(axis=0))), "low": float(low), "high": float(high)}
+    low, high = np.quantile(of_sums(counts[drawn].sum(axis=1)), [0.025, 0.975])
+    return {"count": len(counts), "value": float(of_sums(counts.sum(axis=0))), "low": float(low), "high": float(high)}
+
+
+def confusion(trials: pd.DataFrame) -> pd.DataFrame:
+    """How often what was named where what was hidden: hidden, named, count; data wired wrongly by what is wrong."""
+    hidden = trials["hidden"].where(trials["kind"] != "wiring", trials["hidden"].str.split(":").str[0])
+    named = trials["named"].where(trials["named"] != "", trials["verdict"])
+    return pd.DataFrame({"hidden": hidden, "named": named}).value_counts().rename("count").reset_index()
 
 
 def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
@@ -323,8 +364,8 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
             part = part.query(rate.get("where", "index == index"))
             if "quantile" in rate:
                 row = _quantile(part[rate["quantile"]], rate.get("share", 0.5))
-            elif "f1" in rate:
-                row = _f1(part) if len(part) else {"count": 0}
+            elif "ratio" in rate:
+                row = _ratio(part, *rate["ratio"]) if len(part) else {"count": 0}
             elif "covered" in rate:
                 row = _share(part[rate["covered"]].sum(), int(part["nuisances"].sum()))
             else:

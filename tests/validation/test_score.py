@@ -290,7 +290,7 @@ def test_a_set_becomes_a_table_a_page_numbers_and_figures(set_of_trials, tmp_pat
     assert "SimulationError: it stops" in text
     assert "| slider_quadratic_drag or slider_quadratic_drag + slider_spring |" in text
     names = {path.name for path in (tmp_path / "score").iterdir()}
-    assert names >= {"trials.csv", "rates.csv", "summary.md", "summary.html", "rates.svg", "rates.png"}
+    assert names >= {"confusion.csv", "curves.svg", "trials.csv", "rates.csv", "summary.md", "summary.html", "rates.svg", "rates.png"}
     assert pd.read_csv(tmp_path / "score/trials.csv")["id"].tolist() == list("abcd")
 
 
@@ -320,9 +320,38 @@ def test_bins_of_the_map_are_right_false_or_missed_but_for_those_that_hardly_dif
 def test_f1_of_the_map_is_that_of_the_bins_of_all_trials():
     frame = rows_of(*[("single", "ideal", 5.0, 5.0, True, False, "named", "right")] * 3)
     frame[["map_hit", "map_false", "map_missed"]] = [[10.0, 0.0, 0.0], [20.0, 10.0, 10.0], [np.nan] * 3]
+    frame[["names_hit", "names_false", "names_missed"]] = [[3.0, 1.0, 0.0], [3.0, 0.0, 3.0], [np.nan] * 3]
+    of_names = rates(frame).set_index(["what", "group"])["value"]
+    assert of_names["names: precision", "all"] == pytest.approx(6 / 7)
+    assert of_names["names: recall", "all"] == pytest.approx(6 / 9)
+    assert of_names["names: F1", "all"] == pytest.approx(12 / 16)
     row = rates(frame).set_index(["what", "group"]).loc[("map: F1 of the bins", "all")]
     assert (row["count"], row["value"]) == (2, pytest.approx(60 / 80))
     assert 40 / 60 <= row["low"] <= row["value"] <= row["high"] <= 1.0
+
+
+def test_names_are_hit_false_or_missed_and_a_law_off_the_list_cannot_be_missed():
+    def counts(hidden, *effects):
+        row = score_trial(truth(*hidden), analysis(effects=[named(one) for one in effects]))
+        return row["names_hit"], row["names_false"], row["names_missed"]
+
+    assert counts([DRAG], DRAG) == (1, 0, 0)
+    assert counts([DRAG], SPRING) == (0, 1, 1)
+    assert counts([DRAG, SPRING], DRAG) == (1, 0, 1)
+    assert counts([DRAG]) == (0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    "bic, cause",
+    [
+        ({"base": 50.0}, "not fitted"),
+        ({"base": 50.0, "slider_quadratic_drag": 10.0}, "fit best"),
+        ({"slider_spring": 4.0, "slider_quadratic_drag": 10.0}, "slider_spring fits better, BIC lower by 6"),
+    ],
+)
+def test_a_miss_has_the_cause_that_the_fits_show(bic, cause):
+    assert cause in score_trial(truth(DRAG), analysis(verdict="unexplained", bic=bic))["cause"]
+    assert score_trial(truth(DRAG), analysis(effects=[named(DRAG)], bic=bic))["cause"] == ""
 
 
 def rows_of(*rows) -> pd.DataFrame:
@@ -332,7 +361,8 @@ def rows_of(*rows) -> pd.DataFrame:
     numbers = {"error": 0.1, "covered_90": 0.5, "closed": 0.9, "gap_after": 1.1, "seconds": 1.0}
     numbers |= {"covered_50": 0.0, "covered_99": 1.0, "nuisances_covered_50": 4.0, "nuisances_covered_99": 8.0}
     numbers |= {"nuisances": 8.0, "nuisances_covered_90": 7.0}
-    numbers |= dict.fromkeys(("map_hit", "map_false", "map_missed"), np.nan)
+    ends = ("hit", "false", "missed")
+    numbers |= dict.fromkeys([f"{found}_{end}" for found in ("map", "names") for end in ends], np.nan)
     hidden = np.where(frame["kind"] == "clearance", "piston_pin_clearance", "gravity")
     hidden[frame["size"] == 0.0] = "nothing"
     baselines = dict.fromkeys(BASELINES, "not asked") | {"greedy": "wrong"}

@@ -19,9 +19,9 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
     rows = [{"kind": "single", "hidden": "gravity", "outcome": "right" if i < right else "wrong"} for i in range(count)]
     rows.append({"kind": "nothing", "hidden": "nothing", "outcome": "right"})
     numbers = ["error", "gap_caused", "gap_before", "gap_after", "closed", "nuisances"]
-    numbers += ["map_hit", "map_false", "map_missed"]
+    numbers += [f"{found}_{end}" for found in ("map", "names") for end in ("hit", "false", "missed")]
     numbers += [f"{name}covered_{level}" for name in ("", "nuisances_") for level in (50, 90, 99)]
-    text = dict.fromkeys(("verdict", "named", "reason", *BASELINES), "-") | {"drive": "constant_speed"}
+    text = dict.fromkeys(("verdict", "named", "cause", "reason", *BASELINES), "-") | {"drive": "constant_speed"}
     frame = pd.DataFrame([text | dict.fromkeys(numbers, 1.0) | {"numerics_gap": np.nan} | row for row in rows])
     flags = {"told": False, "foreseen": False, "detectable": frame["kind"] == "single"}
     names = [f"trial{i}" for i in frame.index]
@@ -50,7 +50,7 @@ def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(tmp_path):
     assert record.metrics["trials/single"] == 4
     assert record.costs == {"seconds/median/base ideal": 2.0, "seconds/of 90 percent at most/base ideal": 2.0}
     assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2  # and two kinds counted
-    assert set(record.files) == {"summary.md", "trials.csv", "rates.csv", "figures/rates.svg", "figures/rates.png"}
+    assert set(record.files) >= {"summary.md", "trials.csv", "confusion.csv", "figures/rates.svg", "figures/curves.png"}
 
 
 def test_sets_stand_side_by_side_and_a_new_score_supersedes_the_old(tmp_path):

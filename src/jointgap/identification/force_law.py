@@ -126,14 +126,18 @@ def find_force_law(
     def each(chosen: Sequence[LinearizedFit]) -> list[Fit]:
         if base.in_windows:
             here = {p.key: float(value) for p, value in zip(signatures.parameters, signatures.values, strict=True)}
-            return fit_together(problem, [(one.hypothesis, here | one.own_start) for one in chosen])
+            starts = [(one.hypothesis, here | one.own_start) for one in chosen[: problem.settings.windows.leading]]
+            return fit_together(problem, starts)
         return [fit_screened(problem, differences, signatures, screened) for screened in chosen]
 
     fits = each(_singles(sums, settings))
     if not fits:
         return ForceLawResult(None, False, "no law could be simulated", failed=signatures.failed)
     alone = min(fits, key=lambda fit: fit.bic)
-    fits += each(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
+    # beside loose joints each fit is dear: what explains little has no term in common with the law
+    leads = weigh_fit(base, alone, limits).share >= problem.settings.family.least_share
+    if leads or not base.in_windows:
+        fits += each(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
     cost = {fit.label: fit.bic + choice_cost(fit.hypothesis) for fit in fits}
     fits.sort(key=lambda fit: cost[fit.label])
     best = fits[0]

@@ -88,7 +88,8 @@ def profile_shape(
 ) -> ShapeProfile | None:
     """Hold the shape of a law, and fit all else at each of its values from the best one outward.
 
-    To either side until chi2 is so high that the interval ends, or the range does.
+    To either side until chi2 is so high that the interval ends, or the range does. Beside loose joints, where each fit
+    is dear, chi2 is taken to be the parabola of its curvature.
     """
     settings, place = problem.settings.family, _place(free, family)
     shape = free.parameters[place]
@@ -96,6 +97,10 @@ def profile_shape(
     step = float(np.clip(np.sqrt(variance), settings.least_step, settings.largest_step))
     vary = tuple(p for p in free.parameters if p.key != shape.key)
     chi2, rise = {centre: free.chi2}, rise_to_exclude(family, settings.level)
+    if free.in_windows:
+        away = np.sqrt(rise * variance) * np.array([-1.1, 0.0, 1.1])
+        shapes = np.clip(centre + away, shape.low, shape.high)
+        return ShapeProfile(shapes, free.chi2 / free.inflation + (shapes - centre) ** 2 / variance)
     for sign, end in ((-1.0, shape.low), (1.0, shape.high)):
         before, value = free, centre
         while value != end and chi2[value] <= min(chi2.values()) + rise * free.inflation:
