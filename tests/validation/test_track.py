@@ -4,12 +4,14 @@ import json
 
 import numpy as np
 import pandas as pd
+import pytest
 from mlflow.tracking import MlflowClient
 
 from jointgap.app.dashboard import addresses
+from jointgap.core.errors import InputError
 from jointgap.core.publish import publish_records
 from tests.validation.test_score import analysis, scored, truth
-from validation.__main__ import score
+from validation.__main__ import collect, report, score
 from validation.report import DESCRIPTION, mlflow_records, write_score
 from validation.score import BASELINES, rates
 
@@ -64,3 +66,18 @@ def test_sets_stand_side_by_side_and_a_new_score_supersedes_the_old(tmp_path):
     (experiment,) = {client.get_run(run["run_id"]).info.experiment_id for run in runs.values()}
     assert f"experiments=%5B%22{experiment}%22%5D" in address
     assert published(results, "small", 3)["deleted"] == 1
+
+
+def test_trials_are_collected_over_several_runs_of_one_version_and_reported(tmp_path):
+    table, one, other = tmp_path / "trials.csv", tmp_path / "one", tmp_path / "other"
+    scored(one, [truth(name="a", kind="nothing")], [{**analysis(verdict="no_disagreement"), "id": "a"}])
+    scored(other, [truth(name="b", kind="nothing")], [{**analysis(verdict="no_disagreement"), "id": "b"}])
+    collect(str(one), str(table), "v1")
+    collect(str(other), str(table), "v1")
+    collect(str(other), str(table), "v1")
+    report("made up", str(table), str(tmp_path / "score"))
+    assert pd.read_csv(table)["id"].tolist() == ["a", "b"]
+    rates = pd.read_csv(tmp_path / "score/rates.csv").set_index(["what", "group"])["value"]
+    assert rates["nothing found, nothing hidden", "all"] == 1.0
+    with pytest.raises(InputError, match=r"trials of v1"):
+        collect(str(one), str(table), "v2")

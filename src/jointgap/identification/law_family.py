@@ -71,13 +71,14 @@ def fit_shape(
     start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
     start |= {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
     fits: list[Fit] = []
+    # at the effect's own shape the law is what was found: its states lack next to nothing
+    vary = problem.parameters(hypothesis) if found.in_windows and not family.idle_at_own else None
     shapes = [shape for shape in family.in_use if not (family.idle_at_own and shape == family.own)]
     for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
         for guess in family.law.initial_guesses or ({},):
             at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
-            fits.append(
-                fitted(problem, hypothesis, start | at_guess, differences=differences, refresh=True, near=found)
-            )
+            at = start | at_guess
+            fits.append(fitted(problem, hypothesis, at, differences=differences, refresh=True, near=found, vary=vary))
         if converged := [fit for fit in fits if fit.status == CONVERGED]:
             return min(converged, key=lambda fit: fit.chi2)
     return min(fits, key=lambda fit: fit.chi2)
