@@ -109,6 +109,7 @@ def find_force_law(
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
     signatures = signatures_about(problem, base, differences, library)
+    until = problem.simulations + problem.settings.selection.max_simulations
     screen, settings = SignatureRegression(signatures), problem.settings.selection
     sums = [screen.explained(chosen) for chosen in _subsets(signatures.entries)]
     if not sums:
@@ -136,7 +137,7 @@ def find_force_law(
     alone = min(fits, key=lambda fit: fit.bic)
     # beside loose joints each fit is dear: what explains little has no term in common with the law
     leads = weigh_fit(base, alone, limits).share >= problem.settings.family.least_share
-    if leads or not base.in_windows:
+    if not base.in_windows or (leads and problem.simulations <= until):
         fits += each(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
     cost = {fit.label: fit.bic + choice_cost(fit.hypothesis) for fit in fits}
     fits.sort(key=lambda fit: cost[fit.label])

@@ -71,8 +71,8 @@ def fit_pairs(
     Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first:
     clearances of joints in windows; pairs whose signatures explain nearly all, where none does alone; the best
     partners of each leading single effect. Sizes of clearances are not searched on doubted data, which would lead
-    anywhere. No further fit begins once as many runs are simulated as the settings say, windows apart. How far each
-    step goes depends on all others, so it is not shared out. Single effects that it finds are among the fits then.
+    anywhere. No further fit begins once as many runs are simulated as the settings say. How far each step goes depends
+    on all others, so it is not shared out. Single effects that it finds are among the fits then.
 
     A clearance may do what two other effects do together: where a pair is worth a fit the first part searches these
     too.

@@ -174,8 +174,10 @@ def with_families(
     if not equal and (is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)):
         settings = baseline.problem.settings
         best = min(fit.bic for fit in (decision.chosen, *decision.equivalent)) - settings.decision.min_delta_bic
-        laws = []
+        laws, until = [], problem.simulations + settings.selection.max_simulations
         for found, member, family in _unproven(problem, decision, settings.family.least_share):
+            if problem.simulations > until:
+                break
             fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
             if fit.bic > best or not _weighed(baseline, decision, fit, limits).passes:
                 continue

@@ -67,6 +67,7 @@ class _Run:
     """A run of a problem in windows."""
 
     def __init__(self, problem: Problem, run: str, windowed: WindowedRun, states: Any):
+        self._problem = problem
         self.parts, self.states = [part for part in problem.parts if part.series.run == run], states
         self.shared = problem.shared_changes(run)  # (n, e) what errors of the drive, of variance 1, change in residuals
         self._weights = np.linalg.inv(np.eye(self.shared.shape[1]) + self.shared.T @ self.shared)
@@ -80,6 +81,7 @@ class _Run:
 
     def motion(self, windowed: WindowedRun, slow: np.ndarray) -> _Motion:
         """The run from the states `slow` (k, d)."""
+        self._problem.simulations += 1
         readings, ends, handed, done = windowed.simulate(replace(self.states, slow=slow))
         out = []
         for part in self.parts:
@@ -189,6 +191,7 @@ class Estimate:
         self._slow: dict[str, np.ndarray] = {}
         self._motions: dict[str, _Motion] = {}
         self._columns: dict[str, tuple[np.ndarray, np.ndarray]] | None = None
+        self._simulated = problem.simulations
 
     @property
     def mapping(self) -> dict[str, float]:
@@ -562,7 +565,8 @@ class Estimate:
         free = [i for i, p in enumerate(self._varied) if not p.whole]
         jacobian[:count, free] = _root(self.stages[-1].hessian - np.diag(self.prior**2))
         values = np.array([self.mapping[p.key] for p in self._varied])
-        found = Fit(self.hypothesis, self._varied, values, residual, jacobian, 0, CONVERGED)
+        count = self.problem.simulations - self._simulated
+        found = Fit(self.hypothesis, self._varied, values, residual, jacobian, count, CONVERGED)
         return replace(found, slope=np.zeros(values.size), states=dict(self._slow), settings=self.problem.settings)
 
     def failed(self, reason: str) -> Fit:

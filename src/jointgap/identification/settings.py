@@ -185,8 +185,9 @@ class ModelSelectionSettings:
     # Single effects beside which pairs are fitted where none is sufficient, those of least chi2, one of each
     # exclusion group; `partners` of each. Two effects that mask each other need not lead alone (experience)
     leading_singles: int = 6
-    # Runs that the fits of pairs may simulate where no single effect is sufficient, until no further fit begins; what
-    # has begun ends. Two minutes where joints are loose and dry (experience)
+    # Runs that each of these may simulate until no further fit begins: the fits of pairs, the search in windows, that
+    # for a formula, that for families. What has begun ends. One to two minutes where joints are loose and dry
+    # (experience)
     max_simulations: int = 5000
     # The same of motion that never repeats, of which a run takes as long as four others (experience)
     max_simulations_of_statistics: int = 1500

@@ -27,9 +27,11 @@ def search_in_windows(
     what explains most of the rest, or more than chance if it leaves noise.
 
     Of effects slopes in windows say how much they would explain; of clearances each of many `sizes` is tried by the
-    filter over one turn of each run.
+    filter over one turn of each run. Once as many runs are simulated as the settings say, neither second effects nor
+    films are sought.
     """
     problem, base = baseline.problem, baseline.base
+    until = problem.simulations + problem.settings.selection.max_simulations
     start = base.mapping if base.in_windows else {k: v for k, v in baseline.nominal.mapping.items() if "@" in k}
     found: Found = []
     if base.in_windows:
@@ -44,12 +46,12 @@ def search_in_windows(
         starts = _best_sizes(problem, problem.model.candidates, start)
         found += _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
-    if best and all(_cost(*best) < fit.chi2 for fit in alone):
+    if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
             about = best[1].signatures([one for one in problem.model.candidates if not one.search_range])
             chosen = _worth(problem, about, best[1].hypothesis, limits, not goes_on())
             found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen])
-    films = _films(problem, base) if base.in_windows and goes_on() else []
+    films = _films(problem, base) if base.in_windows and problem.simulations <= until and goes_on() else []
     return sorted([*(fit for fit, _ in found if fit), *films], key=lambda fit: fit.chi2)
 
 
