@@ -107,6 +107,13 @@ def test_of_two_hidden_effects_that_no_single_one_stands_for_the_pair_is_found()
     assert [fit.chi2 for fit in fits] == sorted(fit.chi2 for fit in fits)
 
 
+def test_no_second_effect_is_sought_once_the_budget_of_simulated_runs_is_spent():
+    problem = problem_of(hidden=TWO)
+    problem.settings = replace(problem.settings, selection=replace(problem.settings.selection, max_simulations=0))
+    assert {len(fit.hypothesis) for fit in search(problem)} == {1}
+    assert all(fit.simulations > 0 for fit in search(problem))
+
+
 def test_the_partner_of_a_size_whose_windows_leave_much_more_than_noise_is_found_and_the_size_alone_goes_no_further():
     problem = springs(6.4, hidden=ONE | {"spring": {"size": 0.3, "damping": 0.0}})
     (spring,) = Estimate(problem, (SPRING,), {"spring.size": 0.3}).anneal().stages[-1:]

@@ -423,6 +423,7 @@ class Estimate:
         other = Estimate(self.problem, self.hypothesis, at, varied)
         other._runs = {run: copy(one) for run, one in self._runs.items()}
         other._slow, other._motions = dict(self._slow), dict(self._motions)
+        other._simulated = self._simulated
         if vary is None:
             other.stages, other._columns, other._steps = list(self.stages), self._columns, self._steps.copy()
         return other
