@@ -1,11 +1,11 @@
 """Derivatives of networks, against automatic differentiation and finite differences."""
 
 import numpy as np
-import pytest
 import torch
 
 from jointgap.networks.levenberg_marquardt import NetworkModel
 from jointgap.networks.network import Layout, nguyen_widrow
+from tests.rows import each
 
 LAYOUTS = [Layout((10, 10, 10, 10)), Layout((5,)), Layout((3, 7))]
 INPUTS = np.linspace(0.0, 1.0, 31)
@@ -24,7 +24,7 @@ def plain_outputs(layout, parameters):
     return (matrices[-1][:, :-1] @ signal + matrices[-1][:, -1:])[0]
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@each("layout", LAYOUTS)
 def test_outputs_and_jacobian_agree_with_automatic_differentiation(layout):
     parameters = torch.tensor(nguyen_widrow(layout, 0))
     expected = torch.func.jacrev(lambda p: plain_outputs(layout, p))(parameters)
@@ -32,7 +32,7 @@ def test_outputs_and_jacobian_agree_with_automatic_differentiation(layout):
     np.testing.assert_allclose(evaluated(layout).outputs, plain_outputs(layout, parameters), rtol=1e-13, atol=1e-13)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@each("layout", LAYOUTS)
 def test_products_with_the_jacobian_need_no_jacobian(layout):
     evaluation = evaluated(layout, 1)
     jacobian, weights = evaluation.jacobian(), np.random.default_rng(0).normal(size=len(INPUTS))
@@ -42,7 +42,7 @@ def test_products_with_the_jacobian_need_no_jacobian(layout):
     np.testing.assert_allclose(np.tril(out), np.tril(jacobian @ jacobian.T), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@each("layout", LAYOUTS)
 def test_derivatives_along_a_step_agree_with_automatic_differentiation(layout):
     parameters, step = nguyen_widrow(layout, 4), 0.3 * nguyen_widrow(layout, 6)
     first, second = evaluated(layout, 4).along(step)

@@ -73,20 +73,6 @@ def test_curves_end_at_the_errors_and_the_tables_hold_the_network(fit, tmp_path)
         np.testing.assert_array_equal(back.values(angle), network.values(angle))
 
 
-def test_more_neurons_than_points_determine_do_not_ring():
-    options = OPTIONS.model_copy(update={"regularised_neurons": 60, "regularised_iterations": 30})
-    angle = np.linspace(0, 2 * np.pi, 181)
-    frame = pd.DataFrame({"crank_angle": angle, "gamma2": np.sin(3 * angle)})
-    row = train_regularised(frame, frame, "gamma2", options).errors().iloc[0]
-    assert row["weights"] > row["training_points"]
-    assert row["held_out_mse"] < 1e-6
-
-
-def test_training_is_the_same_to_the_last_bit_every_time(fit):
-    again = train_regularised(ringing(720), ringing(7200), "gamma2", OPTIONS)
-    np.testing.assert_array_equal(again.network.parameters, fit.network.parameters)
-
-
 def test_the_smoothing_spline_follows_exact_points_and_smooths_noise():
     x = np.linspace(0.0, 6.0, 300)
     noise = 0.1 * np.random.default_rng(0).normal(size=300)
