@@ -51,18 +51,6 @@ def test_the_slider_keeps_its_velocity_while_the_journal_flies(published):
     assert np.abs(np.diff(published["slider_velocity"]))[whole[1:]].max() < 1e-12
 
 
-def test_the_position_hardly_feels_the_clearance(published):
-    """The pin is within its bearing: the slider is off by the clearance over the cosine of the rod's angle at most, and
-    the penetration.
-    """
-    deviation = published["slider_position"] - ideal(published["crank_angle"])["slider_position"]
-    steepest = math.asin((CRANK + CLEARANCE) / ROD)
-    penetration = published["r3"].max() - CLEARANCE
-    assert (
-        0.8 * CLEARANCE < deviation.abs().max() < (CLEARANCE + penetration) / math.cos(steepest) * (1 + CLEARANCE / ROD)
-    )
-
-
 def test_accelerations_and_crank_torque_have_peaks_many_times_those_of_ideal_joints(published):
     without = ideal(published["crank_angle"])["slider_acceleration"].abs().max()
     assert without == pytest.approx(IDEAL_PEAK)
@@ -79,18 +67,6 @@ def test_the_smaller_the_clearance_the_nearer_to_ideal_joints():
     assert found[-1]["peak acceleration"] < 1.05 * IDEAL_PEAK
     contact = [one["in contact"] for one in found]
     assert contact == sorted(contact)
-
-
-def test_friction_calms_the_motion():
-    without, with_friction = settled(), settled(friction=0.1)
-    for name in ("peak acceleration", "peak torque", "slider_velocity", "slider_acceleration"):
-        assert with_friction[name] < 0.8 * without[name], name
-    assert with_friction["in contact"] > without["in contact"]
-
-
-def test_the_faster_the_crank_the_larger_the_peaks():
-    slow, fast = settled(speed=0.5 * SPEED), settled(speed=SPEED)
-    assert fast["peak acceleration"] > 2 * slow["peak acceleration"]
 
 
 def test_exudyn_gives_the_same_motion():

@@ -87,17 +87,6 @@ def test_perfect_fits_agree_with_the_simulation_and_with_each_other(trajectory):
     assert (result["kinematics_contradictions"]["rms_over_range"] < 1e-6).all()
 
 
-def test_the_paper_form_misses_the_acceleration_but_no_position(trajectory):
-    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits()})
-    for source in ("networks_paper_form", "simulation_paper_form"):
-        assert error_of(result, source, "slider_position")["peak"] < 1e-15
-        missed = error_of(result, source, "slider_acceleration")
-        assert missed["peak"] > 10.0
-    assert missed["rms"] == pytest.approx(
-        error_of(result, "networks_paper_form", "slider_acceleration")["rms"], rel=1e-9
-    )
-
-
 def test_a_fit_that_contradicts_another_is_found_with_its_size(trajectory):
     errors = {"gamma2_dot": 2.0, "gamma3_ddot": 30.0}
     result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits(**errors)})
@@ -108,16 +97,6 @@ def test_a_fit_that_contradicts_another_is_found_with_its_size(trajectory):
     assert contradiction_of(result, "gamma2")["peak"] == pytest.approx(drift, rel=1e-9)
     assert contradiction_of(result, "slider_position")["peak"] > 1e-5
     assert contradiction_of(result, "slider_acceleration")["peak"] > 1e-2
-
-
-def test_the_forms_differ_in_what_they_take_from_where():
-    angle = np.linspace(0.0, 2 * np.pi, 3601)
-    forms = clearance_motions(fits(gamma2_dot=2.0), Motion.of(angle, np.full(3601, SPEED), 0.0 * angle), LOOSE)
-    assert list(forms) == ["paper_form", "exact", "own_rates", "integrated"]
-    assert not forms["paper_form"].r2.velocity.any() and forms["exact"].r2.velocity.any()
-    assert forms["exact"].r2.acceleration == pytest.approx(wave("r2", angle, 2) * SPEED**2, abs=1e-9 * SPEED**2)
-    assert forms["own_rates"].gamma2.velocity == pytest.approx(wave("gamma2", angle, 1) * SPEED, rel=1e-12)
-    assert forms["paper_form"].gamma2.velocity == pytest.approx(wave("gamma2", angle, 1) * SPEED + 2.0, rel=1e-12)
 
 
 def test_a_speed_that_changes_enters_every_derivative_and_every_integral():
@@ -150,17 +129,6 @@ def test_errors_count_held_out_samples_only(trajectory):
     assert error_of(result, "ideal", "slider_position")["samples"] == 1800 - 360
     assert error_of(result, "ideal", "slider_position", "past_60_deg")["samples"] == 1500 - 300
     assert result["kinematics_contradictions"].empty
-
-
-def test_the_table_holds_every_sample_of_every_source(trajectory):
-    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits()})
-    assert set(result["kinematics"].groupby("source").size()) == {1801}
-    assert set(result["kinematics"]["source"]) == {
-        "simulation",
-        "ideal",
-        "simulation_exact",
-        "simulation_paper_form",
-    } | {f"networks_{form}" for form in ("paper_form", "exact", "own_rates", "integrated")}
 
 
 def test_samples_without_a_direction_stay_undefined_and_out_of_the_errors(trajectory):
