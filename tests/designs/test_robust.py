@@ -9,12 +9,15 @@ from scipy import stats
 
 from jointgap.config import Constraints, Scenario
 from jointgap.core.errors import InputError
+from jointgap.core.page import to_markdown
 from jointgap.designs.optimise_robust import (
     SimulatedDraws,
     check,
     compare,
+    draw,
     headline,
     optimise_robust,
+    page,
     scenario_of,
     uncertain_of,
     verdict,
@@ -137,3 +140,10 @@ def test_where_the_gain_may_be_nothing_the_page_says_that_no_change_is_worth_it(
     found = replace(once, gains=gains)
     assert headline(found) == "No change of the lengths is worth it"
     assert any(said in sentence for sentence in verdict(found))
+
+
+def test_the_page_shows_every_pair_of_lengths_with_its_numbers(once):
+    text = to_markdown(page(once, scenario({"friction": FRICTION, "crank_length": TOLERANCE}), "mine"))
+    for words in ("original lengths", "frozen motion", "best at nominal values", "robust optimum", "16 fresh draws"):
+        assert words in text
+    assert {"robust_front", "robust_errors", "robust_map"} == set(dict(draw(once)))

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.contact import LAWS
+from jointgap.dynamics.equations import AUXILIARY_STATES
 from jointgap.dynamics.joints import CLAMPED
+from jointgap.dynamics.simulation import integrate_to_angles
 from tests.dynamics import plain
-from tests.dynamics.cases import ALL, LUGRE, MOTOR, SPEED, integrated, mechanism
+from tests.dynamics.cases import ALL, LUGRE, MOTOR, SPEED, integrated, mechanism, options, with_numbers
 from tests.dynamics.laws import impact_duration
 from tests.rows import each
 
@@ -88,3 +91,31 @@ def test_neither_samples_nor_the_length_of_a_run_change_the_motion():
     np.testing.assert_array_equal(fine.states[::10], coarse.states)
     np.testing.assert_array_equal(fine.events, coarse.events)
     np.testing.assert_array_equal(longer.states[:181], coarse.states)
+
+
+FALL, THROW = 9.81, 0.14
+HEIGHT = THROW**2 / (2 * FALL)
+
+
+def thrown(clearance):
+    """Events of a body thrown up from the middle of a ring of that clearance, so that it turns near the ring's top.
+
+    A crank and a lever of no length make the rod's mass centre the journal's; its whole flight fits into one step.
+    """
+    p = with_numbers(
+        parameters(mechanism(), options(speed=1.0)),
+        bodies={"crank_length": 0.0, "rod_centre": 0.0, "gravity_y": -FALL},
+        crank_pin={"clearance": clearance},
+        piston_pin={"clearance": 10.0},
+    )
+    start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, THROW, 0.0, THROW]), np.zeros(AUXILIARY_STATES)
+    return integrate_to_angles(p, start, np.array([0.0, 1.5 * THROW / FALL]), 1e-12).events
+
+
+@each("share", (1e-3, 1e-6, 1e-9))
+def test_a_grazing_impact_between_two_step_ends_is_found_and_a_near_miss_is_none(share):
+    events = thrown(HEIGHT * (1 - share))
+    assert events.shape[0] == 2
+    assert events[0, 0] == pytest.approx(THROW / FALL * (1 - np.sqrt(share)), rel=1e-6)
+    assert events[0, 3] == pytest.approx(THROW * np.sqrt(share), rel=1e-2)
+    assert thrown(HEIGHT * (1 + share)).shape[0] == 0

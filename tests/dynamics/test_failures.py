@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.errors import SimulationError
 from jointgap.dynamics import numba_cache
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
@@ -61,12 +61,6 @@ def test_a_motion_of_too_many_steps_says_what_each_joint_does_and_what_to_change
     )
     assert abs(float(turns[1])) > 50
     assert "crank pin:" not in str(told.value)
-
-
-def test_a_rod_that_does_not_reach_the_slide_is_refused():
-    p = parameters(mechanism(), options(start_angle=np.pi / 2))
-    with pytest.raises(InputError, match="does not reach the slide"):
-        start_state(with_numbers(p, bodies={"slider_offset": -0.5}))
 
 
 def test_every_source_of_compiled_code_renews_what_is_kept():

@@ -156,12 +156,3 @@ def test_a_table_that_is_no_load_of_one_period_is_refused(table, written, more, 
         listed(entry)
     for word in words:
         assert word in str(caught.value)
-
-
-def test_contacts_are_judged_at_the_load_of_a_table(table):
-    degrees = np.arange(0.0, 361.0, 10.0)
-    load = table(angle=degrees, force=-2e4 * (1.0 + np.cos(np.radians(degrees))))()
-    rubber = {"steel": {"youngs_modulus": "10 MPa"}}
-    listed(contacts=rubber).check_contacts(6.0)
-    with pytest.raises(InputError, match=r"youngs_modulus 1e\+07 Pa is too soft: 4\.001e\+04 N"):
-        listed(load, contacts=rubber).check_contacts(6.0)

@@ -97,13 +97,6 @@ def test_steady_sliding_of_bristles_is_on_the_stribeck_curve(speed):
     assert force == pytest.approx(steady + BRISTLES["viscous_friction"] * speed, rel=1e-6)
 
 
-def test_bristles_follow_the_exact_path_law_when_there_is_no_stribeck_effect():
-    """With mu_s = mu the bend depends on the path alone: z = mu / sigma_0 (1 - exp(-sigma_0 path / mu))."""
-    path, bend = 2e-6, MU / BRISTLES["bristle_stiffness"]
-    bristle, _ = slid(rubbing("lugre", static_friction=MU, **BRISTLES), lambda t: 2 * path * t, 1.0)
-    assert bristle == pytest.approx(bend * -math.expm1(-path / bend), rel=1e-7)
-
-
 @each("law, stroke", [("coulomb", 1e-6), ("bengisu_akay", 1e-6), ("ambrosio", 1e-4), ("lugre", 1e-6)])
 def test_a_cycle_takes_up_energy(law, stroke):
     """To and fro from rest, the first and the later cycles; what bent bristles store can only make it more."""

@@ -55,18 +55,14 @@ def test_a_clean_angle_is_recovered_with_its_derivatives(tmp_path, worst):
     worst("measured angle: torque by virtual work", off, 1e-13)
 
 
-def test_an_encoders_angle_is_recovered_within_its_step(tmp_path, worst):
-    def encoded(angle):
-        return np.degrees(STEP * np.round(angle / STEP)) % 360
-
-    chosen = measured(tmp_path, encoded, angle_unit="deg", resolution=STEP)
-    angle, speed, acceleration = deviations(simulate(mechanism(loose=()), chosen).samples)
+def test_an_angle_in_steps_or_with_noise_of_unknown_size_is_recovered_within_these(tmp_path, worst):
+    stepped = measured(
+        tmp_path, lambda angle: np.degrees(STEP * np.round(angle / STEP)) % 360, angle_unit="deg", resolution=STEP
+    )
+    angle, speed, acceleration = deviations(simulate(mechanism(loose=()), stepped).samples)
     worst("measured angle, 0.1 deg steps: angle [rad]", angle, 0.5 * STEP)
     worst("measured angle, 0.1 deg steps: speed", speed, 2e-3)
     worst("measured angle, 0.1 deg steps: acceleration", acceleration, 0.2)
-
-
-def test_noise_of_unknown_size_is_smoothed_away(tmp_path, worst):
     noise = np.random.default_rng(1).normal(scale=1e-3, size=2001)
     angle, speed, _ = deviations(simulate(mechanism(loose=()), measured(tmp_path, lambda a: a + noise)).samples)
     worst("measured angle, 1e-3 rad noise: angle [rad]", angle, 1e-3)

@@ -11,10 +11,6 @@ LAYOUTS = [Layout((10, 10, 10, 10)), Layout((5,)), Layout((3, 7))]
 INPUTS = np.linspace(0.0, 1.0, 31)
 
 
-def evaluated(layout, seed=0):
-    return NetworkModel(layout, INPUTS).evaluate(nguyen_widrow(layout, seed))
-
-
 def plain_outputs(layout, parameters):
     """The network in plain torch operations, for automatic differentiation."""
     signal = torch.as_tensor(INPUTS)[None]
@@ -25,32 +21,21 @@ def plain_outputs(layout, parameters):
 
 
 @each("layout", LAYOUTS)
-def test_outputs_and_jacobian_agree_with_automatic_differentiation(layout):
-    parameters = torch.tensor(nguyen_widrow(layout, 0))
-    expected = torch.func.jacrev(lambda p: plain_outputs(layout, p))(parameters)
-    np.testing.assert_allclose(evaluated(layout).jacobian(), expected, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(evaluated(layout).outputs, plain_outputs(layout, parameters), rtol=1e-13, atol=1e-13)
-
-
-@each("layout", LAYOUTS)
-def test_products_with_the_jacobian_need_no_jacobian(layout):
-    evaluation = evaluated(layout, 1)
-    jacobian, weights = evaluation.jacobian(), np.random.default_rng(0).normal(size=len(INPUTS))
-    np.testing.assert_allclose(evaluation.pull_back(weights), jacobian.T @ weights, rtol=1e-12, atol=1e-12)
+def test_outputs_jacobian_products_and_derivatives_along_a_step_agree_with_automatic_differentiation(layout):
+    parameters, step = nguyen_widrow(layout, 4), 0.3 * nguyen_widrow(layout, 6)
+    found, at = NetworkModel(layout, INPUTS).evaluate(parameters), torch.tensor(parameters)
+    jacobian, weights = found.jacobian(), np.random.default_rng(0).normal(size=len(INPUTS))
+    np.testing.assert_allclose(found.outputs, plain_outputs(layout, at), rtol=1e-13, atol=1e-13)
+    expected = torch.func.jacrev(lambda p: plain_outputs(layout, p))(at)
+    np.testing.assert_allclose(jacobian, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found.pull_back(weights), jacobian.T @ weights, rtol=1e-12, atol=1e-12)
     out, *work = (np.zeros((len(INPUTS),) * 2, order="F") for _ in range(3))
-    evaluation.row_products(out, tuple(work))
+    found.row_products(out, tuple(work))
     np.testing.assert_allclose(np.tril(out), np.tril(jacobian @ jacobian.T), rtol=1e-12, atol=1e-12)
 
-
-@each("layout", LAYOUTS)
-def test_derivatives_along_a_step_agree_with_automatic_differentiation(layout):
-    parameters, step = nguyen_widrow(layout, 4), 0.3 * nguyen_widrow(layout, 6)
-    first, second = evaluated(layout, 4).along(step)
-
     def curve(t):
-        return plain_outputs(layout, torch.tensor(parameters) + t * torch.tensor(step))
+        return plain_outputs(layout, at + t * torch.tensor(step))
 
-    zero = torch.zeros((), dtype=torch.float64)
+    zero, (first, second) = torch.zeros((), dtype=torch.float64), found.along(step)
     np.testing.assert_allclose(first, torch.func.jacrev(curve)(zero), rtol=1e-11, atol=1e-11)
-    expected = torch.func.jacrev(torch.func.jacrev(curve))(zero)
-    np.testing.assert_allclose(second, expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(second, torch.func.jacrev(torch.func.jacrev(curve))(zero), rtol=1e-11, atol=1e-11)
