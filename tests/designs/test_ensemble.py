@@ -155,18 +155,6 @@ def call(*arguments):
     return done.output
 
 
-def test_an_ensemble_is_simulated_and_what_failed_is_told(tmp_path):
-    vary = {"friction": [0.1, 0.2], "simulate.speed": [60, 70]}
-    output = call("ensemble", "--options", sections_of(ensemble={"vary": vary, "members": 3}), "--folder", tmp_path)
-    assert "12 runs, 0 failed" in output
-    runs = pd.read_parquet(tmp_path / "runs.parquet")
-    assert set(zip(runs["friction"], runs["simulate.speed"], strict=True)) == {
-        (f, w) for f in (0.1, 0.2) for w in (60, 70)
-    }
-    units = parquet.describe(tmp_path / "samples.parquet").set_index("column")["unit"]
-    assert (units["r2_x"], units["r2_x_dot"]) == ("m", "m/s")
-
-
 def test_statistics_of_a_simulated_motion_are_printed_and_written(tmp_path):
     motion = ["--trajectory", tmp_path / "motion.parquet", "--events", tmp_path / "events.parquet"]
     call("simulate", "--options", sections_of(), *motion)

@@ -101,16 +101,6 @@ def test_a_sum_has_the_shares_of_its_variances_whatever_the_distributions():
     check(decide(drawn, weighed), dict(zip(parameters, zip(shares, shares, strict=True), strict=False)), within=0.01)
 
 
-def test_a_grid_is_read_as_its_lists():
-    grid = {"friction": [0, 0.1, 0.2], "speed": {"from": "300 rpm", "to": "900 rpm", "number": 30}}
-    found = decide(
-        designs(grid, design="grid"), lambda frame: 10 * frame["friction"] + frame["speed"] * 30 / math.pi / 300
-    )
-    variances = np.var([0.0, 1.0, 2.0]), np.var(np.linspace(1, 3, 30))
-    shares = [variance / sum(variances) for variance in variances]
-    check(found, {key: (share, share) for key, share in zip(grid, shares, strict=True)}, within=0.01)
-
-
 def test_a_rough_measure_has_no_index():
     noise = np.random.default_rng(1)
     found = decide(designs(EVEN, number=128), lambda frame: additive(frame) + 3 * noise.normal(size=len(frame)))

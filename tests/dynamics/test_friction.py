@@ -56,12 +56,6 @@ def test_the_coefficient_is_odd_opposes_sliding_and_is_the_kinetic_one_when_fast
     assert friction_coefficient(rubbing(law), 100.0, 0.0) == pytest.approx(MU, rel=1e-12)
 
 
-def test_without_a_coefficient_nothing_rubs_whatever_the_law():
-    for law in FRICTION_LAWS:
-        smooth = rubbing(law, friction=0.0, **BRISTLES)
-        assert friction_coefficient(smooth, 0.3, 1e-5) == 0.0 and bristle_rate(smooth, 0.3, 1e-5) == 0.0
-
-
 def test_coulomb_and_threlfall_rise_to_their_known_shares_at_the_friction_speed():
     speeds = np.linspace(0, 30 * SPEED, 3001)
     for law, share in (("coulomb", math.tanh(1)), ("threlfall", 1 - math.exp(-3))):

@@ -101,11 +101,11 @@ def test_the_error_falls_with_the_tolerance_across_a_fade(worst):
     assert 0.7 < np.polyfit(np.log10(tolerances), np.log10(errors), 1)[0] < 1.35
 
 
-STARTS, SAMPLES = 6, 720
+STARTS, SAMPLES = 18, 720
 
 
 def settled(**contact) -> np.ndarray:
-    """Slider acceleration and crank torque over one settled revolution, from six start angles: (6, 2, 720)."""
+    """Slider acceleration and crank torque over one settled revolution, from 18 start angles: (18, 2, 720)."""
     found = []
     for start in range(STARTS):
         run = simulate(
@@ -129,11 +129,11 @@ def apart(motions: np.ndarray) -> np.ndarray:
     return (between / motions.std(axis=-1).mean(axis=0)).max(axis=-1)
 
 
-def test_from_six_start_angles_the_motion_settles_on_one(worst):
+def test_from_eighteen_start_angles_the_motion_settles_on_one(worst):
     worst("settled motions apart, over the signal's sd", apart(settled()).max(), 1e-4)
 
 
 def test_as_published_the_start_decides_which_motion_it_settles_on():
     between = apart(settled(memory="published"))
     different = [i for i in range(STARTS) if (between[i, :i] > 1e-4).all()]
-    assert len(different) >= 4 and between.max() > 5e-3
+    assert len(different) >= 10 and between.max() > 5e-3

@@ -9,7 +9,7 @@ import pytest
 
 from jointgap.config import EFFECTS, Scenario, hertz_stiffness, parse_options, validate
 from jointgap.core.errors import InputError
-from jointgap.effects.base import example
+from jointgap.effects.base import example, parameters_of
 from tests.config.mechanisms import PIVOT, effect, mechanism, paper
 from tests.rows import each
 
@@ -37,6 +37,7 @@ def test_no_effect_acts_unless_it_is_listed():
 def test_every_effect_can_be_listed_as_its_own_example_says(name):
     made = mechanism(example(EFFECTS[name]), joints={"crank_pivot": PIVOT})
     assert made.effect(name) == made.effects[0].parameters
+    assert EFFECTS[name].LAW and EFFECTS[name].REFERENCE and all(row.meaning for row in parameters_of(EFFECTS[name]))
     scenario = validate(Scenario, {"mechanism": made.model_dump()}, "mine")
     assert parse_options(scenario.model_dump_json(include={"mechanism"})).mechanism == made
 

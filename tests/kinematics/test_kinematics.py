@@ -140,15 +140,3 @@ def test_samples_without_a_direction_stay_undefined_and_out_of_the_errors(trajec
     exact = result["kinematics"].query("source == 'simulation_exact'")
     assert exact["slider_velocity"].isna().sum() == 2 and exact["slider_position"].notna().all()
     assert error_of(result, "simulation_exact", "slider_velocity")["samples"] == 1440 - 2
-
-
-def test_a_contradiction_is_shown_over_the_range_of_the_simulation_not_over_that_of_a_spiky_fit(trajectory):
-    def spiky(angle):
-        value, slope = fit("gamma2", 2)(angle)
-        return value + 1e9 * (np.abs(angle - 1.0) < 0.01), slope
-
-    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits() | {"gamma2_ddot": spiky}})
-    shown = contradiction_of(result, "gamma2_ddot")
-    held_out = np.arange(len(trajectory)) % 5 != 0
-    assert shown["range"] == pytest.approx(np.ptp(trajectory["gamma2_ddot"][held_out]), rel=1e-12)
-    assert shown["rms_over_range"] > 1.0

@@ -181,24 +181,6 @@ def test_the_ideal_cycle_bounds_what_the_linkage_does(offset):
     assert cycle.stroke == pytest.approx(np.ptp(motion.slider_x.position), abs=2e-9)
 
 
-def jets(time):
-    """Analytic length and direction with their true derivatives, valid for complex times too."""
-    length = Motion(1e-3 + 2e-4 * np.sin(7 * time), 1.4e-3 * np.cos(7 * time), -9.8e-3 * np.sin(7 * time))
-    direction = Motion(3 * time + time**2, 3 + 2 * time, 2 + 0 * time)
-    return length, direction
-
-
-def test_velocity_and_acceleration_of_a_turning_growing_vector_are_derivatives_to_rounding():
-    time, step = np.linspace(0, 2, 41), 1e-30
-    for component, complex_component in zip(
-        rotating_vector(*jets(time)), rotating_vector(*jets(time + 1j * step)), strict=True
-    ):
-        velocity = np.imag(complex_component.position) / step
-        acceleration = np.imag(complex_component.velocity) / step
-        assert component.velocity == pytest.approx(velocity, rel=1e-13, abs=1e-15)
-        assert component.acceleration == pytest.approx(acceleration, rel=1e-13, abs=1e-15)
-
-
 def test_a_vector_of_no_length_is_zero_and_its_derivatives_undefined_where_its_direction_is():
     length = Motion.of(np.array([0.0, 1e-3]), np.array([0.1, 0.0]))
     direction = Motion.of(np.array([np.nan, 0.0]), np.array([np.nan, 1.0]))

@@ -66,13 +66,6 @@ def test_the_simulated_objective_is_the_trajectory_s_own_error(mechanism, trajec
     assert made["simulation_settled"].value(made["simulation"].original) == pytest.approx(settled, rel=1e-9)
 
 
-def test_the_original_lengths_reduce_nothing_frozen_or_simulated_again(found):
-    frozen = found.optima.query("point == 'original'")
-    assert (frozen.filter(like="_reduction") == 0.0).all(axis=None)
-    again = found.resimulated.query("point == 'original'")
-    assert (again["reduction"] == 0.0).all() and (again["frozen_reduction"].abs() < 1e-12).all()
-
-
 def test_the_optimum_lies_below_every_other_point_of_its_box(found):
     for (_, box), rows in found.optima.dropna(subset="box").groupby(["source", "box"]):
         printed = found.optima[

@@ -49,13 +49,6 @@ def test_a_third_of_the_samples_is_held_out_and_takes_no_part(fit):
     np.testing.assert_array_equal(again.network.parameters, fit.network.parameters)
 
 
-def test_samples_are_denser_where_the_trajectory_would_miss_an_impact(fit):
-    angle = np.sort(np.concatenate([fit.training.crank_angle, fit.grid.held_out.crank_angle]))
-    spacing = np.diff(angle)
-    assert spacing[np.abs(angle[:-1] - 4.0) < 0.01].max() < np.radians(0.1)
-    assert spacing[np.abs(angle[:-1] - 1.0) < 0.5].min() == pytest.approx(np.radians(0.5))
-
-
 def test_curves_end_at_the_errors_and_the_tables_hold_the_network(fit, tmp_path):
     history, errors = fit.history(), fit.errors()
     assert history["iteration"].tolist() == list(range(errors["iterations"].iloc[0] + 1))
