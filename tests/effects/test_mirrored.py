@@ -77,16 +77,6 @@ def test_a_clockwise_speed_gives_every_column_the_sign_that_an_integration_backw
     assert (own.events["crank_angle"] <= 0.7).all()
 
 
-def test_an_ideal_crank_that_turns_clockwise_moves_as_its_geometry_says():
-    made = mechanism(loose=(), offset=0.03)
-    samples = simulate(made, options(speed=-SPEED, start_angle=0.7, revolutions=1)).samples
-    angle, crank, rod = samples.crank_angle, made.crank.length, made.rod.length
-    np.testing.assert_allclose(angle, 0.7 - SPEED * samples.time, atol=1e-9)
-    rod_angle = np.arcsin((0.03 - crank * np.sin(angle)) / rod)
-    np.testing.assert_allclose(samples.rod_angle, rod_angle, atol=1e-9)
-    np.testing.assert_allclose(samples.slider_position, crank * np.cos(angle) + rod * np.cos(rod_angle), atol=1e-9)
-
-
 def test_a_motor_starts_from_rest_and_turns_either_way():
     motor = {"kind": "motor", "stall_torque": 30.0, "no_load_speed": 40.0, "inertia": 0.02}
     still = options(speed=0.0, drive=motor, revolutions=1, samples_per_revolution=90)

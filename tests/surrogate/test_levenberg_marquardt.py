@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt on problems with known solutions, and against scipy."""
+"""Levenberg-Marquardt on problems with known solutions and against scipy; derivatives of networks that it uses."""
 
 import numpy as np
 import pytest
@@ -145,3 +145,37 @@ def test_it_says_why_it_ends(status, targets, settings):
 def test_targets_that_are_not_finite_are_refused():
     with pytest.raises(ValueError, match="leave gaps out"):
         minimise(NetworkModel(LAYOUT, INPUTS), np.where(INPUTS > 0.5, np.nan, 1.0), nguyen_widrow(LAYOUT, 0), PRECISE)
+
+
+LAYOUTS = [Layout((10, 10, 10, 10)), Layout((5,)), Layout((3, 7))]
+POINTS = np.linspace(0.0, 1.0, 31)
+
+
+def plain_outputs(layout, parameters):
+    """The network in plain torch operations, for automatic differentiation."""
+    signal = torch.as_tensor(POINTS)[None]
+    matrices = layout.split(parameters)
+    for matrix in matrices[:-1]:
+        signal = torch.tanh(matrix[:, :-1] @ signal + matrix[:, -1:])
+    return (matrices[-1][:, :-1] @ signal + matrices[-1][:, -1:])[0]
+
+
+@each("layout", LAYOUTS)
+def test_outputs_jacobian_products_and_derivatives_along_a_step_agree_with_automatic_differentiation(layout):
+    parameters, step = nguyen_widrow(layout, 4), 0.3 * nguyen_widrow(layout, 6)
+    found, at = NetworkModel(layout, POINTS).evaluate(parameters), torch.tensor(parameters)
+    jacobian, weights = found.jacobian(), np.random.default_rng(0).normal(size=len(POINTS))
+    np.testing.assert_allclose(found.outputs, plain_outputs(layout, at), rtol=1e-13, atol=1e-13)
+    expected = torch.func.jacrev(lambda p: plain_outputs(layout, p))(at)
+    np.testing.assert_allclose(jacobian, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(found.pull_back(weights), jacobian.T @ weights, rtol=1e-12, atol=1e-12)
+    out, *work = (np.zeros((len(POINTS),) * 2, order="F") for _ in range(3))
+    found.row_products(out, tuple(work))
+    np.testing.assert_allclose(np.tril(out), np.tril(jacobian @ jacobian.T), rtol=1e-12, atol=1e-12)
+
+    def curve(t):
+        return plain_outputs(layout, at + t * torch.tensor(step))
+
+    zero, (first, second) = torch.zeros((), dtype=torch.float64), found.along(step)
+    np.testing.assert_allclose(first, torch.func.jacrev(curve)(zero), rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(second, torch.func.jacrev(torch.func.jacrev(curve))(zero), rtol=1e-11, atol=1e-11)
