@@ -12,41 +12,43 @@ from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 
 def any_case(random, films):
     """A mechanism, its drive and start, and the tolerance [m]; `films` take long at low speed, where they are stiff."""
-
-    def one_of(*values):
-        return values[random.integers(len(values))]
-
     loose, motor_driven = [joint for joint in ALL if random.random() < 0.7], random.random() < 0.3
     effects = [
-        effect("slider_load_friction", coefficient=random.uniform(0, 1)),
+        effect("slider_load_friction", coefficient=float(random.uniform(0, 1))),
         effect("slider_coulomb_friction", force_N=20.0),
-        effect("rod_flexibility", frequency_Hz=random.uniform(300, 2000), damping_ratio=0.02),
+        effect("rod_flexibility", frequency_Hz=float(random.uniform(300, 2000)), damping_ratio=0.02),
         *([] if motor_driven else [effect("speed_fluctuation", ratio=0.1, order=int(random.integers(1, 13)))]),
-        *(effect("pin_friction", pin, coefficient=random.uniform(0, 0.6)) for pin in PINS),
+        *(effect("pin_friction", pin, coefficient=float(random.uniform(0, 0.6))) for pin in PINS),
         *(
             effect("lubricated_joint", pin, viscosity_Pa_s=0.01, length_m=0.01)
-            for pin in loose
-            if films and pin in PINS
+            for pin in PINS
+            if films and pin in loose
         ),
     ]
     made = mechanism(
         *(one for one in effects if random.random() < 0.2),
         loose=loose,
-        friction=one_of(0.0, 0.01, 0.05, 0.2),
-        friction_speed=one_of(1e-3, 1e-2),
-        friction_law=one_of("coulomb", "coulomb", *FRICTION_LAWS),
-        restitution=random.uniform(0.05, 0.98),
-        law=one_of("lankarani_nikravesh", "exact_restitution"),
-        offset=one_of(0.0, 0.05),
-        gravity=one_of(False, True),
-        journals=(one_of("crank", "rod"), one_of("slider", "rod")),
-        clearance=one_of(1e-3, 2e-4, 5e-5),
+        friction=float(random.choice([0, 0.01, 0.05, 0.2])),
+        friction_speed=float(random.choice([1e-3, 1e-2])),
+        friction_law=str(random.choice(["coulomb", "coulomb", *FRICTION_LAWS])),
+        restitution=float(random.uniform(0.05, 0.98)),
+        law=str(random.choice(["lankarani_nikravesh", "exact_restitution"])),
+        offset=float(random.choice([0, 0.05])),
+        gravity=bool(random.integers(2)),
+        journals=(str(random.choice(["crank", "rod"])), str(random.choice(["slider", "rod"]))),
+        clearance=float(random.choice([1e-3, 2e-4, 5e-5])),
     )
-    speed = one_of(5.0, 60.0, 300.0)
+    speed = float(random.choice([5, 60, 300]))
     motor = {"kind": "motor", "stall_torque": 0.2 * speed**2 + 10, "no_load_speed": 2 * speed, "inertia": 0.5}
-    changed = {"tolerance": one_of(1e-9, 1e-11, 1e-13), "start_angle": random.uniform(0, 6)}
-    changed |= {"drive": motor} if motor_driven else {}
-    return made, options(speed=speed, revolutions=2, samples_per_revolution=100, **changed)
+    started = options(
+        speed=speed,
+        start_angle=float(random.choice(np.linspace(0, 6, 61))),
+        tolerance=float(random.choice([1e-9, 1e-11, 1e-13])),
+        revolutions=2,
+        samples_per_revolution=100,
+        **({"drive": motor} if motor_driven else {}),
+    )
+    return made, started
 
 
 def runs_through(seed, count, films=False):
@@ -69,7 +71,8 @@ def test_mechanisms_of_all_kinds_run_through():
 
 @pytest.mark.slow
 def test_very_many_mechanisms_run_through():
-    runs_through(100, 500, films=True)
+    for seed in range(100, 110):
+        runs_through(seed, 50, films=True)
 
 
 def test_a_simulation_is_the_same_to_the_last_bit_every_time():

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
-from jointgap.config import Box, Constraints, Genetic, load_mechanism
+from jointgap.config import Box, Constraints, Genetic, load_mechanism, resolve
 from jointgap.core.errors import InputError
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.lengths.objective import frozen_objective
-from jointgap.lengths.region import PinForce, Region, geometric
+from jointgap.lengths.region import PinForce, Region, check_constraints, geometric
 from jointgap.lengths.search import evolve, search_from_all
 from tests.rows import each
 
@@ -81,6 +81,13 @@ def test_a_constraint_that_decides_is_named_with_its_value(objective):
 def test_what_no_lengths_can_meet_is_refused_before_the_search(asked, words):
     with pytest.raises(InputError, match=words):
         region(0.0, **asked)
+
+
+def test_a_configuration_whose_constraints_leave_nothing_is_refused_with_the_scenario_s_name():
+    options = {"boxes": {"mine": BOX.model_dump()}, "constraints": {"stroke": "310 mm"}}
+    mine = resolve({"scenarios": {"mine": {"mechanism": "config/mechanisms/erkaya2009.yaml", "optimise": options}}})
+    with pytest.raises(InputError, match=r"scenario mine: .*stroke 310 mm cannot be reached.*nearest: crank 153 mm"):
+        check_constraints(mine)
 
 
 def test_a_largest_force_bends_the_search_to_lengths_that_carry_no_more(objective):
