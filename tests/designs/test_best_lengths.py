@@ -1,4 +1,4 @@
-"""The best lengths of a design by the paper's method: where they are known, and where a search over lengths goes."""
+"""The best lengths of a design by the paper's method where they are known, and what its printed optima come out as."""
 
 import math
 
@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from jointgap.config import Scenario
-from jointgap.core.schema import BEST_LENGTHS, PRINTED_OPTIMA
-from jointgap.designs.run import best_crank_length, simulate_designs, table_of
+from jointgap.core.errors import InputError
+from jointgap.designs.run import best_crank_length, simulate_designs
 from jointgap.designs.sampling import designs_of
-from jointgap.designs.sensitivity import decided
-from jointgap.designs.sweep import measure_in_words
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import frozen_objective, objective_of_motion
+from jointgap.paper.printed import OPTIMA
 from tests.dynamics.cases import mechanism, options
+from tests.rows import each
 
 MADE = mechanism(friction=0.1)
 CRANK, ROD = MADE.crank.length, MADE.rod.length
@@ -31,23 +31,12 @@ def measured(scenario: Scenario) -> list[dict]:
     return simulate_designs(designs_of(scenario), 0, scenario.sweep.designs, 1).to_dict("records")
 
 
-@pytest.mark.parametrize("longer", [-5e-3, -1e-4, 1e-4, 5e-3])
+@each("longer", [-5e-3, -1e-4, 1e-4, 5e-3])
 def test_clearances_that_act_as_a_longer_crank_ask_for_a_crank_as_much_shorter(longer):
     known = frozen_objective(MADE, ANGLE, longer * np.sin(ANGLE))
     best = best_crank_length(known, ROD)
     assert best == pytest.approx(CRANK - longer, abs=1e-9)
     assert known.reductions((best, ROD)).rms == pytest.approx(1.0, abs=1e-6)
-
-
-def test_on_another_rod_these_ask_for_the_crank_that_has_the_same_ratio():
-    known = frozen_objective(MADE, ANGLE, 1e-3 * np.sin(ANGLE))
-    best = best_crank_length(known, 0.9 * ROD)
-    assert best + 1e-3 == pytest.approx(0.9 * CRANK, abs=1e-9)
-
-
-def test_a_rod_that_is_lifted_alike_all_around_leaves_the_crank_as_it_is():
-    """Lift and crank are orthogonal to first order: the crank changes by less than a thousandth of the lift."""
-    assert best_crank_length(frozen_objective(MADE, ANGLE, 1e-4), ROD) == pytest.approx(CRANK, abs=1e-7)
 
 
 def test_without_clearance_the_best_lengths_are_the_original_ones_and_no_share_is_told():
@@ -77,49 +66,63 @@ def test_the_best_lengths_of_a_design_are_those_of_its_clearance_vectors_in_both
         assert design[f"reduction_at_best{suffix}"] > 0.0
 
 
-def test_the_best_lengths_go_with_the_lengths_of_the_design_and_the_start():
-    turned = COARSE.model_copy(update={"start_angle": 1.0})
-    short, long = measured(asked({"crank_length": [0.1, 0.2]}, simulated=turned, design="grid"))
-    for design in (short, long):
-        for suffix in ("", "_in_window"):
-            assert design[f"best_crank_length{suffix}"] == pytest.approx(design["crank_length"], abs=2e-3)
-
-
-def test_a_crank_almost_as_long_as_its_rod_has_best_lengths_or_none_but_does_not_fail():
-    (design, _) = measured(asked({"crank_length": [0.55, 0.15]}, design="grid"))
-    assert design["reason"] is None and math.isfinite(design["angle_error_rms"])
-
-
-def test_they_stand_in_the_table_where_they_or_the_printed_numbers_are_asked_for_alone():
-    names = set(BEST_LENGTHS.names)
-    friction = {"friction": {"from": 0, "to": 0.2}}
-    plain, best = (designs_of(asked(friction, best_lengths=given)) for given in (False, True))
-    printed = designs_of(asked(friction, best_lengths=False, printed_numbers=True))
-    assert not names & set(table_of(plain).names)
-    assert names <= set(table_of(best).names) and names <= set(table_of(printed).names)
-    assert not set(PRINTED_OPTIMA.names) & set(table_of(best).names)
-    assert plain.digest != best.digest != printed.digest
-
-
-def test_their_words_tell_the_revolutions_apart():
-    words = [measure_in_words(name) for name in BEST_LENGTHS.names]
-    assert len(set(words)) == len(words)
-    assert measure_in_words("best_ratio") == "best ratio of crank to rod by the paper's method, last revolution"
-
-
-def test_what_decides_the_best_lengths_can_be_asked():
-    designs = designs_of(asked({"friction": {"from": 0, "to": 0.2}}, number=256))
-    frame = simulate_designs(designs, 0, 256, 2)
-    frame["best_ratio_in_window"] = 0.26 + 0.01 * frame["friction"]  # known
-    found = decided(designs, frame, ["best_ratio_in_window"], 0)
-    assert found.indices["total"].to_numpy() == pytest.approx(1.0, abs=0.01)
-
-
-@pytest.mark.parametrize(
-    ("measure", "key"), [("best_ratio", "best_lengths"), ("reduction_at_printed_local", "printed_numbers")]
-)
+@each("measure, key", [("best_ratio", "best_lengths"), ("reduction_at_printed_local", "printed_numbers")])
 def test_what_decides_is_asked_of_what_is_measured_alone(measure, key):
     given = asked({"friction": [0.1, 0.2]}, best_lengths=False).model_dump(by_alias=True, exclude_unset=True)
     with pytest.raises(ValueError, match=f"{measure} is not measured; set sweep.{key} to true"):
         Scenario(**given | {"sensitivity": {"measures": [measure]}})
     Scenario(**given | {"sweep": given["sweep"] | {key: True}, "sensitivity": {"measures": [measure]}})
+
+
+COUNTED = {
+    "window_start": {"from": "0 deg", "to": "90 deg"},
+    "window_end": {"from": "270 deg", "to": "360 deg"},
+    "error_measure": ["rms", "peak"],
+    "revolution": [1, 2],
+}
+
+
+def printed_of(parameters: dict, made=MADE, **more) -> Scenario:
+    sweep = {"parameters": parameters, "number": 4, "printed_numbers": True, **more}
+    return Scenario(mechanism=made, simulate=COARSE, sweep=sweep)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return simulate(MADE, COARSE).samples
+
+
+def objective(samples, design: dict):
+    """Of a design, from the clearance vectors instead of the rod's angle."""
+    first = (int(design["revolution"]) - 1) * 360
+    part = samples.iloc[first : first + 360]
+    turned = (part["crank_angle"] - part["crank_angle"].iloc[0]).to_numpy()
+    part = part[(turned >= design["window_start"]) & (turned <= design["window_end"])]
+    return frozen_objective(MADE, part["crank_angle"].to_numpy(), clearance_lift(part))
+
+
+def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_its_clearance_vectors_says(motion):
+    for design in simulate_designs(designs_of(printed_of(COUNTED)), 0, 4, 1).to_dict("records"):
+        known = objective(motion, design)
+        for printed in OPTIMA:
+            reductions = known.reductions((printed.crank_length, printed.rod_length))
+            wanted = getattr(reductions, design["error_measure"])
+            assert design[f"reduction_at_{printed.key}"] == pytest.approx(wanted, abs=1e-9)
+        best = best_crank_length(known, MADE.rod.length)
+        assert design["best_ratio_in_window"] == pytest.approx(best / MADE.rod.length, abs=1e-8)
+
+
+@each(
+    "parameters, more, message",
+    [
+        ({"revolution": [1]}, {"printed_numbers": False}, "revolution: says how the paper's printed numbers are"),
+        ({"revolution": [1, 3]}, {}, "revolution = 3: must be a whole number from 1 to simulate.revolutions, 2"),
+        ({"error_measure": ["rmse"]}, {}, "error_measure = 'rmse': no such measure"),
+        ({"window_start": ["100 deg"], "window_end": ["50 deg"]}, {}, "the window must grow"),
+        ({"clearance": {"from": "0.1 mm", "to": "0.5 mm"}}, {}, "do not speak of this mechanism"),
+    ],
+)
+def test_printed_numbers_that_cannot_be_are_refused_before_anything_is_simulated(parameters, more, message):
+    with pytest.raises(InputError, match="sweep") as raised:
+        designs_of(printed_of(parameters, **more))
+    assert message in str(raised.value)

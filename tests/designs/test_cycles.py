@@ -1,4 +1,4 @@
-"""Statistics over revolutions against what can be worked out by hand."""
+"""Statistics over revolutions against what can be worked out by hand; what a small change grows to."""
 
 import math
 
@@ -7,18 +7,18 @@ import pandas as pd
 import pytest
 
 from jointgap.core.errors import InputError
-from jointgap.core.joints import JOINT
 from jointgap.designs.statistics import (
-    clearance_vectors,
+    Growth,
     contacts,
     cycles,
-    eccentricity_band,
+    measure_growth,
     periodicity,
     poincare_section,
     time_shares,
 )
 from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, SPEED, mechanism, options
+from tests.rows import each
 
 
 def events(*rows) -> pd.DataFrame:
@@ -50,14 +50,7 @@ def test_time_is_shared_out_among_flight_impact_and_contact():
     assert time_shares(contacts(BY_HAND, "piston_pin"), 0.0, 10.0) == {"flight": 1.0, "impact": 0.0, "contact": 0.0}
 
 
-def test_a_contact_joins_its_impact_to_its_separation():
-    found = contacts(BY_HAND, "crank_pin")
-    assert list(found["begin"]) == [1.0, 2.0, 9.0]
-    assert list(found["end"][:2]) == [1.5, 6.0] and math.isnan(found["end"][2])
-    assert list(found["impulse"][:2]) == [2.0, 2.0] and math.isnan(found["peak_force"][2])
-
-
-@pytest.mark.parametrize("period", [1, 2, 3])
+@each("period", [1, 3])
 def test_a_motion_that_repeats_after_some_revolutions_has_that_period(period):
     turns = np.arange(12 * 100 + 1) / 100
     vectors = 1e-3 * np.stack([np.cos(2 * np.pi * turns / period), np.sin(2 * np.pi * turns)], axis=1)
@@ -78,38 +71,10 @@ def test_a_motion_that_never_repeats_has_no_period_and_says_how_near_it_comes():
     assert "after 3 it comes back nearest" in found.verdict
 
 
-def test_a_period_needs_two_revolutions():
-    with pytest.raises(InputError, match="simulate two or more"):
-        periodicity(np.zeros((101, 2)), 100, 1e-3)
-
-
 @pytest.fixture(scope="module")
 def settled():
     made, wanted = mechanism(friction=0.2, loose=ALL), options(revolutions=12, samples_per_revolution=360)
     return made, wanted, simulate(made, wanted)
-
-
-def test_the_journal_touches_its_bearing_where_it_carries_the_load(settled):
-    made, _, run = settled
-    last = run.samples.iloc[-361:]
-    for joint, partner in (("crank_pin", "crank"), ("piston_pin", "slider"), ("crank_pivot", "frame")):
-        assert made.joint(joint).journal == partner
-        # Seen from the bearing: the clearance vector, turned round where the other body carries the journal
-        centre = clearance_vectors(last, joint) * (1.0 if made.joint(joint).journal == JOINT[joint].body else -1.0)
-        # A journal on the partner presses the bearing outwards: the force on the body points where the journal went.
-        force = last[[f"{joint}_force_x", f"{joint}_force_y"]].to_numpy()
-        loaded = np.linalg.norm(force, axis=1) > 50
-        along = np.sum(centre * force, axis=1)[loaded] / np.linalg.norm(centre, axis=1)[loaded]
-        assert np.all(along > 0.98 * np.linalg.norm(force, axis=1)[loaded])
-
-
-def test_rates_of_the_clearance_vectors_are_their_derivatives(settled):
-    _, _, run = settled
-    fine = run.samples.iloc[-361:]
-    for joint in ALL:
-        vectors, rates = clearance_vectors(fine, joint), clearance_vectors(fine, joint, rates=True)
-        way = np.trapezoid(rates, fine["time"], axis=0)
-        np.testing.assert_allclose(way, vectors[-1] - vectors[0], atol=2e-5)
 
 
 def test_statistics_of_a_settled_motion_say_that_it_repeats_in_contact(settled):
@@ -131,17 +96,45 @@ def test_statistics_of_a_settled_motion_say_that_it_repeats_in_contact(settled):
 
 def test_the_section_takes_each_revolution_once_at_the_angle_asked_for(settled):
     _, _, run = settled
-    section = poincare_section(run.samples, ["crank_pin"], 360, math.radians(90.2), first=10)
-    assert list(section["revolution"]) == [10, 11, 12]
-    assert np.degrees(section["crank_angle"]).to_numpy() == pytest.approx([3330, 3690, 4050])
-    at = run.samples.iloc[3330]
-    assert math.hypot(section["x"][0], section["y"][0]) == pytest.approx(at["r2"], rel=1e-12)
+    section = poincare_section(run.samples, ["crank_pin"], 360, math.radians(90.2), first=11)
+    assert list(section["revolution"]) == [11, 12]
+    assert np.degrees(section["crank_angle"]).to_numpy() == pytest.approx([3690, 4050])
+    assert math.hypot(section["x"][0], section["y"][0]) == pytest.approx(run.samples.iloc[3690]["r2"], rel=1e-12)
     with pytest.raises(InputError, match="there are 12 revolutions"):
         poincare_section(run.samples, ["crank_pin"], 360, first=13)
 
 
-def test_the_band_of_the_eccentricity_holds_nine_tenths_of_the_revolutions():
-    r = np.tile(np.arange(1, 22) * 1e-4, (4, 1)).T.ravel()  # 21 revolutions of 4 samples
-    samples = pd.DataFrame({"crank_angle": np.arange(85) * math.pi / 2, "r2": np.append(r, r[-1])})
-    band = eccentricity_band(samples, ["crank_pin"], 4, 1)
-    np.testing.assert_allclose(band[["low", "mean", "high"]], np.tile([2e-4, 11e-4, 20e-4], (4, 1)))
+def grown(rate: float, revolutions: int = 4, change: float = 1e-11) -> Growth:
+    """A change that grows exponentially, exp(rate) a revolution, until it can grow no more."""
+    angle = np.linspace(0, 2 * math.pi * revolutions, 1001)
+    distance = np.minimum(change * np.exp(rate * angle / (2 * math.pi)), 1e-3)
+    return Growth(angle, np.array([distance, distance]) / change, change, 1e-6)
+
+
+def test_samples_can_be_compared_until_the_change_is_as_large_as_is_useful():
+    found = grown(6.0)
+    assert found.comparable_until == pytest.approx(2 * math.pi * math.log(1e5) / 6.0, abs=0.03)
+    assert "up to 69" in found.verdict and "only statistics" in found.verdict
+    assert math.isinf(grown(1.0).comparable_until)
+    assert "samples can be compared throughout" in grown(1.0).verdict
+
+
+def test_a_change_is_forgotten_with_friction_and_grows_without():
+    wanted = options(revolutions=3, samples_per_revolution=180)
+    rubbing, sliding = (measure_growth(mechanism(friction=mu), wanted, directions=3) for mu in (0.2, 0.0))
+    np.testing.assert_allclose(rubbing.factors[:, 0], 1.0, rtol=1e-12)
+    assert rubbing.frame()["median"][-180:].max() < 1
+    assert "throughout" in rubbing.verdict
+    assert sliding.frame()["median"][-180:].min() > 100
+    assert set(rubbing.frame().columns) == {"crank_angle", "median", "low", "high"}
+
+
+def test_a_small_change_grows_in_proportion_to_its_size():
+    wanted = options(samples_per_revolution=360)
+    one, ten = (measure_growth(mechanism(), wanted, change, directions=2) for change in (1e-11, 1e-10))
+    np.testing.assert_allclose(one.factors[:, :90], ten.factors[:, :90], rtol=0.02)
+
+
+def test_where_all_joints_are_ideal_there_is_nothing_to_change():
+    with pytest.raises(InputError, match="all joints are ideal"):
+        measure_growth(mechanism(loose=()), options())

@@ -1,13 +1,15 @@
-"""Many motions at once are the motions one by one, whoever simulates them."""
+"""Many motions at once are the motions one by one, whoever simulates them; the same from the command line."""
 
 import itertools
+import json
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 
-from jointgap.config import Runs, Scenario
+from jointgap.app.cli import cli
+from jointgap.config import Runs
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.designs.ensemble import ensemble_runs, write_ensemble
@@ -15,6 +17,7 @@ from jointgap.designs.statistics import clearance_vectors
 from jointgap.dynamics.parallel import Run, simulate_ensemble, simulate_runs
 from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, MOTOR, effect, mechanism, options
+from tests.rows import each
 
 COARSE = options(samples_per_revolution=90, tolerance=1e-9)
 FILES = ("samples.parquet", "events.parquet", "runs.parquet")
@@ -24,25 +27,9 @@ def starts(number: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).normal(scale=1e-7, size=(number, 4))
 
 
-def test_an_ensemble_holds_the_motion_of_each_of_its_starts():
-    made = mechanism(friction=0.1)
-    ensemble = simulate_ensemble(made, COARSE, starts(3))
-    for number, start in enumerate(starts(3)):
-        alone = simulate(made, COARSE, start).samples
-        np.testing.assert_allclose(ensemble.slider_position[number], alone["slider_position"], rtol=1e-13)
-        np.testing.assert_allclose(ensemble.transmission_angle[number], alone["transmission_angle"], rtol=1e-13)
-        np.testing.assert_array_equal(ensemble.times[number], alone["time"])
-
-
-@pytest.mark.parametrize(
-    ("made", "wanted"),
-    [
-        (mechanism(friction=0.1, loose=ALL), COARSE),
-        (mechanism(friction=0.1), options(samples_per_revolution=90, tolerance=1e-9, drive=MOTOR)),
-    ],
-    ids=["three loose joints", "motor"],
-)
-def test_the_files_hold_what_a_simulation_alone_gives(tmp_path, made, wanted):
+def test_the_files_hold_what_a_simulation_alone_gives(tmp_path):
+    made = mechanism(friction=0.1, loose=ALL)
+    wanted = options(samples_per_revolution=90, tolerance=1e-9, drive=MOTOR)
     write_ensemble([Run(made, wanted), Run(made, wanted, starts(1)[0])], tmp_path)
     samples = parquet.read(schema.ENSEMBLE_SAMPLES, tmp_path / "samples.parquet")
     events = parquet.read(schema.ENSEMBLE_EVENTS, tmp_path / "events.parquet")
@@ -102,43 +89,6 @@ def test_an_ensemble_is_never_held_in_memory(tmp_path):
     assert drawn < 40
 
 
-def test_rows_are_written_in_groups_as_they_come(tmp_path, monkeypatch):
-    monkeypatch.setattr("jointgap.designs.ensemble.ROWS", 200)
-    write_ensemble([Run(mechanism(friction=0.1), COARSE)] * 9, tmp_path)
-    file = pq.ParquetFile(tmp_path / "samples.parquet")
-    assert [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)] == [273, 273, 273]
-
-
-@pytest.mark.parametrize(
-    ("values", "kind", "stored"),
-    [
-        ([1, 2.5], "double", [1.0, 2.5]),
-        ([np.int64(1), 2], "int64", [1, 2]),
-        ([np.float32(0.5), None], "double", [0.5, None]),
-        ([3, None], "double", [3.0, None]),
-        ([np.True_, False], "bool", [True, False]),
-        ([1.5, "steel"], "string", ["1.5", "steel"]),
-        (["steel", None], "string", ["steel", None]),
-    ],
-)
-def test_the_column_of_a_varied_value_holds_the_values_of_all_runs(tmp_path, values, kind, stored):
-    write_ensemble([Run(mechanism(friction=0.1), COARSE, values={"key": value}) for value in values], tmp_path)
-    column = pq.read_table(tmp_path / "runs.parquet")["key"]
-    assert (str(column.type), column.to_pylist()) == (kind, stored)
-
-
-def test_where_the_table_of_runs_cannot_be_written_no_file_appears(tmp_path):
-    with pytest.raises(ValueError, match="infinite"):
-        write_ensemble([Run(mechanism(friction=0.1), COARSE, values={"key": np.inf})], tmp_path)
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_cannot_be_written_is_refused_before_anything_runs(tmp_path):
-    (tmp_path / "samples.parquet").mkdir()
-    with pytest.raises(InputError, match="is a folder"):
-        write_ensemble(iter(lambda: pytest.fail("a run was asked for"), None), tmp_path)
-
-
 def runs_of(**keys) -> list[Run]:
     return list(ensemble_runs(mechanism(), COARSE, Runs(**keys)))
 
@@ -165,36 +115,23 @@ def test_words_set_every_loose_joint_and_paths_any_key(tmp_path):
     assert one.mechanism.joint("crank_pin").contact == other.mechanism.joint("crank_pin").contact
 
 
-def test_parameters_of_an_effect_are_found_by_its_name():
-    effect = {"name": "slider_coulomb_friction", "parameters": {"force_N": 5}}
-    path = "mechanism.effects.slider_coulomb_friction.parameters.force_N"
-    runs = list(ensemble_runs(mechanism(effect), COARSE, Runs(vary={path: [10, 20]}, members=1)))
-    assert [run.mechanism.effect("slider_coulomb_friction").force_N for run in runs] == [10, 20]
-
-
 def test_an_effect_at_two_sites_is_found_by_name_and_site():
     pins = [effect("pin_friction", site=site, coefficient=0.1) for site in ("crank_pin", "piston_pin")]
     made, end = mechanism(*pins, loose=()), "parameters.coefficient"
-    runs = list(
-        ensemble_runs(made, COARSE, Runs(vary={f"mechanism.effects.pin_friction@piston_pin.{end}": [0.2]}, members=1))
-    )
-    assert [runs[0].mechanism.effect("pin_friction", site).coefficient for site in ("crank_pin", "piston_pin")] == [
-        0.1,
-        0.2,
-    ]
+    key = f"mechanism.effects.pin_friction@piston_pin.{end}"
+    (run,) = ensemble_runs(made, COARSE, Runs(vary={key: [0.2]}, members=1))
+    assert [run.mechanism.effect("pin_friction", pin).coefficient for pin in ("crank_pin", "piston_pin")] == [0.1, 0.2]
     with pytest.raises(InputError, match="did you mean 'pin_friction@"):
         list(ensemble_runs(made, COARSE, Runs(vary={f"mechanism.effects.pin_friction.{end}": [0.2]}, members=1)))
 
 
-@pytest.mark.parametrize(
-    ("vary", "says"),
+@each(
+    "vary, says",
     [
         ({"sped": [1]}, "did you mean 'speed'"),
-        ({"mechanism.slider.mas": [1]}, "mechanism.slider has no 'mas'; did you mean 'mass'"),
         ({"mechanism.contacts.steel.friction": [0.1]}, "contacts are copied into the joints"),
         ({"friction": [2.0]}, "friction = 2.0"),
         ({"clearance": ["1 s"]}, "ensemble.vary.clearance"),
-        ({"clearance": [-1e-3]}, "is not smaller than bearing_radius"),
         ({"mechanism.crank.length": [0.7]}, "the crank cannot turn"),
         ({"mechanism.effects.added_slider_mass.parameters.mass_kg": [1]}, "folded in, so vary the key itself"),
     ],
@@ -204,29 +141,30 @@ def test_what_cannot_be_varied_is_refused_with_its_key(vary, says):
         runs_of(vary=vary)
 
 
-@pytest.mark.parametrize("key", ["speed", "simulate.speed"])
-def test_the_speed_of_a_measured_drive_cannot_be_varied(key):
-    measured = options(drive={"kind": "measured", "file": "encoder.csv"})
-    with pytest.raises(InputError, match=r"does not read simulate\.speed"):
-        list(ensemble_runs(mechanism(), measured, Runs(vary={key: [50.0, 60.0]}, members=1)))
+SIMULATE = {"revolutions": 3, "samples_per_revolution": 360, "tolerance": 1e-9}
 
 
-def test_values_can_be_spread_evenly_between_two_ends_with_a_unit():
-    spread = Runs(vary={"speed": {"from": "200 rpm", "to": "600 rpm", "number": 3}}).vary["speed"]
-    assert spread == ("200.0 rpm", "400.0 rpm", "600.0 rpm")
-    assert Runs(vary={"friction": {"from": 0, "to": 0.2, "number": 3}}).vary["friction"] == (0.0, 0.1, 0.2)
-    for wrong in ({"from": "1 mm", "to": "1 m", "number": 3}, {"from": 1, "to": 2}, [], 3):
-        with pytest.raises(ValueError, match=r"unit|list of values"):
-            Runs(vary={"clearance": wrong})
+def sections_of(**sections) -> str:
+    made = mechanism(friction=0.2).model_dump()
+    return json.dumps({"mechanism": made, "simulate": SIMULATE, "surrogate": {"training_points": 37}} | sections)
 
 
-def test_what_an_ensemble_reads_survives_the_way_through_json():
-    given = Scenario(mechanism=mechanism(), ensemble=Runs(vary={"speed": ["300 rpm", 70]}))
-    assert Scenario.model_validate_json(given.model_dump_json()) == given
+def call(*arguments):
+    done = CliRunner().invoke(cli, list(map(str, arguments)), catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
 
 
-def test_a_whole_effect_is_nothing_to_vary():
-    made = mechanism(effect("slider_spring", stiffness_N_m=1e3, rest_position_m=0.5))
-    key = "mechanism.effects.slider_spring"
-    with pytest.raises(InputError, match="names a whole effect; go on to a number"):
-        list(ensemble_runs(made, options(), Runs(vary={key: [1, 2]})))
+def test_statistics_of_a_simulated_motion_are_printed_and_written(tmp_path):
+    motion = ["--trajectory", tmp_path / "motion.parquet", "--events", tmp_path / "events.parquet"]
+    call("simulate", "--options", sections_of(), *motion)
+    output = call("cycles", "--options", sections_of(), *motion, "--folder", tmp_path / "cycles", "--angle", "90 deg")
+    assert "from revolution 2 on: " in output and "crank_pin: flight" in output
+    section = parquet.read(schema.POINCARE_SECTION, tmp_path / "cycles/section.parquet")
+    assert list(section["revolution"]) == [2, 3, 2, 3]
+    for table, name in (
+        (schema.JOINT_REVOLUTIONS, "revolutions"),
+        (schema.IMPACT_DISTRIBUTION, "impacts"),
+        (schema.ECCENTRICITY, "eccentricity"),
+    ):
+        assert len(parquet.read(table, tmp_path / f"cycles/{name}.parquet")) > 0

@@ -80,17 +80,6 @@ def test_the_indices_of_ishigami_s_function_come_out_within_their_intervals():
     assert found.surrogates.loc[0, "q2"] > 0.98
 
 
-def test_the_indices_of_a_g_function_come_out():
-    def g(frame):
-        return np.prod((np.abs(4 * quantiles(frame) - 2) + [0.0, 1.0, 9.0]) / (1.0 + np.array([0.0, 1.0, 9.0])), axis=1)
-
-    parts = 1 / 3 / (1 + np.array([0.0, 1.0, 9.0])) ** 2
-    whole = np.prod(1 + parts) - 1
-    totals = parts * np.prod(1 + parts) / (1 + parts) / whole
-    known = dict(zip(EVEN, zip(parts / whole, totals, strict=True), strict=True))
-    check(decide(designs(EVEN, number=512), g), known, within=0.01, beside=0.001)
-
-
 def test_a_sum_has_the_shares_of_its_variances_whatever_the_distributions():
     parameters = {
         "clearance": {"distribution": "triangular", "from": "0.1 mm", "peak": "0.2 mm", "to": "0.7 mm"},
@@ -110,30 +99,6 @@ def test_a_sum_has_the_shares_of_its_variances_whatever_the_distributions():
 
     shares = np.arange(1.0, 7.0) ** 2 / 91
     check(decide(drawn, weighed), dict(zip(parameters, zip(shares, shares, strict=True), strict=False)), within=0.01)
-
-
-def test_a_grid_is_read_as_its_lists():
-    grid = {"friction": [0, 0.1, 0.2], "speed": {"from": "300 rpm", "to": "900 rpm", "number": 30}}
-    found = decide(
-        designs(grid, design="grid"), lambda frame: 10 * frame["friction"] + frame["speed"] * 30 / math.pi / 300
-    )
-    variances = np.var([0.0, 1.0, 2.0]), np.var(np.linspace(1, 3, 30))
-    shares = [variance / sum(variances) for variance in variances]
-    check(found, {key: (share, share) for key, share in zip(grid, shares, strict=True)}, within=0.01)
-
-
-@pytest.mark.parametrize("lists", [{"friction": 8, "clearance": 8}, {"friction": 4, "clearance": 4, "restitution": 4}])
-def test_a_grid_of_lists_alone_has_the_indices_of_its_sum(lists):
-    grid = {key: np.linspace(1e-3, 8e-3, number).tolist() for key, number in lists.items()}
-    weights = np.arange(1.0, 1.0 + len(grid))
-    found = decide(designs(grid, design="grid"), lambda frame: frame[list(grid)].to_numpy() @ weights)
-    shares = weights**2 / sum(weights**2)
-    check(found, {key: (share, share) for key, share in zip(grid, shares, strict=True)}, within=0.01)
-
-
-def test_a_measure_that_differs_in_one_design_has_a_reason_in_place_of_indices():
-    found = decide(designs(EVEN, number=128), lambda frame: 1.0 * (np.arange(len(frame)) == 100))
-    assert found.indices.empty and found.surrogates.loc[0, "reason"]
 
 
 def test_a_rough_measure_has_no_index():
@@ -191,13 +156,6 @@ def test_too_many_failed_designs_or_too_few_designs_or_a_constant_have_no_index(
     assert same.surrogates.loc[0, "reason"] == "it is the same for all designs"
 
 
-def test_a_main_effect_is_the_mean_where_the_parameter_has_that_value():
-    effects = decide(designs(EVEN, number=256), ishigami).effects
-    friction = effects[effects["parameter"] == "friction"]
-    expected = 7 * np.sin(math.pi * (2 * friction["value"] / 0.2 - 1)) ** 2
-    np.testing.assert_allclose(friction["effect"], expected, atol=0.3)
-
-
 def dataset(drawn: Designs, folder: Path) -> None:
     """A sweep's dataset without a simulation: its stroke is `additive`, nothing else was measured."""
     frame = swept(drawn, additive)
@@ -224,20 +182,6 @@ def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_pa
         assert written.read_bytes() == (folder / written.name).read_bytes()
     assert (folder / "summary.html").exists()
     assert {path.stem for path in (folder / "figures").iterdir()} == {"indices", "main_effects_stroke", "map_stroke"}
-
-
-def test_without_the_designs_of_this_sweep_there_is_one_clear_error(tmp_path):
-    with pytest.raises(InputError, match="holds no designs; simulate them first"):
-        sensitivity(scenario(64), tmp_path / "designs", tmp_path)
-    dataset(designs_of(scenario(64)), tmp_path / "designs")
-    with pytest.raises(InputError, match="design 64 is missing"):
-        sensitivity(scenario(65), tmp_path / "designs", tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["designs"]
-
-
-def test_a_measure_that_a_sweep_does_not_have_is_named_with_what_is_near():
-    with pytest.raises(InputError, match=r"sensitivity\.measures.*'strok'.*did you mean 'stroke'"):
-        Scenario(mechanism=MADE, sensitivity={"measures": ["strok"]})
 
 
 def test_parameters_that_do_not_vary_decide_nothing():

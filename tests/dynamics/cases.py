@@ -9,6 +9,7 @@ from jointgap.core.joints import PINS
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.equations import AUXILIARY_STATES
 from jointgap.dynamics.parameters import Parameters
+from jointgap.dynamics.runge_kutta import elapsed_time, instant, room_for_stages, step
 from jointgap.dynamics.simulation import IntegrationResult, integrate_to_angles, start_state
 
 SPEED = 20 * math.pi
@@ -105,3 +106,19 @@ def with_numbers(p: Parameters, **groups: dict) -> Parameters:
         for key, value in numbers.items():
             records[name][key] = value
     return p._replace(**records)
+
+
+def order(p: Parameters, here, time_map, begin: float, end: float, counts) -> float:
+    """Order at which the velocities after `count` equal steps from s = `begin` to `end` converge."""
+
+    def velocities(count):
+        there, s = here, begin
+        for s1 in np.linspace(begin, end, count + 1)[1:]:
+            y, x, _ = step(p, there, time_map, s, s1 - s, room_for_stages())
+            time = there.time + elapsed_time(time_map, s, s1 - s)
+            there, s = instant(p, time, y, x, here.modes, here.approaches, here.begins), s1
+        return np.array(there.clearance_state)[4:]
+
+    exact = velocities(20 * counts[-1])
+    errors = [np.abs(velocities(count) - exact).max() for count in counts]
+    return -np.polyfit(np.log(counts), np.log(errors), 1)[0]

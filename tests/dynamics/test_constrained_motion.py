@@ -1,30 +1,21 @@
 """Where a joint is ideal: Newton's and Euler's equations of all bodies with their constraints, solved as one system."""
 
 import numpy as np
-import pytest
 
 from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import CENTRE, CRANK, MOTOR, PINS, ROD, SPEED, effect, mechanism, options
+from tests.rows import each
 
-MIXES = (
-    (),
-    ("crank_pin",),
-    ("piston_pin",),
-    ("crank_pivot",),
-    ("crank_pivot", "crank_pin"),
-    ("crank_pivot", "piston_pin"),
-)
 PIN_FRICTION, GUIDE_FRICTION, COULOMB = 0.3, 0.2, 4.0
 COUNTERWEIGHT = {"mass_centre": -0.02, "mass_centre_across": 0.03}
-KEYS = {
-    "plain": ({}, {}),
-    "slider forces": ({"slider": True}, {}),
-    "motor": ({"slider": True}, {"drive": MOTOR}),
-    "counterweight": ({"crank": COUNTERWEIGHT}, {}),
-    "counterweight, motor": ({"crank": COUNTERWEIGHT}, {"drive": MOTOR}),
-    "friction of ideal pins and guide": ({"rubbing": True}, {}),
-    "friction of ideal pins and guide, motor": ({"rubbing": True}, {"drive": MOTOR}),
-}
+MIXES = (
+    (("crank_pin",), {}, {}),
+    (("piston_pin",), {"slider": True}, {}),
+    (("crank_pivot",), {"crank": COUNTERWEIGHT}, {}),
+    (("crank_pivot", "crank_pin"), {"crank": COUNTERWEIGHT}, {"drive": MOTOR}),
+    (("crank_pivot", "piston_pin"), {"rubbing": True}, {}),
+    ((), {"rubbing": True}, {"drive": MOTOR}),
+)
 
 
 def made(loose, slider=False, rubbing=False, crank=None):
@@ -99,10 +90,8 @@ def solved(mechanism, loose, t, motor, slider=False, rubbing=False, crank=None):
     return found[:, :8], dict(zip(names, found[:, 8:].T, strict=True))
 
 
-@pytest.mark.parametrize("loose", MIXES, ids="+".join)
-@pytest.mark.parametrize("keys", KEYS)
-def test_accelerations_and_reactions_are_those_of_the_constrained_equations_of_motion(keys, loose, worst):
-    more, drive = KEYS[keys]
+@each("loose, more, drive", MIXES)
+def test_accelerations_and_reactions_are_those_of_the_constrained_equations_of_motion(loose, more, drive, worst):
     one = made(loose, **more)
     t = simulate(one, options(samples_per_revolution=90, tolerance=1e-10, **drive)).samples
     a, forces = solved(one.applied(), loose, t, bool(drive), **more)

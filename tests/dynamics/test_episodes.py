@@ -8,6 +8,7 @@ from jointgap.dynamics.integrate import EVENT
 from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import ALL, LUGRE, PINS, free_impact, mechanism, options
 from tests.dynamics.quadrature import motion
+from tests.rows import each
 
 COLUMN = {name: i for i, name in enumerate(EVENT)}
 MASS, HIT = 0.773, 0.3
@@ -20,7 +21,7 @@ def head_on(**keys):
     return p.crank_pin, separation
 
 
-@pytest.mark.parametrize("restitution", (0.1, 0.46, 0.9))
+@each("restitution", (0.1, 0.9))
 def test_the_impulse_of_a_free_impact_is_the_change_of_momentum(restitution, worst):
     _, separation = head_on(law="exact_restitution", restitution=restitution)
     exact = MASS * HIT * (1 + restitution)
@@ -28,20 +29,7 @@ def test_the_impulse_of_a_free_impact_is_the_change_of_momentum(restitution, wor
     assert separation[COLUMN["maxima"]] == 1
 
 
-def test_the_peak_force_of_an_elastic_impact_is_that_of_its_largest_penetration(worst):
-    joint, separation = head_on(law="exact_restitution", restitution=1 - 1e-9)
-    depth = (2.5 * MASS * HIT**2 / (2 * joint.stiffness)) ** (1 / 2.5)
-    exact = joint.stiffness * depth**1.5
-    worst("peak force of an elastic impact", abs(separation[COLUMN["peak_force"]] / exact - 1), 1e-3)
-
-
-CASES = {
-    "frictionless": {},
-    "friction": {"friction": 0.1, "friction_speed": 0.1},
-    "three loose": {"loose": ALL},
-    "bristles": LUGRE,
-    "penalty": {"law": "penalty", "penalty_damping": 2e3, "penalty_depth": 1e-4},
-}
+CASES = {"three loose": {"loose": ALL}, "bristles": LUGRE}
 
 
 def contacts(moved):
@@ -56,7 +44,7 @@ def contacts(moved):
             yield *told, moved.steps(force)[inside].sum(), force[inside].max()
 
 
-@pytest.mark.parametrize("case", CASES)
+@each("case", CASES)
 def test_the_impulse_is_the_integral_of_the_normal_force_and_the_peak_its_largest_value(case, worst):
     checked = 0
     for told, told_peak, impulse, peak in contacts(motion(mechanism(**CASES[case]), revolutions=0.25, tolerance=1e-14)):
@@ -67,46 +55,21 @@ def test_the_impulse_is_the_integral_of_the_normal_force_and_the_peak_its_larges
 
 
 def test_long_steps_with_near_misses_in_them_tell_impulses_and_peaks_too(worst):
-    moved = motion(mechanism(loose=ALL, restitution=0.9), revolutions=1.0, tolerance=1e-8)
+    moved = motion(mechanism(loose=ALL, restitution=0.9), revolutions=0.25, tolerance=1e-8)
     for told, told_peak, impulse, peak in contacts(moved):
         worst("impulse over integral of force, tolerance 1e-8 m", abs(told / impulse - 1), 5e-3)
         worst("peak force over densest sample, tolerance 1e-8 m", abs(told_peak / peak - 1), 5e-2)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_labels_of_samples_agree_with_the_events(case):
-    run = simulate(mechanism(**CASES[case]), options(samples_per_revolution=36000))
-    for joint, number in (("crank_pin", 2), ("piston_pin", 3)):
-        own = run.events[run.events.joint == joint]
-        label, time = run.samples[f"{joint}_mode"].to_numpy(), run.samples.time.to_numpy()
-        depth = run.samples[f"r{number}"].to_numpy()
-        assert {"flight", "impact"} <= set(label) <= {"flight", "impact", "contact"}
-        begins, ends = own.time[own.event == "impact"].to_numpy(), own.time[own.event == "separation"].to_numpy()
-        touching = np.zeros(time.size, dtype=bool)
-        for begin, end in zip(begins, np.append(ends, np.inf), strict=False):
-            inside = (time > begin + 1e-12) & (time < end - 1e-12)
-            touching |= inside
-            assert len(set(label[inside])) <= 1
-            rise = np.diff(depth[inside])
-            maxima = int(((rise[:-1] > 1e-12) & (rise[1:] < -1e-12)).sum())
-            if maxima > 1 or end == np.inf:
-                assert (label[inside] == "contact").all()
-            if inside.sum() > 20 and maxima <= 1 and np.abs(rise).min() > 1e-11 and end < np.inf:
-                assert (label[inside] == "impact").all()
-        on_the_edge = np.isin(time, own.time)
-        assert ((label == "flight") == ~touching)[~on_the_edge].all()
-        assert (depth[touching] > 1e-3 - 1e-9).all()
-
-
-def test_the_table_of_events_tells_of_every_contact_how_fast_it_began_and_what_it_did():
-    events = simulate(mechanism(), options()).events
+def test_labels_of_samples_agree_with_the_events():
+    """An impact has one deepest point and an end; what lasts longer is a contact."""
+    run = simulate(mechanism(friction=0.1), options(samples_per_revolution=36000))
     for joint in PINS:
-        own = events[events.joint == joint]
-        begins, ends = own[own.event == "impact"], own[own.event == "separation"]
-        told = ["impulse", "peak_force", "maxima"]
-        assert begins[told].isna().all(axis=None)
-        assert ends[told].notna().all(axis=None)
-        assert begins.approach_speed.notna().all()
-        assert ends.approach_speed.isna().all()
-        lasted = ends.time.to_numpy() - begins.time.to_numpy()[: len(ends)]
-        assert (ends.impulse <= ends.peak_force * lasted).all()
+        own, time = run.events[run.events.joint == joint], run.samples.time.to_numpy()
+        label, wanted = run.samples[f"{joint}_mode"].to_numpy(), np.full(time.size, "flight", dtype=object)
+        begins, ends = own[own.event == "impact"].time, own[own.event == "separation"]
+        for begin, end, maxima in zip(begins, [*ends.time, np.inf], [*ends.maxima, np.inf], strict=False):
+            wanted[(time >= begin) & (time <= end)] = "impact" if maxima <= 1 else "contact"
+        assert set(wanted) == {"flight", "impact", "contact"}
+        away = np.abs(time[:, None] - own.time.to_numpy()).min(axis=1) > 1e-12
+        assert (label == wanted)[away].all()

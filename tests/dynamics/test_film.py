@@ -8,9 +8,10 @@ from scipy.integrate import quad
 
 from jointgap.dynamics.contact import film_force, film_integrals
 from tests.dynamics.laws import JointParameters, joint
+from tests.rows import each
 
 VISCOSITY, LENGTH, CLEARANCE, LEAST, RADIUS = 0.04, 5e-3, 1e-4, 1e-6, 7e-3
-ECCENTRICITIES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+ECCENTRICITIES = (0.1, 0.5, 0.9)
 LOAD = VISCOSITY * RADIUS * LENGTH**3 / CLEARANCE**2  # times a rate: force
 
 
@@ -47,19 +48,16 @@ def pressure(phi, ex, ey, vx, vy, body_rate, partner_rate, side):
     return -source / thickness**3 * LENGTH**2 / 8
 
 
-@pytest.mark.parametrize("side", (-1.0, 1.0))
-def test_the_force_is_the_integral_of_the_pressure_above_ambient(side):
+def test_the_force_is_the_integral_of_the_pressure_above_ambient():
     phi, step = np.linspace(0, 2 * np.pi, 40000, endpoint=False, retstep=True)
-    for motion in random_motions(50, widest=0.8):
+    for motion in random_motions(20, widest=0.8):
         # A parabola along the axis, two thirds of its middle in the mean; on the journal it pushes inwards.
-        push = np.maximum(pressure(phi, *motion, side), 0) * 2 / 3 * LENGTH * RADIUS * step
+        push = np.maximum(pressure(phi, *motion, -1.0), 0) * 2 / 3 * LENGTH * RADIUS * step
         on_journal = np.array([-(push * np.cos(phi)).sum(), -(push * np.sin(phi)).sum()])
-        force = film_force(oiled(side), *motion)[:2]
-        np.testing.assert_allclose(force, side * on_journal, atol=1e-6 * np.hypot(*on_journal))
+        np.testing.assert_allclose(film_force(oiled(), *motion)[:2], -on_journal, atol=1e-6 * np.hypot(*on_journal))
 
 
-@pytest.mark.parametrize("eccentricity", (0.0, 0.3, 0.8, 0.95, 0.99, 0.9999))
-@pytest.mark.parametrize("angle", (math.pi, 3.0, 2.5, -2.0, 1.8, math.pi / 2))
+@each("eccentricity, angle", [(0.0, 3.0), (0.3, -2.0), (0.8, math.pi), (0.95, 1.8), (0.9999, 3.0), (0.9999, 2.5)])
 def test_the_integrals_in_closed_form_are_those_of_quadrature(eccentricity, angle):
     """On the thick side too, where terms of 1 / s^5 leave a number near one."""
     a, b = eccentricity * math.cos(angle), eccentricity * math.sin(angle)
@@ -76,19 +74,10 @@ def test_the_integrals_in_closed_form_are_those_of_quadrature(eccentricity, angl
     assert found[1] == pytest.approx(integral(1), rel=1e-9, abs=1e-12)
 
 
-def test_the_series_on_the_thick_side_joins_the_closed_form():
-    for b in (0.0, 0.4, -0.7):
-        # One takes over from the other at a = -s / 0.3, where s^2 = 1 - a^2 - b^2.
-        a = -math.sqrt((1 - b * b) / (1 + 0.3**2))
-        before, after = (film_integrals(a * (1 + shift), b, 0.3 * -a) for shift in (-1e-14, 1e-14))
-        np.testing.assert_allclose(before, after, rtol=2e-11)
-
-
-@pytest.mark.parametrize("eccentricity", ECCENTRICITIES)
-@pytest.mark.parametrize("side", (-1.0, 1.0))
-def test_a_journal_that_turns_in_place_carries_ocvirks_load_at_his_attitude(eccentricity, side):
+@each("eccentricity", ECCENTRICITIES)
+def test_a_journal_that_turns_in_place_carries_ocvirks_load_at_his_attitude(eccentricity):
     rate = 150.0
-    fx, fy, *_ = film_force(oiled(side), eccentricity * CLEARANCE, 0.0, 0.0, 0.0, 0.4 * rate, 0.6 * rate)
+    fx, fy, *_ = film_force(oiled(), eccentricity * CLEARANCE, 0.0, 0.0, 0.0, 0.4 * rate, 0.6 * rate)
     rest = 1 - eccentricity**2
     size = LOAD * rate * eccentricity / (4 * rest**2) * math.sqrt(math.pi**2 * rest + 16 * eccentricity**2)
     assert math.hypot(fx, fy) == pytest.approx(size, rel=1e-13)
@@ -96,7 +85,7 @@ def test_a_journal_that_turns_in_place_carries_ocvirks_load_at_his_attitude(ecce
     assert fx < 0  # back to the centre
 
 
-@pytest.mark.parametrize("eccentricity", (0.0, *ECCENTRICITIES))
+@each("eccentricity", (0.0, *ECCENTRICITIES))
 def test_squeezing_in_and_out_together_meet_the_resistance_of_a_film_that_does_not_tear(eccentricity):
     speed, e = 0.02, eccentricity * CLEARANCE
     inwards, outwards = (film_force(oiled(), e, 0.0, sign * speed, 0.0, 0.0, 0.0)[0] for sign in (1, -1))
@@ -105,23 +94,7 @@ def test_squeezing_in_and_out_together_meet_the_resistance_of_a_film_that_does_n
     assert inwards < 0 < outwards
 
 
-@pytest.mark.parametrize("side", (-1.0, 1.0))
-def test_whirling_at_the_mean_of_both_rates_there_is_no_pressure(side):
-    ex, ey, body_rate, partner_rate = 3e-5, -6e-5, 90.0, -30.0
-    whirl = (body_rate + partner_rate) / 2
-    fx, fy, *_ = film_force(oiled(side), ex, ey, -whirl * ey, whirl * ex, body_rate, partner_rate)
-    assert math.hypot(fx, fy) < 1e-12 * LOAD * whirl
-
-
-@pytest.mark.parametrize("side", (-1.0, 1.0))
-def test_a_joint_turning_as_one_rigid_body_feels_nothing(side):
-    ex, ey, rate = 3e-5, -6e-5, 64.0
-    np.testing.assert_allclose(
-        film_force(oiled(side), ex, ey, -rate * ey, rate * ex, rate, rate), 0, atol=1e-12 * LOAD * rate
-    )
-
-
-@pytest.mark.parametrize("eccentricity", (0.0, 0.4, 0.9))
+@each("eccentricity", (0.0, 0.4, 0.9))
 def test_shear_gives_the_couple_of_petroff_over_the_film_thickness(eccentricity):
     thinness = quad(lambda phi: 1 / (1 - eccentricity * math.cos(phi)), 0, 2 * math.pi)[0]
     couple = VISCOSITY * RADIUS**3 * LENGTH / CLEARANCE * thinness * 80.0
@@ -131,8 +104,7 @@ def test_shear_gives_the_couple_of_petroff_over_the_film_thickness(eccentricity)
     assert on_body == pytest.approx(-couple, rel=1e-9) and on_partner == pytest.approx(couple, rel=1e-9)
 
 
-@pytest.mark.parametrize("widest", (0.98, 1.3))
-@pytest.mark.parametrize("side", (-1.0, 1.0))
+@each("side, widest", [(-1.0, 0.98), (1.0, 1.3)])
 def test_a_film_takes_up_energy_and_never_gives_any_even_in_dry_contact(side, widest):
     for ex, ey, vx, vy, body_rate, partner_rate in random_motions(500, widest):
         fx, fy, on_body, on_partner = film_force(oiled(side), ex, ey, vx, vy, body_rate, partner_rate)
@@ -140,8 +112,7 @@ def test_a_film_takes_up_energy_and_never_gives_any_even_in_dry_contact(side, wi
         assert np.isfinite(terms).all() and terms.sum() < 1e-12 * np.abs(terms).sum()
 
 
-@pytest.mark.parametrize("widest", (0.98, 1.3))
-@pytest.mark.parametrize("side", (-1.0, 1.0))
+@each("side, widest", [(-1.0, 0.98), (1.0, 1.3)])
 def test_force_and_moments_keep_angular_momentum_and_act_halfway_between_the_centres(side, widest):
     for motion in random_motions(100, widest):
         fx, fy, on_body, on_partner = film_force(oiled(side), *motion)
@@ -151,43 +122,11 @@ def test_force_and_moments_keep_angular_momentum_and_act_halfway_between_the_cen
         assert still[2] == pytest.approx(-turning / 2, rel=1e-9, abs=1e-12)
 
 
-def test_a_mirrored_or_turned_motion_has_the_mirrored_or_turned_force():
-    cosine, sine = math.cos(0.7), math.sin(0.7)
-    for ex, ey, vx, vy, body_rate, partner_rate in random_motions(100, 1.1):
-        fx, fy, on_body, on_partner = film_force(oiled(), ex, ey, vx, vy, body_rate, partner_rate)
-        mirrored = film_force(oiled(), ex, -ey, vx, -vy, -body_rate, -partner_rate)
-        np.testing.assert_allclose(mirrored, (fx, -fy, -on_body, -on_partner), rtol=1e-12)
-        e = cosine * ex - sine * ey, sine * ex + cosine * ey
-        v = cosine * vx - sine * vy, sine * vx + cosine * vy
-        turned = film_force(oiled(), *e, *v, body_rate, partner_rate)
-        expected = cosine * fx - sine * fy, sine * fx + cosine * fy
-        np.testing.assert_allclose(turned[:2], expected, atol=1e-10 * math.hypot(fx, fy))
-
-
 def test_exchanging_the_two_bodies_exchanges_forces_and_moments():
     for motion in random_motions(100, 1.1):
         fx, fy, on_body, on_partner = film_force(oiled(-1.0), *motion)
         exchanged = film_force(oiled(1.0), *-motion[:4], motion[5], motion[4])
         np.testing.assert_allclose(exchanged, (-fx, -fy, on_partner, on_body), rtol=1e-12)
-
-
-def test_the_force_is_continuous_through_the_centre_through_standstill_and_into_dry_contact():
-    there = np.array(film_force(oiled(), 0.0, 0.0, 0.02, -0.01, 30.0, 10.0))
-    for ex, ey in ((1e-13, 0.0), (-1e-13, 0.0), (0.0, 1e-13), (0.0, -1e-13)):
-        near = film_force(oiled(), ex, ey, 0.02, -0.01, 30.0, 10.0)
-        np.testing.assert_allclose(near, there, rtol=1e-6, atol=1e-8 * abs(there[2]))
-    for size in (1e-12, 0.0):  # the film resists in proportion to the speeds
-        still = film_force(oiled(), 5e-5, -2e-5, size, -size, 0.0, 0.0)
-        assert np.abs(still).max() <= 1e3 * LOAD / CLEARANCE * size
-    edge = (CLEARANCE - LEAST) * np.array([0.6, -0.8])
-    before, after = (film_force(oiled(), *(edge * (1 + shift)), 0.02, -0.01, 30.0, 10.0) for shift in (-1e-12, 1e-12))
-    np.testing.assert_allclose(before, after, rtol=1e-8)
-
-
-def test_beyond_the_least_film_thickness_the_film_gets_no_thinner():
-    edge = (CLEARANCE - LEAST) * np.array([0.6, -0.8])
-    at_edge, beyond = (film_force(oiled(), *(edge * far), 0.012, -0.016, 0.0, 0.0) for far in (1.0, 1.2))
-    np.testing.assert_allclose(beyond[:2], at_edge[:2], rtol=1e-9)
 
 
 def test_a_dry_joint_has_no_film():

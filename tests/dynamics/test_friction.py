@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.dynamics.friction import bristle_rate, friction_coefficient
 from tests.dynamics.laws import JointParameters, joint
+from tests.rows import each
 
 MU, STATIC, SPEED, DEAD_BAND, STRIBECK = 0.2, 0.35, 1e-2, 2e-3, 5e-2
 VELOCITY_LAWS = [law for law in FRICTION_LAWS if law != "lugre"]
@@ -38,7 +39,7 @@ def slid(law: JointParameters, speed, end: float) -> tuple[float, float]:
     def slope(t, state):
         return bristle_rate(law, speed(t), state[0]), friction_coefficient(law, speed(t), state[0]) * speed(t)
 
-    run = solve_ivp(slope, (0, end), (0, 0), "Radau", rtol=1e-9, atol=(1e-15, 1e-15), max_step=end / 500)
+    run = solve_ivp(slope, (0, end), (0, 0), "Radau", rtol=1e-9, atol=(1e-15, 1e-15), max_step=end / 200)
     return tuple(run.y[:, -1])
 
 
@@ -46,38 +47,13 @@ def stribeck_curve(speed: float) -> float:
     return MU + (STATIC - MU) * math.exp(-((speed / STRIBECK) ** 2))
 
 
-@pytest.mark.parametrize("law", VELOCITY_LAWS)
-def test_the_coefficient_is_odd_and_opposes_sliding(law):
+@each("law", VELOCITY_LAWS)
+def test_the_coefficient_is_odd_opposes_sliding_and_is_the_kinetic_one_when_fast(law):
     speeds = np.geomspace(1e-7, 10, 200)
     forward, backward = (coefficients(rubbing(law), sign * speeds) for sign in (1, -1))
     np.testing.assert_array_equal(forward, -backward)
     assert (forward >= 0).all() and friction_coefficient(rubbing(law), 0.0, 0.0) == 0
-
-
-@pytest.mark.parametrize("law", VELOCITY_LAWS)
-def test_fast_sliding_has_the_kinetic_coefficient(law):
     assert friction_coefficient(rubbing(law), 100.0, 0.0) == pytest.approx(MU, rel=1e-12)
-
-
-@pytest.mark.parametrize("law", VELOCITY_LAWS)
-def test_the_coefficient_is_continuous(law):
-    """No jump anywhere: over a step in speed the coefficient changes by no more than its steepest slope allows."""
-    speeds = np.concatenate([np.linspace(-0.3, 0.3, 60001), np.nextafter([SPEED, DEAD_BAND, 20 * SPEED], 0)])
-    speeds = np.unique(np.concatenate([speeds, [SPEED, DEAD_BAND, 13 * SPEED, 20 * SPEED]]))
-    change = np.abs(np.diff(coefficients(rubbing(law), speeds)))
-    assert (change <= 3.01 * STATIC / SPEED * np.diff(speeds) + 1e-12).all()
-
-
-def test_without_a_coefficient_nothing_rubs_whatever_the_law():
-    for law in FRICTION_LAWS:
-        smooth = rubbing(law, friction=0.0, **BRISTLES)
-        assert friction_coefficient(smooth, 0.3, 1e-5) == 0.0 and bristle_rate(smooth, 0.3, 1e-5) == 0.0
-
-
-@pytest.mark.parametrize("law", VELOCITY_LAWS)
-def test_only_bristles_have_a_state(law):
-    assert bristle_rate(rubbing(law), 0.3, 1e-5) == 0.0
-    assert friction_coefficient(rubbing(law), 0.3, 1e-5) == friction_coefficient(rubbing(law), 0.3, 0.0)
 
 
 def test_coulomb_and_threlfall_rise_to_their_known_shares_at_the_friction_speed():
@@ -86,12 +62,6 @@ def test_coulomb_and_threlfall_rise_to_their_known_shares_at_the_friction_speed(
         rising = coefficients(rubbing(law), speeds)
         assert (np.diff(rising) >= 0).all() and rising.max() <= MU
         assert friction_coefficient(rubbing(law), SPEED, 0.0) == pytest.approx(share * MU, rel=1e-14)
-
-
-def test_the_slopes_at_rest_are_those_of_the_formulae():
-    slow = 1e-7 * SPEED
-    for law, slope in (("coulomb", MU), ("threlfall", 3 * MU), ("bengisu_akay", 2 * STATIC)):
-        assert friction_coefficient(rubbing(law), slow, 0.0) == pytest.approx(slope * slow / SPEED, rel=1e-6)
 
 
 def test_ambrosio_has_a_dead_band_a_straight_ramp_and_a_plateau():
@@ -111,7 +81,7 @@ def test_bengisu_and_akay_peak_at_the_static_coefficient_and_decay_with_the_stri
     assert decayed == pytest.approx((STATIC - MU) * math.exp(-2), rel=1e-13)
 
 
-@pytest.mark.parametrize("speed", (-2.0, -0.03, 1e-4, 0.01, 0.3))
+@each("speed", (-2.0, 1e-4, 0.01))
 def test_steady_sliding_of_bristles_is_on_the_stribeck_curve(speed):
     law = rubbing("lugre", **BRISTLES)
     bristle, _ = slid(law, lambda _: speed, 2e-4 / abs(speed))  # a path of many times the bristles' bend
@@ -121,43 +91,16 @@ def test_steady_sliding_of_bristles_is_on_the_stribeck_curve(speed):
     assert force == pytest.approx(steady + BRISTLES["viscous_friction"] * speed, rel=1e-6)
 
 
-def test_before_they_slip_bristles_are_a_spring_and_a_dashpot():
-    stiffness, damping, viscous = BRISTLES.values()
-    law, path, duration = rubbing("lugre", **BRISTLES), 1e-4 * STATIC / BRISTLES["bristle_stiffness"], 1.0
-    bristle, _ = slid(law, lambda _: path / duration, duration)
-    force = friction_coefficient(law, 0.0, bristle)
-    assert force == pytest.approx(stiffness * path, rel=1e-4)
-    started = friction_coefficient(law, 1e-9, 0.0)  # no bend yet: only the dashpots resist
-    assert started == pytest.approx((damping + viscous) * 1e-9, rel=1e-12)
-
-
-def test_bristles_never_bend_further_than_static_friction_bends_them():
-    law, bound = rubbing("lugre", **BRISTLES), STATIC / BRISTLES["bristle_stiffness"]
-    for speed in (-3.0, -1e-3, 1e-3, 3.0):
-        for bend in (bound, -bound):
-            assert bristle_rate(law, speed, bend) * bend <= 1e-12 * bound
-
-
-def test_bristles_follow_the_exact_path_law_when_there_is_no_stribeck_effect():
-    """With mu_s = mu the bend depends on the path alone: z = mu / sigma_0 (1 - exp(-sigma_0 path / mu))."""
-    law = rubbing("lugre", static_friction=MU, **BRISTLES)
-    for path in (1e-7, 2e-6, 1e-5):
-        bristle, _ = slid(law, lambda t, path=path: 2 * path * t, 1.0)
-        bend = MU / BRISTLES["bristle_stiffness"]
-        assert bristle == pytest.approx(bend * -math.expm1(-path / bend), rel=1e-7)
-
-
-@pytest.mark.parametrize("law", FRICTION_LAWS)
-@pytest.mark.parametrize("stroke", (1e-7, 1e-6, 1e-4))
+@each("law, stroke", [("coulomb", 1e-6), ("bengisu_akay", 1e-6), ("ambrosio", 1e-4), ("lugre", 1e-6)])
 def test_a_cycle_takes_up_energy(law, stroke):
     """To and fro from rest, the first and the later cycles; what bent bristles store can only make it more."""
     assert BRISTLES["bristle_damping"] * (STATIC - MU) <= BRISTLES["viscous_friction"] * MU
     pair, taken = rubbing(law, **BRISTLES), [0.0]
-    for cycles in (1, 2, 3):
+    for cycles in (1, 2):
         bristle, work = slid(pair, lambda t: stroke * math.pi * 40 * math.sin(2 * math.pi * 40 * t), cycles / 40)
         stored = BRISTLES["bristle_stiffness"] * bristle**2 / 2
         assert work >= stored - 1e-15
         taken.append(work)
     # Ambrosio's dead band takes up nothing; all else more with every cycle.
     within_dead_band = law == "ambrosio" and stroke * math.pi * 40 < DEAD_BAND
-    assert taken == [0, 0, 0, 0] if within_dead_band else (np.diff(taken) > 0).all()
+    assert taken == [0, 0, 0] if within_dead_band else (np.diff(taken) > 0).all()

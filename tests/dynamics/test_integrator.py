@@ -17,32 +17,11 @@ from jointgap.dynamics.runge_kutta import (
     MORE_STAGES,
     NODES,
     STAGES,
-    ds_for,
-    elapsed_time,
     instant,
-    room_for_stages,
-    step,
 )
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
-from tests.dynamics.cases import SPEED, integrated, mechanism
-
-
-def order(p, here, time_map, begin, end, counts):
-    """Order at which the state after `count` equal steps from s = begin to end converges."""
-
-    def state(count):
-        there, s = here, begin
-        for s1 in np.linspace(begin, end, count + 1)[1:]:
-            y, x, _ = step(p, there, time_map, s, s1 - s, room_for_stages())
-            there = instant(
-                p, there.time + elapsed_time(time_map, s, s1 - s), y, x, here.modes, here.approaches, here.begins
-            )
-            s = s1
-        return np.array(there.clearance_state)
-
-    exact = state(20 * counts[-1])
-    errors = [np.abs(state(count) - exact)[4:].max() for count in counts]
-    return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+from tests.dynamics.cases import SPEED, integrated, mechanism, order
+from tests.rows import each
 
 
 def test_the_tableau_fulfils_the_conditions_of_its_order():
@@ -59,7 +38,7 @@ def test_the_tableau_fulfils_the_conditions_of_its_order():
         assert abs(estimator @ nodes**exact_to) > 1e-4
 
 
-@pytest.mark.parametrize("share", (0.0, 0.3, 0.5, 0.9, 1.0))
+@each("share", (0.0, 0.3, 1.0))
 def test_the_interpolant_fulfils_the_conditions_of_the_seventh_order(share):
     rest, identity = 1.0 - share, np.eye(KEPT)
     weights, first, end = np.append(STAGES[COUNT], np.zeros(KEPT - COUNT)), identity[0], identity[COUNT]
@@ -105,10 +84,3 @@ def test_towards_a_separation_the_order_is_kept_only_in_the_root_of_time(impact)
     length = end - middle.time
     assert order(p, middle, BEFORE, np.sqrt(length), 0.0, (3, 4, 6)) > 7
     assert order(p, middle, LINEAR, 0.0, length, (3, 4, 6)) < 4
-
-
-@pytest.mark.parametrize("time_map", (LINEAR, AFTER, BEFORE))
-def test_time_runs_the_same_way_along_every_course(time_map):
-    s = 0.01
-    ds = ds_for(time_map, s, 3e-5)
-    assert elapsed_time(time_map, s, ds) == pytest.approx(3e-5, rel=1e-12)

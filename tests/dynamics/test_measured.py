@@ -1,19 +1,18 @@
-"""A measured crank angle: what is recovered of a known one, and what is refused."""
+"""A measured crank angle: what is recovered of a known one, how far it errs, and what is refused."""
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pytest
-from scipy.integrate import cumulative_simpson
+from scipy.sparse import eye_array
 
-from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import running_on, smooth_angle
+from jointgap.dynamics.drive import AngleErrors, running_on, smooth_angle
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed
+from tests.rows import each
 
 RATIO, STEP = 0.02, np.radians(0.1)
 
@@ -51,40 +50,23 @@ def test_a_clean_angle_is_recovered_with_its_derivatives(tmp_path, worst):
     worst("measured angle, clean: angle [rad]", angle, 1e-9)
     worst("measured angle, clean: speed", speed, 1e-6)
     worst("measured angle, clean: acceleration", acceleration, 1e-3)
-
-
-def test_an_encoders_angle_is_recovered_within_its_step(tmp_path, worst):
-    def encoded(angle):
-        return np.degrees(STEP * np.round(angle / STEP)) % 360
-
-    chosen = measured(tmp_path, encoded, angle_unit="deg", resolution=STEP)
-    angle, speed, acceleration = deviations(simulate(mechanism(loose=()), chosen).samples)
-    worst("measured angle, 0.1 deg steps: angle [rad]", angle, 0.5 * STEP)
-    worst("measured angle, 0.1 deg steps: speed", speed, 2e-3)
-    worst("measured angle, 0.1 deg steps: acceleration", acceleration, 0.2)
-
-
-def test_noise_of_unknown_size_is_smoothed_away(tmp_path, worst):
-    noise = np.random.default_rng(1).normal(scale=1e-3, size=2001)
-    angle, speed, _ = deviations(simulate(mechanism(loose=()), measured(tmp_path, lambda a: a + noise)).samples)
-    worst("measured angle, 1e-3 rad noise: angle [rad]", angle, 1e-3)
-    worst("measured angle, 1e-3 rad noise: speed", speed, 1e-2)
-
-
-def test_speed_and_acceleration_are_the_angles_own_derivatives(tmp_path, worst):
-    samples = simulate(mechanism(loose=()), measured(tmp_path)).samples
-    middle = samples.crank_speed.rolling(2).mean()[1:].to_numpy()
-    steps = np.diff(samples.crank_angle) / np.diff(samples.time)
-    worst("measured angle: speed is its slope", np.abs(steps / middle - 1).max(), 1e-5)
     exact = Closed(mechanism(), *(samples[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration")))
     off = np.abs(samples.crank_torque - exact.virtual_work_torque()).max() / np.abs(samples.crank_torque).max()
     worst("measured angle: torque by virtual work", off, 1e-13)
 
 
-def test_a_loose_mechanism_follows_a_measured_angle(tmp_path):
-    run = simulate(mechanism(friction=0.1), measured(tmp_path))
-    assert (run.events.event == "impact").sum() > 5
-    np.testing.assert_allclose(run.samples.crank_angle, 0.5 + np.arange(721) * np.pi / 180, atol=1e-12)
+def test_an_angle_in_steps_or_with_noise_of_unknown_size_is_recovered_within_these(tmp_path, worst):
+    stepped = measured(
+        tmp_path, lambda angle: np.degrees(STEP * np.round(angle / STEP)) % 360, angle_unit="deg", resolution=STEP
+    )
+    angle, speed, acceleration = deviations(simulate(mechanism(loose=()), stepped).samples)
+    worst("measured angle, 0.1 deg steps: angle [rad]", angle, 0.5 * STEP)
+    worst("measured angle, 0.1 deg steps: speed", speed, 2e-3)
+    worst("measured angle, 0.1 deg steps: acceleration", acceleration, 0.2)
+    noise = np.random.default_rng(1).normal(scale=1e-3, size=2001)
+    angle, speed, _ = deviations(simulate(mechanism(loose=()), measured(tmp_path, lambda a: a + noise)).samples)
+    worst("measured angle, 1e-3 rad noise: angle [rad]", angle, 1e-3)
+    worst("measured angle, 1e-3 rad noise: speed", speed, 1e-2)
 
 
 def steady(folder, angle, **keys):
@@ -96,38 +78,20 @@ def steady(folder, angle, **keys):
     return options(drive=drive, revolutions=4, samples_per_revolution=36)
 
 
-def test_a_steady_record_is_as_long_as_its_turns_take(tmp_path):
-    samples = simulate(mechanism(loose=()), steady(tmp_path, np.pi * np.linspace(0, 10, 4001), resolution=STEP)).samples
-    np.testing.assert_allclose(samples.time, np.arange(145) * 2 / 36, atol=1e-8)
-    np.testing.assert_allclose(samples.crank_speed, np.pi, rtol=1e-9)
-
-
 def test_samples_beyond_a_record_are_refused(tmp_path):
     p = parameters(mechanism(loose=()), steady(tmp_path, np.pi * np.linspace(0, 10, 4001), resolution=STEP))
     with pytest.raises(InputError, match=r"as far as 1800.1 deg at 10.0005\d* s, the samples to 1980 deg"):
         integrate_to_angles(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_noise_at_the_ends_costs_no_revolution(tmp_path, seed):
+def test_noise_at_the_ends_costs_no_revolution(tmp_path):
     """The record holds four turns, from the start angle to the start angle."""
     exact = np.linspace(0.0, 8 * np.pi, 2001)
-    noise = np.random.default_rng(seed).normal(scale=1e-3, size=exact.size)
-    seen = {"normal": (exact + noise, None), "rounded": (STEP * np.round(exact / STEP + 0.3), STEP)}
-    for angle, resolution in [*seen.values(), (STEP * np.floor(exact / STEP), STEP)]:
+    noise = np.random.default_rng(0).normal(scale=1e-3, size=exact.size)
+    rounded, floored = STEP * np.round(exact / STEP + 0.3), STEP * np.floor(exact / STEP)
+    for angle, resolution in ((exact + noise, None), (rounded, STEP), (floored, STEP)):
         samples = simulate(mechanism(loose=()), steady(tmp_path, angle, resolution=resolution)).samples
         assert samples.time.iloc[-1] == pytest.approx(10.0, abs=4e-3)
-
-
-def test_a_large_record_of_an_encoder_is_smoothed_at_once():
-    """Knots follow the motion, not the ties: a few a turn, however many samples."""
-    time = np.linspace(0.0, 2.0, 20001)
-    angle, _, bend = known(time)
-    smooth = smooth_angle(time, STEP * np.round(angle / STEP), STEP)
-    assert len(smooth.x) < 20 * 20
-    inside = slice(1000, -1000)
-    assert np.abs(smooth(time) - angle)[inside].max() < 0.5 * STEP
-    assert np.abs(smooth(time, 2) - bend)[inside].max() < 0.2 * np.abs(bend).max()
 
 
 def test_angles_run_on_over_turns_wherever_they_fall_back():
@@ -140,59 +104,44 @@ def test_angles_run_on_over_turns_wherever_they_fall_back():
     np.testing.assert_allclose(running_on(to_and_fro % (2 * np.pi)), to_and_fro, atol=1e-12)
 
 
-def refused(tmp_path, change, says, **keys):
+def with_value(column, row, value):
+    return lambda table: table.astype(object).assign(**{column: table[column].mask(table.index == row, value)})
+
+
+def backwards(table):
+    return table.assign(theta=-table.theta % (2 * np.pi))
+
+
+def standing(table):
+    return table.assign(theta=table.theta.mask(table.index < 99, 0.2))
+
+
+def coarse(table):
+    return table[::50].iloc[:41].assign(theta=table.theta * 10)
+
+
+@each(
+    "change, says, keys",
+    [
+        (with_value("t", 4, np.nan), "angle.csv, column t, row 5: 'nan' is not a finite number", {}),
+        (with_value("t", 4, 0.0), "column t, row 5: time 0 s does not rise", {}),
+        (lambda table: table.rename(columns={"theta": "thetas"}), "no column 'theta'.*thetas", {}),
+        (lambda table: table[:5], "5 samples are too few", {}),
+        (backwards, "the crank turns clockwise", {}),
+        (standing, "stands still or turns", {}),
+        (lambda table: table[:1000], "holds 1 whole revolutions, .*asks for 2", {}),
+        (coarse, "steps by .* than half a turn", {}),
+        (lambda table: table, "time and angle both name column 't'", {"angle": "t"}),
+        (lambda table: table, "resolution: 180 deg is more than a quarter turn", {"resolution": np.pi}),
+        (lambda table: table, "16999 pieces, more than 16384", {"count": 17000}),
+    ],
+)
+def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(tmp_path, change, says, keys):
     chosen = measured(tmp_path, **keys)
     path = tmp_path / "angle.csv"
     change(pd.read_csv(path)).to_csv(path, index=False)
     with pytest.raises(InputError, match=says):
         simulate(mechanism(loose=()), chosen)
-
-
-def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(tmp_path):
-    def with_value(column, row, value):
-        def change(table):
-            table = table.astype(object)
-            table.loc[row, column] = value
-            return table
-
-        return change
-
-    refused(tmp_path, with_value("theta", 4, "open"), "angle.csv, column theta, row 5: 'open' is not a finite number")
-    refused(tmp_path, with_value("t", 4, np.nan), "column t, row 5: 'nan' is not a finite number")
-    refused(tmp_path, with_value("t", 4, 0.0), "column t, row 5: time 0 s does not rise; sort the rows")
-    refused(tmp_path, lambda table: table.rename(columns={"theta": "thetas"}), "no column 'theta'.*thetas")
-    refused(tmp_path, lambda table: table[:5], "5 samples are too few")
-    refused(tmp_path, lambda table: table.assign(theta=-table.theta), "the crank turns clockwise; change the sign")
-    refused(tmp_path, lambda table: table.assign(theta=-table.theta % (2 * np.pi)), "the crank turns clockwise")
-    refused(
-        tmp_path, lambda table: table.assign(theta=table.theta.mask(table.index < 99, 0.2)), "stands still or turns"
-    )
-    refused(tmp_path, lambda table: table[:1000], "11.*to.*deg; .*holds 1 whole revolutions, .*asks for 2")
-    refused(
-        tmp_path, lambda table: table[::50].iloc[:41].assign(theta=table.theta * 10), "steps by .* than half a turn"
-    )
-    refused(tmp_path, lambda table: table, "time and angle both name column 't'", angle="t")
-    refused(tmp_path, lambda table: table, "resolution: 180 deg is more than a quarter turn", resolution=np.pi)
-    refused(tmp_path, lambda table: table, "16999 pieces, more than 16384", count=17000, revolutions=2)
-
-
-def test_a_missing_table_is_named(tmp_path):
-    drive = {"kind": "measured", "file": str(tmp_path / "none.csv")}
-    with pytest.raises(InputError, match=r"none\.csv: cannot be read as a table"):
-        simulate(mechanism(), options(drive=drive))
-
-
-def test_a_damaged_parquet_table_drives_no_crank(tmp_path):
-    arrow = pa.table({"t": np.linspace(0.0, 1.0, 500), "theta": np.linspace(0.0, 9.0, 500)})
-    place = tmp_path / "angle.parquet"
-    with parquet.writer(place, arrow.schema, compression="none", use_dictionary=False) as file:
-        file.write_table(arrow)
-    content = bytearray(place.read_bytes())
-    content[content.index(arrow["theta"].to_numpy().tobytes()) + 3] ^= 1
-    place.write_bytes(content)
-    drive = {"kind": "measured", "file": str(place), "time": "t", "angle": "theta"}
-    with pytest.raises(InputError, match=r"angle\.parquet: cannot be read as a table"):
-        simulate(mechanism(loose=()), options(drive=drive))
 
 
 def test_smoothing_does_not_flatten_what_repeats_in_every_turn():
@@ -207,8 +156,7 @@ def test_smoothing_does_not_flatten_what_repeats_in_every_turn():
         assert np.hypot(*flattened) < 1.5e-3  # four standard errors of 700 samples are 1.3e-3
 
 
-@pytest.mark.parametrize("unsteadiness", [0.0, 0.3, 0.6, 0.8, 0.95])
-@pytest.mark.parametrize("mean_speed", [8.0, 80.0])
+@each("unsteadiness, mean_speed", [(0.0, 8.0), (0.6, 80.0), (0.95, 8.0)])
 def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_crank_turns(unsteadiness, mean_speed):
     """The speed falls and rises by `unsteadiness` of its mean within each turn, and drifts over the record."""
     per_turn, turns = 120, 12
@@ -227,23 +175,37 @@ def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_cran
     np.testing.assert_allclose(smooth(between, 1), crank(between)[1], atol=2e-4 * mean_speed)
 
 
-def test_a_crank_that_nearly_stops_in_every_turn_is_smoothed_exactly():
-    """Its speed is a function of the crank angle: 0.05 to 1.95 of its mean over the angle."""
-    fine = np.linspace(0.0, 20 * np.pi, 400_001)
-    slowness = 1.0 / (1.0 + 0.95 * np.cos(fine))
-    passed = cumulative_simpson(slowness, x=fine, initial=0.0)
-    time = np.linspace(0.0, passed[-1], 4001)
-    angle = np.interp(time, passed, fine)
-    smooth = smooth_angle(time, angle, None)
-    np.testing.assert_allclose(smooth(time), angle, atol=1e-5)
-    inside = np.linspace(*time[[40, -40]], 20_001)
-    speed = 1.0 + 0.95 * np.cos(np.interp(inside, passed, fine))
-    np.testing.assert_allclose(smooth(inside, 1), speed, atol=5e-3)
-
-
 def test_contacts_are_judged_at_the_speed_of_the_measured_angle(tmp_path):
     rubber = listed(contacts={"steel": {"youngs_modulus": "10 MPa"}})  # firm enough at 10 rad/s, the speed of `slow`
     given, slow = measured(tmp_path), options(speed=10.0)
     parameters(rubber, slow)
     with pytest.raises(InputError, match=r"youngs_modulus 1e\+07 Pa is too soft.* inertia at 599\.6 rpm"):
         parameters(rubber, given)
+
+
+RATE, TURNS, PER_TURN, ERROR = 30.0, 5, 30, 1e-3
+
+
+def ahead(unsteady: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times and true angles of a crank that runs ahead, by so many rad, in its first two orders and once in a while."""
+    time = np.arange(TURNS * PER_TURN) * (2 * np.pi / RATE / PER_TURN)
+    phase = RATE * time
+    return time, 0.4 + phase + unsteady * (np.sin(phase) + 0.3 * np.cos(2 * phase) + 0.5 * np.sin(phase / 3.7))
+
+
+@each("unsteady, stepped", [(0.05, False), (0.0, True)])
+def test_errors_are_as_large_as_those_of_drawn_noise(unsteady, stepped):
+    time, true = ahead(unsteady)
+    rng, inside = np.random.default_rng(0), slice(PER_TURN // 2, -PER_TURN // 2)
+    resolution = np.sqrt(12.0) * ERROR if stepped else None  # a quintic for white noise of that size
+    drawn, told = [], []
+    for draw in range(16):
+        angle = true + ERROR * rng.standard_normal(time.size)
+        smooth = smooth_angle(time, angle, resolution)
+        drawn.append([smooth(time, derivative)[inside] for derivative in range(3)])
+        if draw < 3:
+            errors = AngleErrors(time, angle, smooth, stepped, eye_array(time.size, format="csr"), None)
+            told.append([np.mean(errors(time, derivative)[inside] ** 2) * errors.count for derivative in range(3)])
+    for derivative in range(3):
+        spread = np.sqrt(np.mean(np.var([each[derivative] for each in drawn], axis=0)))
+        assert np.sqrt(np.mean(told, axis=0)[derivative]) == pytest.approx(spread, rel=0.3)

@@ -1,4 +1,4 @@
-"""What the motion must be, whatever the contact: free flight, symmetries, limits, and what is undefined."""
+"""What the motion must be, whatever the contact: free flight, starts, limits, and what is undefined."""
 
 import math
 
@@ -6,11 +6,23 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
-from jointgap.dynamics.parallel import simulate_ensemble
-from jointgap.dynamics.simulation import simulate
-from tests.dynamics.cases import CENTRE, CRANK, PINS, ROD, SPEED, integrated, mechanism, options
+from jointgap.dynamics.simulation import integrate_to_angles, simulate
+from tests.dynamics.cases import (
+    ALL,
+    CENTRE,
+    CRANK,
+    MOTOR,
+    PINS,
+    ROD,
+    SPEED,
+    effect,
+    integrated,
+    mechanism,
+    options,
+    with_numbers,
+)
+from tests.rows import each
 
 
 def test_until_the_first_impact_the_rod_flies_straight_and_turns_evenly():
@@ -41,32 +53,18 @@ def test_it_hits_first_at_the_crank_pin_where_free_flight_ends():
     assert first.crank_angle == pytest.approx(brentq(gap, 0.05, 0.2, xtol=1e-16), abs=1e-11)
 
 
-def test_gravity_bends_the_free_flight():
-    samples = simulate(mechanism(gravity=True), options(samples_per_revolution=3600)).samples
-    free = samples[samples.crank_angle < np.radians(6)]
-    fallen = CRANK * SPEED / 2 * free.time - free.rod_position_y
-    np.testing.assert_allclose(fallen, 9.80665 * free.time**2 / 2, atol=1e-15)
-
-
-def test_without_friction_it_does_not_matter_who_carries_the_bearing():
+def test_who_carries_the_bearing_matters_with_friction_alone():
     degrees = np.arange(0, 61)
-    _, pins = integrated(mechanism(), degrees)
-    for journals in (("rod", "slider"), ("crank", "rod"), ("rod", "rod")):
-        _, other = integrated(mechanism(journals=journals), degrees)
-        np.testing.assert_array_equal(other.states, pins.states)
-
-
-def test_with_friction_it_does():
-    degrees = np.arange(0, 61)
-    _, pins = integrated(mechanism(friction=0.2), degrees)
-    for journals in (("rod", "slider"), ("crank", "rod")):
-        _, other = integrated(mechanism(friction=0.2, journals=journals), degrees)
-        assert np.abs(other.states - pins.states)[:, :4].max() > 1e-5
+    for friction in (0.0, 0.2):
+        pins, other = (
+            integrated(mechanism(friction=friction, journals=journals), degrees)[1].states[:, :4]
+            for journals in (("crank", "slider"), ("rod", "rod"))
+        )
+        assert (np.abs(other - pins).max() > 1e-5) == (friction > 0) == (not np.array_equal(other, pins))
 
 
 def test_directions_are_undefined_only_where_the_centres_coincide():
-    run = simulate(mechanism(friction=0.05), options(samples_per_revolution=3600))
-    samples = run.samples
+    samples = simulate(mechanism(friction=0.05), options(samples_per_revolution=3600)).samples
     directions = [f"gamma{joint}{dots}" for joint in (2, 3) for dots in ("", "_dot", "_ddot")]
     assert samples.loc[0, directions].isna().all()
     pivot = [name for name in samples if name.startswith("gamma1")]
@@ -82,25 +80,8 @@ def test_directions_are_undefined_only_where_the_centres_coincide():
     assert np.abs(np.diff(samples.gamma3[1:])).max() < 1
 
 
-def test_the_tables_take_what_a_simulation_gives(tmp_path):
-    run = simulate(mechanism(friction=0.05), options())
-    for table, frame in ((schema.TRAJECTORY, run.samples), (schema.EVENTS, run.events)):
-        parquet.write(table, frame, tmp_path / "table.parquet")
-        assert parquet.read(table, tmp_path / "table.parquet").equals(frame)
-
-
-def test_directions_do_not_depend_on_how_often_they_are_looked_at():
-    made = mechanism(restitution=0.9, law="exact_restitution")  # long flights, close to the centre at times
-    _, fine = integrated(made, np.arange(0, 36001) / 50, 1e-10)
-    _, coarse = integrated(made, np.arange(0, 721, 90), 1e-10)
-    seldom, often = coarse.directions[1:, :2], fine.directions[1:, :2]
-    np.testing.assert_allclose(seldom, fine.directions[4500::4500, :2], atol=1e-9)
-    unwrapped = np.unwrap(often, axis=0)
-    np.testing.assert_allclose(often - often[0], unwrapped - unwrapped[0], atol=1e-9)
-
-
 def test_contact_forces_never_pull_and_vanish_apart():
-    run = simulate(mechanism(restitution=0.3), options(samples_per_revolution=36000))
+    run = simulate(mechanism(restitution=0.3), options(samples_per_revolution=7200))
     for number, name in ((2, "crank_pin"), (3, "piston_pin")):
         force, r = run.samples[f"{name}_normal_force"], run.samples[f"r{number}"]
         assert (force >= 0).all()
@@ -108,39 +89,61 @@ def test_contact_forces_never_pull_and_vanish_apart():
         assert force.max() > 1e3
 
 
-def test_impacts_and_separations_alternate_in_each_joint():
-    events = simulate(mechanism(), options(revolutions=2)).events
-    assert events.time.is_monotonic_increasing
-    for _, one in events.groupby("joint"):
-        assert (one.event == np.resize(["impact", "separation"], len(one))).all()
-        assert (one.approach_speed.notna() == (one.event == "impact")).all()
-        assert (one.approach_speed.dropna() > 0).all()
-
-
-def test_an_ensemble_holds_the_runs_of_its_perturbed_starts():
-    made, wanted = mechanism(friction=0.1), options(samples_per_revolution=90)
-    starts = np.random.default_rng(3).normal(scale=1e-7, size=(3, 4))
-    starts[0] = 0
-    ensemble = simulate_ensemble(made, wanted, starts)
-    for perturbation, states in zip(starts, ensemble.states, strict=True):
-        samples = simulate(made, wanted, perturbation).samples
-        np.testing.assert_allclose(samples.r2, np.hypot(*states[:, :2].T), rtol=1e-15)
-        np.testing.assert_array_equal(samples.crank_angle, ensemble.crank_angle)
-    assert ensemble.transmission_angle.shape == (3, 91)
-    vector = ensemble.states[1, 0] - ensemble.states[0, 0]
-    assert 1e-8 < np.abs(vector[:4]).max() < 1e-6
-
-
-@pytest.mark.parametrize(
-    ("perturbation", "says"),
+@each(
+    "perturbation, says",
     [
         ((2e-3, 0, 0, 0), "crank pin"),
         ((0, 0, 0, 1e-3), "piston pin"),
         ((0, 0, 0, 0, 1e-4, 0), "crank pivot.*ideal"),
-        ((0, 0, 0), "four"),
         ((np.nan, 0, 0, 0), "four"),
     ],
 )
 def test_a_start_in_contact_or_without_sense_is_refused(perturbation, says):
     with pytest.raises(InputError, match=says):
         simulate(mechanism(), options(), perturbation)
+
+
+LIMITS = {
+    "both pins, offset": {"loose": PINS, "offset": 0.05},
+    "crank pin": {"loose": ("crank_pin",)},
+    "all three": {"loose": ALL},
+}
+
+
+@each("case", LIMITS)
+def test_with_vanishing_clearance_the_motion_tends_to_the_ideal_one(case, worst):
+    keys = LIMITS[case]
+    offset, distances = keys.get("offset", 0.0), []
+    for clearance in (1e-3, 1e-4, 1e-5):
+        made = mechanism(friction=0.1, clearance=clearance, **keys)
+        samples = simulate(made, options(tolerance=1e-11)).samples
+        rise = offset - CRANK * np.sin(samples.crank_angle)
+        slider = CRANK * np.cos(samples.crank_angle) + np.sqrt(ROD**2 - rise**2)
+        apart = samples.r1.max() + samples.r2.max() + samples.r3.max()
+        assert apart < len(keys["loose"]) * (clearance + 1e-4)  # the surfaces give way by less than that
+        distances.append(np.abs(samples.slider_position - slider).max())
+        assert distances[-1] < 1.1 * apart
+        assert np.abs(samples.rod_angle - np.arcsin(rise / ROD)).max() < 1.1 * apart / ROD
+    # a tenth of the clearance, about a tenth of the distance: down to what the surfaces give way by
+    assert distances[0] > 5 * distances[1] > 25 * distances[2]
+    worst("distance from the ideal slider at c = 10 um [m]", distances[-1], 5e-5)
+
+
+@each(
+    "effects, keys, drive",
+    [
+        ([], {"loose": ALL, "friction": 0.1}, {"drive": MOTOR}),
+        ([effect("speed_fluctuation", ratio=0.1, order=2, phase_rad=0.5)], {}, {}),
+    ],
+)
+def test_a_start_one_turn_later_or_from_a_state_on_the_way_gives_the_same_motion(effects, keys, drive, worst):
+    made, degrees = mechanism(*effects, **keys), np.arange(0, 45.5, 0.5)
+    p, run = integrated(made, degrees, 1e-14, start_angle=0.3, **drive)
+    _, later = integrated(made, degrees, 1e-14, start_angle=0.3 + 2 * np.pi, **drive)
+    worst("start one turn later, 45 deg [m]", np.abs(later.states - run.states)[:, :4].max(), 1e-10)
+    on_the_way = np.flatnonzero((run.modes == 0).all(axis=1) & (degrees > 12))[0]
+    angles = 0.3 + np.radians(degrees[on_the_way:])
+    there = with_numbers(p, drive={"start_angle": angles[0]})
+    rest = integrate_to_angles(there, (run.states[on_the_way], run.auxiliary_states[on_the_way]), angles, 1e-14)
+    worst("start on the way, 45 deg [m]", np.abs(rest.states - run.states[on_the_way:])[:, :4].max(), 1e-10)
+    assert rest.times[-1] == pytest.approx(run.times[-1] - run.times[on_the_way], rel=1e-12)

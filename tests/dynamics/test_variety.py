@@ -6,7 +6,6 @@ import pytest
 from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.core.joints import JOINTS
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.contact import LAWS
 from jointgap.dynamics.simulation import crank_angles, integrate_to_angles, start_state
 from tests.dynamics.cases import ALL, PINS, effect, mechanism, options
 
@@ -66,20 +65,18 @@ def runs_through(seed, count, films=False):
             assert np.hypot(*vector.T).max() <= (made.clearance(name) + 7e-4 if name in made.loose else 0.0)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_mechanisms_of_all_kinds_run_through(seed):
-    runs_through(seed, 6)
+def test_mechanisms_of_all_kinds_run_through():
+    runs_through(0, 8)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 110))
-def test_very_many_mechanisms_run_through(seed):
-    runs_through(seed, 50, films=True)
+def test_very_many_mechanisms_run_through():
+    for seed in range(100, 110):
+        runs_through(seed, 50, films=True)
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_a_simulation_is_the_same_to_the_last_bit_every_time(law):
-    p = parameters(mechanism(law=law, restitution=0.4), options(speed=60.0, start_angle=1.0))
+def test_a_simulation_is_the_same_to_the_last_bit_every_time():
+    p = parameters(mechanism(loose=ALL, friction=0.1), options(speed=60.0, start_angle=1.0))
     angles = np.linspace(1.0, 7.0, 100)
     one, two = (integrate_to_angles(p, start_state(p), angles, 1e-10) for _ in range(2))
     np.testing.assert_array_equal(one.states, two.states)

@@ -24,6 +24,7 @@ from jointgap.dynamics.windows import (
     rows_of,
     simulate_windows,
 )
+from tests.rows import each
 
 TOLERANCE = 1e-10  # m
 SPEED, SETTLED, PER_TURN, TURNS, SAMPLES = 20.0, 6, 16, 2, 120
@@ -83,7 +84,7 @@ def of_spread(found, true):
     return float(np.sqrt(np.mean((found - true) ** 2)) / np.std(true))
 
 
-@pytest.mark.parametrize("loose", [PINS, PIVOT], ids=["both_pins", "the_crank_pivot"])
+@each("loose", [PINS, PIVOT])
 def test_windows_that_begin_in_states_of_a_trajectory_read_what_it_does(loose, pins, worst):
     here = pins if loose is PINS else settled(loose)
     carried = here.carried
@@ -99,14 +100,6 @@ def test_windows_that_begin_in_states_of_a_trajectory_read_what_it_does(loose, p
     jumps = np.abs(turned(ends[:-1] - here.slow[1:]))
     worst(f"{name}: jumps of angles", jumps[:, 0::2].max(), 1e-3)
     worst(f"{name}: jumps of rates", jumps[:, 1::2].max(), 5e-3)
-
-
-def test_windows_of_which_nothing_is_known_but_their_states_begin_in_balance(pins):
-    """No contact rings at the beginning: what is pressed together is nearly what the trajectory presses together."""
-    columns, _, _, done = simulate_windows(pins.p, pins.rows, pins.slow, pins.carried, TOLERANCE)
-    assert done.all()
-    for channel in FORCES:
-        assert of_spread(columns[channel], pins.columns[channel]) < 0.1, channel
 
 
 def test_a_window_that_cannot_be_simulated_is_told_and_its_samples_are_missing(pins):

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.integration
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs/how_to/add_effect.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"`(src/jointgap/[\w/]+\.py)`(?:(?!\n\n).)*:\n\n```diff\n(.*?)```", re.DOTALL)

@@ -11,6 +11,7 @@ from jointgap.config import EFFECTS, Scenario, hertz_stiffness, parse_options, v
 from jointgap.core.errors import InputError
 from jointgap.effects.base import example, parameters_of
 from tests.config.mechanisms import PIVOT, effect, mechanism, paper
+from tests.rows import each
 
 DATA = (
     "added_slider_mass",
@@ -32,10 +33,11 @@ def test_no_effect_acts_unless_it_is_listed():
     assert paper().applied() == paper()
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@each("name", EFFECTS)
 def test_every_effect_can_be_listed_as_its_own_example_says(name):
     made = mechanism(example(EFFECTS[name]), joints={"crank_pivot": PIVOT})
     assert made.effect(name) == made.effects[0].parameters
+    assert EFFECTS[name].LAW and EFFECTS[name].REFERENCE and all(row.meaning for row in parameters_of(EFFECTS[name]))
     scenario = validate(Scenario, {"mechanism": made.model_dump()}, "mine")
     assert parse_options(scenario.model_dump_json(include={"mechanism"})).mechanism == made
 
@@ -46,46 +48,23 @@ def test_all_effects_can_act_at_once():
     assert {one.name for one in made.applied().effects} == set(EFFECTS) - set(DATA)
 
 
-@pytest.mark.parametrize("name", EFFECTS)
-def test_every_effect_has_a_law_a_reference_and_explained_parameters(name):
-    assert EFFECTS[name].LAW and EFFECTS[name].REFERENCE and EFFECTS[name].SITE and EFFECTS[name].__doc__
-    assert all(row.meaning for row in parameters_of(EFFECTS[name]))
-
-
-@pytest.mark.parametrize(
-    ("name", "parameter", "inside", "outside"),
+@each(
+    "name, parameter, inside, outside",
     [
         ("gravity", "acceleration_m_s2", (0, 15), (-0.1, 15.1)),
         ("slider_coulomb_friction", "force_N", (0, 1e4), (-1,)),
-        ("slider_viscous_friction", "damping_N_s_m", (0,), (-1,)),
-        ("slider_quadratic_drag", "drag_N_s2_m2", (0,), (-1,)),
         ("slider_stribeck_friction", "stribeck_share", (0, 1), (-0.1, 1.1)),
-        ("slider_stribeck_friction", "stribeck_speed_m_s", (1e-3,), (0,)),
-        ("slider_position_friction", "varying_share", (0, 1), (-0.1, 1.1)),
         ("slider_position_friction", "length_m", (1e-3,), (0,)),
-        ("crank_angle_friction", "varying_share", (0, 1), (-0.1, 1.1)),
         ("slider_power_drag", "exponent", (0, 6), (-0.1, 6.1)),
-        ("slider_power_drag", "speed_m_s", (1e-3,), (0,)),
         ("slider_load_friction", "coefficient", (0, 1), (-0.1, 1.1)),
         ("slider_constant_force", "force_N", (-5, 5), ()),
-        ("slider_spring", "stiffness_N_m", (0,), (-1,)),
-        ("slider_nonlinear_spring", "length_m", (1e-3,), (0,)),
         ("slider_nonlinear_spring", "cubic_share", (-0.5, 1), (-0.6, 1.1)),
-        ("gas_pressure", "dead_length_m", (1e-6,), (0,)),
         ("gas_pressure", "exponent", (1, 1.4), (0.9, 1.5)),
-        ("harmonic_force", "force_N", (0,), (-1,)),
-        ("pin_friction", "coefficient", (0, 0.6), (-0.1, 0.7)),
         ("common_pin_friction", "coefficient", (0, 0.6), (-0.1, 0.7)),
         ("pin_restitution", "coefficient", (1e-3, 0.999), (0, 1)),
-        ("common_pin_restitution", "coefficient", (1e-3, 0.999), (0, 1)),
-        ("crank_coulomb_friction", "torque_N_m", (0,), (-1,)),
-        ("crank_viscous_friction", "damping_N_m_s", (0,), (-1,)),
-        ("crank_unbalance", "unbalance_kg_m", (0,), (-1,)),
         ("crank_periodic_torque", "order", (0.5, 1, 1.5, 100), (0, 101, 1.25)),
         ("speed_fluctuation", "ratio", (0, 0.3), (-0.1, 0.31)),
-        ("speed_fluctuation", "order", (0.5, 1, 1.5, 12), (0, 13, 1.25)),
         ("piston_pin_clearance", "clearance_m", (0, 1e-9, 1e-4), (-1e-4, 1e-20, 0.9e-9)),
-        ("rod_flexibility", "frequency_Hz", (1,), (0,)),
         ("rod_flexibility", "damping_ratio", (0, 0.5), (-0.1, 1)),
         ("lubricated_joint", "viscosity_Pa_s", (1e-3,), (0,)),
     ],
@@ -103,58 +82,31 @@ def test_parameters_keep_to_the_bounds_of_the_catalogue(name, parameter, inside,
             listed(value)
 
 
-def test_parameters_take_text_with_units():
-    made = mechanism(
-        effect("slider_spring", stiffness_N_m="2 N/mm", rest_position_m="560 mm"),
-        effect("harmonic_force", force_N="1 kN", frequency_Hz="2 kHz"),
-    )
-    assert made.effect("slider_spring").stiffness_N_m == pytest.approx(2000)
-    assert made.effect("slider_spring").rest_position_m == pytest.approx(0.56)
-    assert made.effect("harmonic_force").frequency_Hz == pytest.approx(2000)
+FILM = effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01)
+THICK = effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01, least_film_m=6e-4)
+RUBBING = effect("pin_friction", "crank_pin", coefficient=0.1)
 
 
-@pytest.mark.parametrize(
-    ("effects", "words"),
+@each(
+    "effects, words",
     [
-        (
-            [effect("slidr_spring")],
-            ["effects.0.name = 'slidr_spring'", "no such effect", "did you mean 'slider_spring'"],
-        ),
-        ([{"parameters": {}}], ["effects.0.name' is missing"]),
-        ([effect("gravity", acceleration=9)], ["parameters.acceleration'", "did you mean 'acceleration_m_s2'"]),
-        ([effect("pin_friction", coefficient=0.1)], ["site' is missing"]),
-        (
-            [effect("pin_friction", "crank_pivot", coefficient=0.1)],
-            ["site = 'crank_pivot'", "'crank_pin' or 'piston_pin'"],
-        ),
-        ([effect("gravity"), effect("gravity")], ["gravity at all bodies is listed more than once"]),
-        (
-            [effect("pin_friction", "crank_pin", coefficient=0.1)] * 2,
-            ["pin_friction at crank_pin is listed more than once"],
-        ),
-        ([effect("discovered_slider_force", formula="a*v")], ["formula 'a*v'", "unknown name 'a'"]),
-        ([effect("added_slider_mass", mass_kg=-1)], ["effects added_slider_mass", "slider.mass", "greater than 0"]),
-        ([effect("slider_offset", offset_m=0.5)], ["effects slider_offset", "cannot turn"]),
-        ([effect("link_length_error", rod_m=-0.42)], ["effects link_length_error", "cannot turn"]),
-        ([effect("link_length_error", crank_m=-0.2)], ["effects link_length_error", "crank.length"]),
-        (
-            [effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01, least_film_m=6e-4)],
-            ["lubricated_joint at crank_pin", "more than 0.5 of the clearance 0.001 m"],
-        ),
-        (
-            [
-                effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.01),
-                effect("crank_pin_clearance", clearance_m=0),
-            ],
-            ["crank_pin_clearance", "lubricated_joint at crank_pin needs a loose joint"],
-        ),
+        ([effect("slidr_spring")], "effects.0.name = 'slidr_spring'.*no such effect.*did you mean 'slider_spring'"),
+        ([{"parameters": {}}], "effects.0.name' is missing"),
+        ([effect("gravity", acceleration=9)], "parameters.acceleration'.*did you mean 'acceleration_m_s2'"),
+        ([effect("pin_friction", coefficient=0.1)], "site' is missing"),
+        ([effect("pin_friction", "crank_pivot", coefficient=0.1)], "site = 'crank_pivot'.*'crank_pin' or 'piston_pin'"),
+        ([effect("gravity"), effect("gravity")], "gravity at all bodies is listed more than once"),
+        ([RUBBING] * 2, "pin_friction at crank_pin is listed more than once"),
+        ([effect("discovered_slider_force", formula="a*v")], "formula 'a\\*v'.*unknown name 'a'"),
+        ([effect("added_slider_mass", mass_kg=-1)], "effects added_slider_mass.*slider.mass.*greater than 0"),
+        ([effect("slider_offset", offset_m=0.5)], "effects slider_offset.*cannot turn"),
+        ([THICK], "lubricated_joint at crank_pin.*more than 0.5 of the clearance 0.001 m"),
+        ([FILM, effect("crank_pin_clearance", clearance_m=0)], "lubricated_joint at crank_pin needs a loose joint"),
     ],
 )
 def test_an_effect_that_makes_no_sense_is_refused(effects, words):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=f"(?s){words}"):
         mechanism(*effects)
-    for word in words:
-        assert word in str(caught.value)
 
 
 def test_a_clearance_needs_the_data_of_its_joint():
@@ -182,14 +134,6 @@ def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_mi
         with pytest.raises(InputError, match=r"rod_flexibility .*uniform beam.*rod\.mass_centre .*rod\.inertia"):
             bending(mass_centre=rod.length / 2 + side * 1.001 * farthest)
     assert mechanism(rod={"mass_centre": 0.1}).rod.mass_centre == 0.1  # a rigid one may have it anywhere
-
-
-def test_one_effect_may_act_in_both_pins():
-    both = mechanism(
-        effect("pin_friction", "crank_pin", coefficient=0.1), effect("pin_friction", "piston_pin", coefficient=0.2)
-    )
-    assert both.effect("pin_friction", "crank_pin").coefficient == 0.1
-    assert both.effect("pin_friction", "piston_pin").coefficient == 0.2
 
 
 def test_mass_offset_and_lengths_become_data():
@@ -244,17 +188,6 @@ def test_the_contact_of_a_clearance_is_its_joints_alone():
     assert own.friction_speed == pytest.approx(3.0 * other.friction_speed)
     nominal = mechanism(effect("crank_pin_clearance", clearance_m=1e-4)).applied().joint("crank_pin")
     assert hertz_stiffness(applied.joint("crank_pin")) == pytest.approx(2.0 * hertz_stiffness(nominal))
-
-
-def test_a_clearance_decides_what_friction_in_its_pin_is():
-    friction = effect("pin_friction", "crank_pin", coefficient=0.1)
-    ideal = mechanism(friction, effect("crank_pin_clearance", clearance_m=0)).applied()
-    assert ideal.effect("pin_friction", "crank_pin").coefficient == 0.1
-    loose = mechanism(
-        friction, effect("crank_pin_clearance", clearance_m=1e-4), joints={"crank_pin": {"loose": False}}
-    ).applied()
-    assert loose.effect("pin_friction") is None
-    assert loose.joint("crank_pin").contact.friction == 0.1
 
 
 def test_friction_in_an_ideal_pin_needs_its_radius():

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Simulate
@@ -44,17 +43,3 @@ def run(revolutions=2, speed=SPEED, perturbation=None, **changed) -> pd.DataFram
     """Samples of a simulation from dead centre; `changed` as for `mechanism`."""
     options = Simulate(speed=speed, revolutions=revolutions, samples_per_revolution=SAMPLES, tolerance=1e-12)
     return simulate(mechanism(**changed), options, perturbation).samples
-
-
-def ideal(crank_angle: np.ndarray, speed=SPEED) -> pd.DataFrame:
-    """Slider's position [m], velocity [m/s] and acceleration [m/s^2] without clearance, in closed form."""
-    cosine, sine = np.cos(crank_angle), np.sin(crank_angle)
-    root = np.sqrt(ROD**2 - (CRANK * sine) ** 2)
-    bend = CRANK**2 * (cosine**2 - sine**2) / root + CRANK**4 * sine**2 * cosine**2 / root**3
-    return pd.DataFrame(
-        {
-            "slider_position": CRANK * cosine + root,
-            "slider_velocity": -speed * (CRANK * sine + CRANK**2 * sine * cosine / root),
-            "slider_acceleration": -(speed**2) * (CRANK * cosine + bend),
-        }
-    )

@@ -11,14 +11,6 @@ from tests.independent.cases import JOURNALS, SPEED, friction, mechanism, positi
 from validation.exudyn import SliderCrank
 
 QUARTERS = (90, 180, 270, 360)
-SUBSETS = [
-    ("crank_pin", "piston_pin"),
-    ("crank_pin",),
-    ("piston_pin",),
-    ("crank_pivot", "crank_pin"),
-    ("crank_pivot", "piston_pin"),
-    ("crank_pivot", "crank_pin", "piston_pin"),
-]
 ON_THE_OTHER_BODY = {"crank_pivot": "crank", "crank_pin": "rod", "piston_pin": "rod"}
 
 
@@ -39,29 +31,27 @@ def _in_a_row(perturbation):
     return np.ravel([perturbation.get(name, (0.0, 0.0)) for name in ("crank_pin", "piston_pin", "crank_pivot")])
 
 
-@pytest.mark.parametrize("loose", SUBSETS, ids=" ".join)
-def test_without_friction_the_motion_agrees_for_a_revolution(loose):
-    found = differences(mechanism(loose), 1e-12)
-    assert max(found[90], found[180]) < 1e-11
-    assert max(found.values()) < 1e-10
+BOTH = ("crank_pin", "piston_pin")
+ROWS = [
+    (BOTH, {}, 1e-12, 1e-11, 1e-10),
+    (("piston_pin",), {"offset": 0.03}, 1e-12, 1e-10, np.inf),
+    (("crank_pin",), friction(), 1e-11, 1e-7, 1e-7),
+    (tuple(JOURNALS), friction(speed=1.0) | {"journals": ON_THE_OTHER_BODY}, 1e-11, 1e-9, 1e-9),
+]
+MORE = (("crank_pin",), ("piston_pin",), ("crank_pivot", "crank_pin"), ("crank_pivot", "piston_pin"), tuple(JOURNALS))
+LATER = [(loose, {}, 1e-12, 1e-11, 1e-10) for loose in MORE]
+LATER += [(loose, {"offset": 0.03}, 1e-12, 1e-10, np.inf) for loose in (BOTH, *MORE)]
+LATER += [(loose, friction(), 1e-11, 1e-7, 1e-7) for loose in (BOTH, *MORE)]
 
 
-@pytest.mark.parametrize("loose", SUBSETS, ids=" ".join)
-def test_on_an_offset_slide_too(loose):
-    found = differences(mechanism(loose, offset=0.03), 1e-12)
-    assert max(found[90], found[180]) < 1e-10
-
-
-@pytest.mark.parametrize("loose", SUBSETS, ids=" ".join)
-def test_with_friction_the_motion_agrees_to_what_exudyn_can_do(loose):
-    assert max(differences(mechanism(loose, **friction()), 1e-11).values()) < 1e-7
-
-
-def test_with_the_journals_on_the_other_bodies_too():
-    swapped = {**friction(speed=1.0), "journals": ON_THE_OTHER_BODY}
-    made = mechanism(tuple(JOURNALS), **swapped)
-    assert made.joint("piston_pin").journal == "rod"
-    assert max(differences(made, 1e-11).values()) < 1e-9
+@pytest.mark.parametrize("rows", [ROWS, pytest.param(LATER, marks=pytest.mark.slow)], ids=["soon", "later"])
+def test_the_motion_agrees_for_a_revolution(rows):
+    far = []
+    for loose, keys, tolerance, soon, later in rows:
+        found = differences(mechanism(loose, **keys), tolerance)
+        if max(found[90], found[180]) > soon or max(found.values()) > later:
+            far.append((loose, keys, found))
+    assert far == []
 
 
 def test_from_another_start_too():

@@ -1,6 +1,7 @@
 """The benchmark's peers integrate the package's own equations of motion, from numbers that nothing copies."""
 
 import numpy as np
+import pytest
 
 from benchmarks.right_hand_side import right_hand_side
 from jointgap.dynamics.compile_mechanism import parameters
@@ -11,6 +12,7 @@ from tests.dynamics.cases import mechanism, options
 SCALES = np.repeat([1.0, VELOCITY_TIME], 4)
 
 
+@pytest.mark.integration  # it compiles the equations anew
 def test_peers_get_the_rates_of_the_package_and_read_its_numbers_where_they_lie():
     p = parameters(mechanism(memory="published"), options())
     slope, gap = right_hand_side(p)

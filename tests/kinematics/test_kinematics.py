@@ -1,9 +1,15 @@
+"""Motion of the links from clearance vectors: of the real simulation and of waves that are known."""
+
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 
-from jointgap.config import Simulate, load_mechanism
+from jointgap.config import Mechanism, Simulate, load_mechanism, read_yaml
+from jointgap.core.joints import PINS
 from jointgap.dynamics.kinematics import ClearanceMotion, Motion, linkage_motion
+from jointgap.dynamics.simulation import simulate
 from jointgap.scenario.kinematics import UNITS, clearance_motions, kinematics
 
 MECHANISM = load_mechanism("config/mechanisms/erkaya2009.yaml")
@@ -87,17 +93,6 @@ def test_perfect_fits_agree_with_the_simulation_and_with_each_other(trajectory):
     assert (result["kinematics_contradictions"]["rms_over_range"] < 1e-6).all()
 
 
-def test_the_paper_form_misses_the_acceleration_but_no_position(trajectory):
-    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits()})
-    for source in ("networks_paper_form", "simulation_paper_form"):
-        assert error_of(result, source, "slider_position")["peak"] < 1e-15
-        missed = error_of(result, source, "slider_acceleration")
-        assert missed["peak"] > 10.0
-    assert missed["rms"] == pytest.approx(
-        error_of(result, "networks_paper_form", "slider_acceleration")["rms"], rel=1e-9
-    )
-
-
 def test_a_fit_that_contradicts_another_is_found_with_its_size(trajectory):
     errors = {"gamma2_dot": 2.0, "gamma3_ddot": 30.0}
     result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits(**errors)})
@@ -108,16 +103,6 @@ def test_a_fit_that_contradicts_another_is_found_with_its_size(trajectory):
     assert contradiction_of(result, "gamma2")["peak"] == pytest.approx(drift, rel=1e-9)
     assert contradiction_of(result, "slider_position")["peak"] > 1e-5
     assert contradiction_of(result, "slider_acceleration")["peak"] > 1e-2
-
-
-def test_the_forms_differ_in_what_they_take_from_where():
-    angle = np.linspace(0.0, 2 * np.pi, 3601)
-    forms = clearance_motions(fits(gamma2_dot=2.0), Motion.of(angle, np.full(3601, SPEED), 0.0 * angle), LOOSE)
-    assert list(forms) == ["paper_form", "exact", "own_rates", "integrated"]
-    assert not forms["paper_form"].r2.velocity.any() and forms["exact"].r2.velocity.any()
-    assert forms["exact"].r2.acceleration == pytest.approx(wave("r2", angle, 2) * SPEED**2, abs=1e-9 * SPEED**2)
-    assert forms["own_rates"].gamma2.velocity == pytest.approx(wave("gamma2", angle, 1) * SPEED, rel=1e-12)
-    assert forms["paper_form"].gamma2.velocity == pytest.approx(wave("gamma2", angle, 1) * SPEED + 2.0, rel=1e-12)
 
 
 def test_a_speed_that_changes_enters_every_derivative_and_every_integral():
@@ -152,17 +137,6 @@ def test_errors_count_held_out_samples_only(trajectory):
     assert result["kinematics_contradictions"].empty
 
 
-def test_the_table_holds_every_sample_of_every_source(trajectory):
-    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits()})
-    assert set(result["kinematics"].groupby("source").size()) == {1801}
-    assert set(result["kinematics"]["source"]) == {
-        "simulation",
-        "ideal",
-        "simulation_exact",
-        "simulation_paper_form",
-    } | {f"networks_{form}" for form in ("paper_form", "exact", "own_rates", "integrated")}
-
-
 def test_samples_without_a_direction_stay_undefined_and_out_of_the_errors(trajectory):
     start = trajectory.copy()
     hit = [1, 2]  # held-out samples
@@ -174,13 +148,53 @@ def test_samples_without_a_direction_stay_undefined_and_out_of_the_errors(trajec
     assert error_of(result, "simulation_exact", "slider_velocity")["samples"] == 1440 - 2
 
 
-def test_a_contradiction_is_shown_over_the_range_of_the_simulation_not_over_that_of_a_spiky_fit(trajectory):
-    def spiky(angle):
-        value, slope = fit("gamma2", 2)(angle)
-        return value + 1e9 * (np.abs(angle - 1.0) < 0.01), slope
+ALL = ("crank_pivot", *PINS)
+MOTOR = {"kind": "motor", "stall_torque": 60.0, "no_load_speed": "700 rpm", "inertia": 0.02}
+CASES = {
+    "friction": (PINS, 0.2, 0.0, {}),
+    "all three, offset": (ALL, 0.05, -0.02, {"start_angle": 1.0}),
+    "motor": (PINS, 0.05, 0.0, {"drive": MOTOR}),
+}
 
-    result = kinematics(MECHANISM, OPTIONS, 361, trajectory, {"networks": fits() | {"gamma2_ddot": spiky}})
-    shown = contradiction_of(result, "gamma2_ddot")
-    held_out = np.arange(len(trajectory)) % 5 != 0
-    assert shown["range"] == pytest.approx(np.ptp(trajectory["gamma2_ddot"][held_out]), rel=1e-12)
-    assert shown["rms_over_range"] > 1.0
+
+def mechanism_with(loose, friction, offset):
+    data = read_yaml(Path("config/mechanisms/erkaya2009.yaml"))
+    data["contacts"]["steel"]["friction"] = friction
+    data["slider"]["offset"] = offset
+    data["joints"] = {
+        name: {
+            "journal": body,
+            "journal_radius": 0.007,
+            "bearing_radius": 0.008,
+            "contact": "steel",
+            "loose": name in loose,
+        }
+        for name, body in zip(ALL, ("frame", "crank", "slider"), strict=True)
+    }
+    return Mechanism.model_validate(data)
+
+
+@pytest.fixture(scope="module", params=list(CASES))
+def result(request):
+    loose, friction, offset, more = CASES[request.param]
+    mechanism, options = mechanism_with(loose, friction, offset), Simulate(revolutions=1, **more)
+    return kinematics(mechanism, options, 361, simulate(mechanism, options).samples, {})
+
+
+def test_the_exact_form_agrees_with_the_simulation_to_rounding(result):
+    errors = result["kinematics_errors"].query("source == 'simulation_exact' and region == 'first_revolution'")
+    assert len(errors) == 13
+    # In flight r can be a few nm with gamma' of 1e5 rad/s, where rounding of the vectors' direction weighs more.
+    assert (errors["peak"] <= 1e-12 * errors["range"]).all(), errors[["quantity", "peak", "range"]]
+
+
+def test_the_paper_form_agrees_in_position_only(result):
+    errors = (
+        result["kinematics_errors"]
+        .query("source == 'simulation_paper_form' and region == 'first_revolution'")
+        .set_index("quantity")
+    )
+    for quantity in ("rod_position_x", "rod_position_y", "rod_angle", "slider_position", "transmission_angle"):
+        assert errors.loc[quantity, "rms_over_range"] < 1e-14
+    for quantity in ("slider_velocity", "slider_acceleration", "rod_acceleration_x"):
+        assert errors.loc[quantity, "rms_over_range"] > 1e-4

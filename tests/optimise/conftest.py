@@ -36,9 +36,9 @@ def objective(mechanism, clearance):
 PAPER = resolve(read_yaml("config/config.yaml"))["paper"].optimise
 
 
-@pytest.fixture(scope="session", params=list(PAPER.boxes))
-def region(request):
-    return Region.of(PAPER.boxes[request.param], PAPER.ratio_limit)
+@pytest.fixture(scope="session")
+def region():
+    return Region.of(PAPER.boxes["paper"], PAPER.ratio_limit)
 
 
 @pytest.fixture(scope="session")

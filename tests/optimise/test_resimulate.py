@@ -5,7 +5,7 @@ from jointgap.config import Ensemble, Optimise, Simulate, load_mechanism
 from jointgap.core.joints import PINS
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.objective import MEASURES, Measures, measure
-from jointgap.lengths.resimulate import Resimulation, compare, perturbations, reduction_pairs, resimulate, sample_ranges
+from jointgap.lengths.resimulate import Resimulation, compare, perturbations, reduction_pairs, resimulate
 
 SIMULATE = Simulate(revolutions=2, samples_per_revolution=720)
 OPTIMISE = Optimise(window=("60 deg", "360 deg"), ensemble=Ensemble(members=6, settled_revolution=2))
@@ -49,13 +49,6 @@ def test_the_error_is_the_ideal_angle_of_the_original_lengths_less_the_simulated
         assert ours.inner_dead_centre[member] == pytest.approx(last["slider_position"].min(), rel=1e-12)
 
 
-def test_unchanged_lengths_reduce_nothing_whatever_the_motion(mechanism, original):
-    for row in compare(original, original):
-        assert row["reduction"] == 0.0
-        assert row["reduction_low"] <= 0.0 <= row["reduction_high"]
-        assert row["share_better"] <= 0.5
-
-
 def test_chaos_spreads_the_reduction_of_unchanged_lengths_around_zero_and_friction_does_not(mechanism, original):
     chaotic = with_friction(mechanism, 0.0)
     lengths = (mechanism.crank.length, mechanism.rod.length)
@@ -68,12 +61,6 @@ def test_chaos_spreads_the_reduction_of_unchanged_lengths_around_zero_and_fricti
 
     assert width(wild) > 0.01
     assert width(original) < 1e-3
-
-
-def test_the_frozen_gain_is_real_where_the_joints_have_friction(mechanism, original):
-    rows = compare(resimulate(mechanism, SIMULATE, OPTIMISE, POINTS, LENGTHS), original)
-    row = next(row for row in rows if (row["stretch"], row["measure"]) == ("window", "rms"))
-    assert row["reduction_low"] > 0.1 and row["share_better"] == 1.0
 
 
 def test_every_pair_of_runs_is_compared():
@@ -94,28 +81,8 @@ def test_a_row_reports_the_error_of_the_new_lengths_and_that_of_the_original_one
         assert row["reduction"] == pytest.approx(0.8) and row["share_better"] == 1.0
 
 
-def test_an_ensemble_is_the_same_for_the_same_seed(mechanism):
-    runs = [resimulate(mechanism, SIMULATE, OPTIMISE, POINTS, LENGTHS) for _ in range(2)]
-    assert compare(*runs[:1] * 2) == compare(*runs)
-    other = Ensemble(members=6, settled_revolution=2, seed=1)
-    assert not np.array_equal(perturbations(OPTIMISE.ensemble, PINS), perturbations(other, PINS))
-
-
-def test_perturbed_starts_have_the_configured_size():
-    starts = perturbations(Ensemble(members=2000, perturbation=1e-7), (*PINS, "crank_pivot"))
-    assert starts.shape == (2000, 6)
-    assert np.std(starts) == pytest.approx(1e-7, rel=0.03)
-
-
 def test_ideal_joints_are_not_perturbed_and_loose_ones_are_alike_whichever_others_are_loose():
     options = Ensemble(members=5)
     three, pins, pivot = (perturbations(options, loose) for loose in ((*PINS, "crank_pivot"), PINS, ("crank_pivot",)))
     assert np.array_equal(pins[:, :4], three[:, :4]) and not pins[:, 4:].any()
     assert np.array_equal(pivot[:, 4:], three[:, 4:]) and not pivot[:, :4].any()
-
-
-def test_the_ranges_of_samples_are_the_window_and_one_whole_revolution():
-    chosen = sample_ranges(SIMULATE, OPTIMISE, POINTS)
-    assert chosen["window"][0] == 121 and chosen["window"][-1] == 719
-    assert not np.any(chosen["window"] % 10 == 0)
-    assert np.array_equal(chosen["settled"], np.arange(720, 1440))

@@ -14,12 +14,12 @@ from jointgap.designs.infer_settings import (
     accept,
     check,
     departures,
-    nearest_configuration,
     page,
 )
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import infer_settings, sweep
 from tests.dynamics.cases import mechanism, options
+from tests.rows import each
 
 PAPER = mechanism(friction=0.1)
 COARSE = options(revolutions=1, samples_per_revolution=1800, tolerance=1e-7)
@@ -57,23 +57,6 @@ def test_a_number_comes_out_in_the_share_of_the_range_that_is_near_enough():
     assert known.frame["together"].mean() == pytest.approx(0.1, abs=0.002)
 
 
-def test_numbers_that_come_out_alone_need_not_come_out_together():
-    designs = designs_of(asked())
-    frame = pd.DataFrame(designs.values(0, 2048))
-    for one, middle in zip(NUMBERS, (0.05, 0.05, 0.05, 0.15), strict=True):
-        frame[one.column] = one.printed + one.scale * (frame["friction"] - middle) / 0.1
-    known = accept(designs, frame.assign(design=frame.index, reason=None), 0.05)
-    assert ((departures(known.frame) <= 0.05).mean(axis=0) > 0.04).all()
-    assert not known.frame["together"].any()
-    assert "None of 2048 parameter sets" in to_markdown(page(known))
-
-
-def test_the_nearest_design_is_the_one_whose_farthest_number_is_nearest():
-    known = found(by_friction)
-    assert known.frame.iloc[0]["friction"] == pytest.approx(0.1, abs=1e-4)
-    assert np.all(np.diff(known.frame["farthest"]) >= 0)
-
-
 def test_a_scenario_gets_the_nearest_design_that_counts_as_its_optimum_does():
     known = found(lambda frame: by_friction(frame) + 0.3 * (frame["error_measure"] == "rms"))
     assert known.frame.iloc[0]["error_measure"] == "peak"
@@ -104,18 +87,17 @@ def test_failed_designs_are_left_out_and_counted():
         accept(designs, frame.assign(reason="it broke"), 0.05)
 
 
-@pytest.mark.parametrize(
-    ("sweep", "more", "message"),
+@each(
+    "sweep, message",
     [
-        ({}, {}, "nothing is swept"),
-        ({"parameters": {"friction": {"from": 0, "to": 0.2}}}, {}, "set sweep.printed_numbers to true"),
-        ({"parameters": {"friction": [0.1]}, "printed_numbers": True}, {}, "no setting varies"),
+        ({}, "nothing is swept"),
+        ({"parameters": {"friction": {"from": 0, "to": 0.2}}}, "set sweep.printed_numbers to true"),
+        ({"parameters": {"friction": [0.1]}, "printed_numbers": True}, "no setting varies"),
     ],
 )
-def test_what_cannot_be_inferred_is_refused_before_anything_is_simulated(sweep, more, message):
-    simulate = options(revolutions=1, samples_per_revolution=1800, tolerance=1e-7).model_dump() | more
+def test_what_cannot_be_inferred_is_refused_before_anything_is_simulated(sweep, message):
     with pytest.raises(InputError) as raised:
-        check(Scenario(mechanism=PAPER, simulate=simulate, sweep=sweep, infer_settings={}))
+        check(Scenario(mechanism=PAPER, simulate=COARSE, sweep=sweep, infer_settings={}))
     assert message in str(raised.value)
 
 
@@ -129,9 +111,3 @@ def test_from_a_sweep_come_page_tables_and_a_scenario_of_the_nearest_settings(tm
     made = resolve(written, (tmp_path,), whole=False)[NEAREST_NAME]
     contact = made.mechanism.joint("piston_pin").contact
     assert (contact.friction, contact.restitution) == pytest.approx((nearest["friction"], nearest["restitution"]))
-
-
-def test_where_no_scenario_counts_so_there_is_none():
-    known = found(by_friction, parameters={"friction": {"from": 0, "to": 0.2}, "error_measure": ["peak"]})
-    assert known.nearest_scenario is None
-    assert nearest_configuration(known).startswith("# No design counts")

@@ -49,13 +49,6 @@ def test_a_third_of_the_samples_is_held_out_and_takes_no_part(fit):
     np.testing.assert_array_equal(again.network.parameters, fit.network.parameters)
 
 
-def test_samples_are_denser_where_the_trajectory_would_miss_an_impact(fit):
-    angle = np.sort(np.concatenate([fit.training.crank_angle, fit.grid.held_out.crank_angle]))
-    spacing = np.diff(angle)
-    assert spacing[np.abs(angle[:-1] - 4.0) < 0.01].max() < np.radians(0.1)
-    assert spacing[np.abs(angle[:-1] - 1.0) < 0.5].min() == pytest.approx(np.radians(0.5))
-
-
 def test_curves_end_at_the_errors_and_the_tables_hold_the_network(fit, tmp_path):
     history, errors = fit.history(), fit.errors()
     assert history["iteration"].tolist() == list(range(errors["iterations"].iloc[0] + 1))
@@ -71,20 +64,6 @@ def test_curves_end_at_the_errors_and_the_tables_hold_the_network(fit, tmp_path)
     for model, network in (("network", papers.network), ("regularised", fit.network)):
         back = Network.from_frame(stored, 4, model)
         np.testing.assert_array_equal(back.values(angle), network.values(angle))
-
-
-def test_more_neurons_than_points_determine_do_not_ring():
-    options = OPTIONS.model_copy(update={"regularised_neurons": 60, "regularised_iterations": 30})
-    angle = np.linspace(0, 2 * np.pi, 181)
-    frame = pd.DataFrame({"crank_angle": angle, "gamma2": np.sin(3 * angle)})
-    row = train_regularised(frame, frame, "gamma2", options).errors().iloc[0]
-    assert row["weights"] > row["training_points"]
-    assert row["held_out_mse"] < 1e-6
-
-
-def test_training_is_the_same_to_the_last_bit_every_time(fit):
-    again = train_regularised(ringing(720), ringing(7200), "gamma2", OPTIONS)
-    np.testing.assert_array_equal(again.network.parameters, fit.network.parameters)
 
 
 def test_the_smoothing_spline_follows_exact_points_and_smooths_noise():
