@@ -99,7 +99,7 @@ def draw_curves(table: pd.DataFrame) -> plot.Drawing:
     panel = sheet.panel((0, 1), "intervals that hold the truth", stated, Quantity("share of the intervals", "1"))
     panel.line("as stated", [0.0, 1.0], [0.0, 1.0], "limit")
     for words, what, colour in (("sizes", "size within", "after"), ("nuisances", "nuisance within its", "before")):
-        part = table[table["what"].str.startswith(what) & table["what"].str.endswith("interval") & (table["group"] == "all")]
+        part = table[table["what"].str.fullmatch(f"{what}.* interval") & (table["group"] == "all")]
         levels = part["what"].str.extract(r"(\d+) %")[0].astype(float) / 100
         panel.marks(words, levels, part["value"], colour, part["low"], part["high"])
     sheet.legend()
