@@ -40,9 +40,11 @@ def analyse(campaign: str, found: str) -> None:
     print(record["id"], record.get("verdict", {}).get("verdict", record.get("error")), record["seconds"], "s")
 
 
-def train(features: str, weights: str, seconds: str = "2400") -> None:
+def train(features: str, weights: str, seconds: str = "3000") -> None:
     from validation.peers import draw_features, train
 
+    for path in (features, weights):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
     if not Path(features).is_file():
         draw_features(Path(features), float(seconds), int(os.environ.get("CORES", "2")))
     print(f"classified right, of rigs held out: {train(Path(features), Path(weights)):.3f}")
@@ -61,7 +63,7 @@ def benchmark(verb: str, first: str, *more: str) -> None:
     from validation.benchmark.score import score
 
     if verb == "draw":
-        print(draw.draw(Path(first), int(more[0]) if more else None, int(os.environ.get("CORES", "2"))))
+        draw.draw(Path(first), int(more[0]) if more else None, int(os.environ.get("CORES", "2")))
     elif verb == "answers":
         _write(more[0], draw.answers(Path(first), *more[1:]))
     else:

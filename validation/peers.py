@@ -96,8 +96,7 @@ def minimise(problem: Problem, hypothesis: Hypothesis, nuisances: Mapping, until
         values = {p.key: value(float(u)) for p, (_, value), u in zip(parameters, scales, place, strict=False)}
         square = _IMPOSSIBLE
         with suppress(InputError, SimulationError, np.linalg.LinAlgError):
-            residual = problem.residual(values, hypothesis)
-            square = min(float(residual @ residual), square)
+            square = min(float(np.sum(problem.residual(values, hypothesis) ** 2)), square)
             best = min(best, (values, square), key=lambda found: found[1])
         if time.process_time() >= until:
             raise TimeoutError
@@ -113,9 +112,9 @@ def minimise(problem: Problem, hypothesis: Hypothesis, nuisances: Mapping, until
                 start.append(place(p.nominal if known is None else known) + push)
             start = np.clip([*start, *[0.0] * (2 - len(start))], -1.0, 1.0)  # CMA-ES asks for two coordinates
             chi2(start)
-            options = {"bounds": [-1.0, 1.0], "tolfun": _TOLERANCE, "seed": launch + 1, "verbose": -9}
-            population = (4 + int(3 * math.log(start.size))) * 2 ** min(again, 6)
-            cma.CMAEvolutionStrategy(start, _SIGMA, options | {"popsize": population}).optimize(chi2)
+            options = {"tolfun": _TOLERANCE, "popsize": (4 + int(3 * math.log(start.size))) * 2 ** min(again, 6)}
+            options |= {"bounds": [-1.0, 1.0], "seed": launch + 1, "verbose": -9}
+            cma.CMAEvolutionStrategy(start, _SIGMA, options).optimize(chi2)
     return best
 
 
@@ -142,15 +141,11 @@ READ = (*CHANNELS, "crank_angle")
 CLASSES = ("nothing", *LABELS)
 
 _SEED, _MOST_RIGS = 20261130, 20_000  # of the campaigns to learn from: the seed of no set of trials
-_EFFECTS_A_RIG, _NOISES = 14, 2  # effects tried in each rig that is drawn; campaigns of each, by their noise
-_SECONDS_A_RIG, _LARGEST_GAP = (
-    30.0,
-    20.0,
-)  # of processor time, after which no effect is tried; gap of what is told plainly
-_PER_CHANNEL = 2 * (BINS + 3)
-_FIRST_FAULT = 1 + len(PLAIN)
-_SIZE, _GENERAL = len(READ) * _PER_CHANNEL, 7
-_EPOCHS, _NETWORKS = 60, 5
+# Effects tried in each rig that is drawn; campaigns of each, by their noise; processor time [s] after which no effect
+# is tried; largest gap
+_EFFECTS_A_RIG, _NOISES, _SECONDS_A_RIG, _LARGEST_GAP = 14, 2, 30.0, 20.0
+_PER_CHANNEL, _FIRST_FAULT = 2 * (BINS + 3), 1 + len(PLAIN)
+_SIZE, _GENERAL, _EPOCHS, _NETWORKS = len(READ) * _PER_CHANNEL, 7, 60, 5
 
 
 def features(campaign_file: Path) -> np.ndarray:
@@ -167,8 +162,6 @@ def features(campaign_file: Path) -> np.ndarray:
         measured, noise = {**recording.channels, "crank_angle": recording.crank_angle}, noise_of(campaign, run.id)
         for channel, predicted in channels_read(campaign, plan, model.nominal(run.id)).items():
             known = np.isfinite(left := measured[channel] - predicted)
-            if channel not in READ or known.sum() < BINS:
-                continue
             left = np.angle(np.exp(1j * left[known])) if channel == "crank_angle" else left[known]
             varies = float(np.std(predicted)) + 1e-12
             # without a stated noise: what neighbouring samples differ by, that of a normal law by its median
@@ -177,8 +170,8 @@ def features(campaign_file: Path) -> np.ndarray:
             counts, sums = (np.bincount(bins, weights, BINS) for weights in (None, left / sd))
             filled = np.flatnonzero(counts)
             means = np.interp(np.arange(BINS), filled, sums[filled] / counts[filled], period=BINS)
-            gap = math.sqrt(np.mean(np.square(left / sd)))
-            found[READ.index(channel), place] = [*np.arcsinh(means), math.asinh(gap), math.log10(sd / varies), 1.0]
+            numbers = np.arcsinh([*means, math.sqrt(np.mean(np.square(left / sd)))])
+            found[READ.index(channel), place] = [*numbers, math.log10(sd / varies), 1.0]
     general = [campaign.drive == "measured_angle", "crank_angle" in campaign.channels]
     general += [joint in campaign.mechanism.loose for joint in JOINTS]
     general += [math.log(run.speed / 30.0) for run in (runs[0], runs[-1])]
@@ -204,15 +197,14 @@ def draw_examples(number: int) -> list[tuple[np.ndarray, int, int]]:
                     continue
                 first, target = calibrator.gap([(effect, effect.first)]), float(rng.choice(RECIPE["gaps"]))
                 size = effect.first * math.sqrt((target**2 - 1) / (first**2 - 1))  # as if linear
-                size = min(max(size, effect.least), effect.most)
-                if not LEAST_GAP <= calibrator.gap([(effect, size)]) <= _LARGEST_GAP:
+                effects = [(effect, min(max(size, effect.least), effect.most))]
+                if not LEAST_GAP <= calibrator.gap(effects) <= _LARGEST_GAP:
                     continue
-                effects, named = [(effect, size)], effect_label({"name": effect.name, "site": effect.site})
+                named = effect_label({"name": effect.name, "site": effect.site})
             clean = {name: read_truth(rig, run, effects, False) for name, run in rig.runs.items()}
             for _ in range(_NOISES if label else 3 * _NOISES):
                 with tempfile.TemporaryDirectory() as place:
-                    content = campaign_of(rng, rig, noisy(rng, rig, clean), "training")
-                    write_campaign(rng, Path(place), rig, *content)
+                    write_campaign(rng, Path(place), rig, *campaign_of(rng, rig, noisy(rng, rig, clean), "training"))
                     examples.append((features(Path(place) / "campaign.yaml"), CLASSES.index(named), number))
     return examples
 
@@ -300,8 +292,7 @@ def ask(which: str, campaign: Path, given: Path) -> dict[str, Any]:
     file with the identification's processor time; of the `network`, its weights."""
     begin, record = time.process_time(), {"id": campaign.name}
     if which == "optimiser":
-        budget = float(json.loads(given.read_text(encoding="utf-8"))["seconds"])
-        record[which], bic = optimiser_names(campaign / "campaign.yaml", budget)
+        record[which], bic = optimiser_names(campaign / "campaign.yaml", json.loads(given.read_bytes())["seconds"])
         record["bic"] = {label: round(value, 2) for label, value in bic.items() if value < math.inf}
     else:
         record[which], record["probabilities"] = network_names(campaign / "campaign.yaml", given)

@@ -99,7 +99,8 @@ def draw_curves(table: pd.DataFrame) -> plot.Drawing:
     panel = sheet.panel((0, 1), "intervals that hold the truth", stated, Quantity("share of the intervals", "1"))
     panel.line("as stated", [0.0, 1.0], [0.0, 1.0], "limit")
     for words, what, colour in (("sizes", "size within", "after"), ("nuisances", "nuisance within its", "before")):
-        part = table[table["what"].str.fullmatch(f"{what}.* interval") & (table["group"] == "all")]
+        of_all = table[table["group"] == "all"]
+        part = of_all[of_all["what"].str.startswith(what) & of_all["what"].str.endswith("interval")]
         levels = part["what"].str.extract(r"(\d+) %")[0].astype(float) / 100
         panel.marks(words, levels, part["value"], colour, part["low"], part["high"])
     sheet.legend()

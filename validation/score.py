@@ -52,11 +52,12 @@ _NUMBERS = (
 
 def score_trials(folder: Path, trials: Iterable[str] = ()) -> pd.DataFrame:
     """A row a trial (docs/blind.md) from the files ``sealed/{trial}.json`` and ``verdicts/{trial}.json``; by default
-    of all that have a verdict. What peers named of them is in ``peers/{peer}/{trial}.json``, where they were asked."""
+    of all that have a verdict."""
     names = sorted(trials or (path.stem for path in (folder / "verdicts").glob("*.json")))
     rows = []
     for name in names:
         truth, analysis = (_read(folder / part / f"{name}.json") for part in ("sealed", "verdicts"))
+        # other methods that were asked one by one
         for path in (folder / "peers").glob(f"*/{name}.json"):
             analysis = {**analysis, path.parent.name: _read(path)[path.parent.name]}
         rows.append(score_trial(truth, analysis))

@@ -1,6 +1,5 @@
 """The campaigns of the benchmark as plain files, their truth in an archive; and answers from what methods found."""
 
-import hashlib
 import json
 import multiprocessing
 import shutil
@@ -19,10 +18,10 @@ from validation.trial import make_trial
 _DATE = (2026, 1, 1, 0, 0, 0)  # of all entries of the archive
 
 
-def draw(folder: Path, count: int | None = None, cores: int = 2, sets: str = "config/blind.yaml") -> str:
+def draw(folder: Path, count: int | None = None, cores: int = 2, sets: str = "config/blind.yaml") -> None:
     """Draw all trials of the set `benchmark`, or the first `count`, into ``campaigns/{id}/`` and ``truth.zip``.
 
-    Goes on where it was stopped. Returns the SHA-256 of all files of the campaigns.
+    Goes on where it was stopped.
     """
     chosen = read_set(sets, "benchmark")
     plans = plan_trials(chosen, count)
@@ -39,9 +38,6 @@ def draw(folder: Path, count: int | None = None, cores: int = 2, sets: str = "co
                     entry = zipfile.ZipInfo(f"{truth['id']}.json", _DATE)
                     archive.writestr(entry, json.dumps(truth, indent=1, allow_nan=False), zipfile.ZIP_DEFLATED)
             print(f"{number} of {len(due)}: {truth['id']}", flush=True)
-    files = sorted(path for path in campaigns.rglob("*") if path.is_file())
-    contents = (path.relative_to(campaigns).as_posix().encode() + b"\0" + path.read_bytes() for path in files)
-    return hashlib.sha256(b"".join(contents)).hexdigest()
 
 
 def _drawn(seed: int, campaigns: Path, plan: Trial) -> dict[str, Any]:
@@ -53,23 +49,18 @@ def _drawn(seed: int, campaigns: Path, plan: Trial) -> dict[str, Any]:
 def answers(records: Path, method: str = "verdict") -> dict[str, Any]:
     """Answers by trial from the files ``{trial}.json`` in a folder: of what ``analyse`` wrote the `method` verdict,
     greedy or sparse, of what ``peer`` wrote the peer's name."""
-    paths = sorted(records.glob("*.json"))
-    if not paths:
+    found = {path.stem: json.loads(path.read_bytes()) for path in sorted(records.glob("*.json"))}
+    if not found:
         raise InputError(f"{records}: has no file {{trial}}.json")
-    found = {}
-    for path in paths:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        found[path.stem] = _of_verdict(record.get("verdict")) if method == "verdict" else record.get(method)
-    return found
+    verdicts = {trial: _of_verdict(record.get("verdict")) for trial, record in found.items()}
+    return verdicts if method == "verdict" else {trial: record.get(method) for trial, record in found.items()}
 
 
 def _of_verdict(verdict: Mapping[str, Any] | None) -> Any:
     """What a verdict names, with sizes; [] where nothing is missing; None where it does not say."""
     if verdict is None or verdict["verdict"] not in NAMED:
         return [] if verdict and verdict["verdict"] in NOTHING_NAMED else None
-    size = {}
-    for effect in verdict["effects"]:
-        size[effect_label(effect)] = {key: entry["value"] for key, entry in effect["parameters"].items()}
-        for family in families_named(effect):
-            size[name_stated(effect)] = {"shape": family["interval_99"]}
-    return {"named": sorted(map(name_stated, verdict["effects"])), "size": size}
+    effects = verdict["effects"]
+    size = {effect_label(one): {key: own["value"] for key, own in one["parameters"].items()} for one in effects}
+    size |= {name_stated(one): {"shape": family["interval_99"]} for one in effects for family in families_named(one)}
+    return {"named": sorted(map(name_stated, effects)), "size": size}

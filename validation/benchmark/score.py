@@ -12,7 +12,7 @@ from pydantic import BaseModel, TypeAdapter
 
 from jointgap.core.errors import InputError, did_you_mean
 from validation.rig import LABELS, SHAPES
-from validation.score import LEAST_GAP, effect_label, labels, ratio_row, share_row
+from validation.score import effect_label, labels, ratio_row, share_row
 
 OUTCOMES = ("right", "partly", "missed", "wrong", "abstained")
 
@@ -63,16 +63,14 @@ def score_answer(truth: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
     named -= {one for one in named if one.partition(":")[2] in channels or one.startswith(encoder)}  # told, not wrong
     outcome = "right" if named == hidden else "missed" if not named else "partly" if named < hidden else "wrong"
     outcome = "abstained" if said is None else outcome
-    foreseen = bool(hidden) and listed and min(truth["gaps"]) < LEAST_GAP
     return {
         **{key: truth[key] for key in ("id", "kind", "base", "drive")},
-        **({"kind": "undetectable"} if foreseen else {}),
         "hidden": " + ".join(sorted(hidden)) or "nothing",
         "named": "" if said is None else " + ".join(sorted(said)) or "nothing",
         "outcome": outcome,
         "names_hit": len(named & hidden),
         "names_false": len(named - hidden),
-        "names_missed": len(hidden - named) if listed and not foreseen else 0,
+        "names_missed": len(hidden - named) if listed else 0,
         "size_error": _size_error(truth, size) if outcome == "right" and listed else math.nan,
     }
 
@@ -98,15 +96,13 @@ def _size_error(truth: Mapping[str, Any], size: Mapping[str, Any]) -> float:
 def rates(trials: pd.DataFrame) -> pd.DataFrame:
     """Shares of the outcomes by kind, false alarms, sizes, and precision, recall and F1 of names: what, group, count,
     value, low, high."""
-    rows = []
-    for group, part in [("all", trials), *trials.groupby("kind")]:
-        for what in OUTCOMES:
-            rows.append({"what": what, "group": group, **share_row(sum(part["outcome"] == what), len(part))})
-    empty = trials[(trials["hidden"] == "nothing") & (trials["kind"] != "wiring")]
-    sizes = trials["size_error"].dropna()
-    alarms = share_row(sum(empty["outcome"] == "wrong"), len(empty))
-    rows.append({"what": "false alarm, nothing hidden", "group": "all", **alarms})
-    rows.append({"what": "size within 10 %", "group": "all", **share_row(sum(sizes <= _REACH), len(sizes))})
-    for of in ("precision", "recall", "F1"):
-        rows.append({"what": of, "group": "all", **ratio_row(trials, "names", of)})
+    groups = [("all", trials), *trials.groupby("kind")]
+    empty = trials.query("hidden == 'nothing' and kind != 'wiring'")
+    shares = {(what, group): (part["outcome"] == what).to_numpy() for group, part in groups for what in OUTCOMES}
+    shares["false alarm, nothing hidden", "all"] = (empty["outcome"] == "wrong").to_numpy()
+    shares["size within 10 %", "all"] = (trials["size_error"].dropna() <= _REACH).to_numpy()
+    rows = [
+        {"what": what, "group": group, **share_row(hits.sum(), hits.size)} for (what, group), hits in shares.items()
+    ]
+    rows += [{"what": of, "group": "all", **ratio_row(trials, "names", of)} for of in ("precision", "recall", "F1")]
     return pd.DataFrame([row for row in rows if row["count"]])
