@@ -26,7 +26,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.integration
 def test_the_least_bic_is_the_hidden_effect(folder):
-    named, bic = peers.optimiser_names(folder / "campaign.yaml", 60.0)
+    named, bic = peers.optimiser_names(folder / "campaign.yaml", 25.0)
     assert named == ["slider_constant_force"]
     assert bic["base"] > bic["slider_constant_force"] + 100.0
 
