@@ -2,7 +2,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run variants smoke sweep paper campaign blind report test test-integration test-slow test-cluster test-wheel lint docs bench dashboard clean set-up
+.PHONY: help run variants smoke sweep paper campaign blind benchmark-files report test test-integration test-slow test-cluster test-wheel lint docs bench dashboard clean set-up
 
 PROFILE ?= local
 SET ?= published
@@ -58,6 +58,10 @@ blind: ## campaigns with hidden effects, analysed and scored: a night; SET=small
 	@scripts/set-up peers $(cluster)
 	@scripts/in-venv scripts/run-workflow results/blind-report.html blind --snakefile workflow/blind/Snakefile \
 		--config "set=$$SET" $(snakemake_options)
+
+benchmark-files: ## 100 campaigns for other methods, in results/benchmark: an hour; see validation/benchmark/README.md
+	@scripts/set-up peers
+	@CORES=$(or $(CORES),2) scripts/in-venv python -m validation benchmark draw results/benchmark $(ARGS)
 
 report: set-up ## write results/report.html anew
 	@rm -f results/report.html

@@ -5,6 +5,13 @@ ground truth elsewhere; analyse CAMPAIGN FOUND: identify what is missing in a ca
 score NAME FOLDER TRIALS: open the seals in results/blind/SET, write the score, and publish it to MLflow; collect FOLDER
 TABLE CODE: add the trials of a folder to a table of all that one version of the code has analysed; report NAME TABLE
 FOLDER: write the score of such a table.
+
+Other methods: train FEATURES WEIGHTS [SECONDS]: draw rigs for so long, on CORES=2, write FEATURES (used as they are if
+they exist), train the classifier; peer WHICH CAMPAIGN GIVEN OUT: what the `optimiser` names (GIVEN: what `analyse`
+wrote, whose processor time it has), or the `network` (GIVEN: WEIGHTS).
+
+Benchmark: benchmark draw FOLDER [COUNT]: write its campaigns and truth.zip, on CORES=2; benchmark answers RECORDS OUT
+[METHOD]: collect what a method found into one file; benchmark score ANSWERS TRUTH FOLDER: score it.
 """
 
 import json
@@ -16,6 +23,7 @@ from jointgap.core.errors import InputError
 
 
 def _write(path: str | Path, record: object) -> None:
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
     Path(path).write_text(json.dumps(record, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
@@ -34,6 +42,36 @@ def analyse(campaign: str, found: str) -> None:
     record = analyse_trial(Path(campaign))
     _write(found, record)
     print(record["id"], record.get("verdict", {}).get("verdict", record.get("error")), record["seconds"], "s")
+
+
+def train(features: str, weights: str, seconds: str = "3000") -> None:
+    from validation.peers import draw_features, train
+
+    for path in (features, weights):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+    if not Path(features).is_file():
+        draw_features(Path(features), float(seconds), int(os.environ.get("CORES", "2")))
+    print(f"classified right, of rigs held out: {train(Path(features), Path(weights)):.3f}")
+
+
+def peer(which: str, campaign: str, given: str, out: str) -> None:
+    from validation.peers import ask
+
+    record = ask(which, Path(campaign), Path(given))
+    _write(out, record)
+    print(record["id"], record[which], record["seconds"], "s")
+
+
+def benchmark(verb: str, first: str, *more: str) -> None:
+    from validation.benchmark import draw
+    from validation.benchmark.score import score
+
+    if verb == "draw":
+        draw.draw(Path(first), int(more[0]) if more else None, int(os.environ.get("CORES", "2")))
+    elif verb == "answers":
+        _write(more[0], draw.answers(Path(first), *more[1:]))
+    else:
+        print(score(Path(first), *map(Path, more)))
 
 
 def score(name: str, folder: str, *trials: str) -> None:
@@ -77,7 +115,7 @@ def report(name: str, table: str, folder: str) -> None:
 if __name__ == "__main__":
     for library in ("OPENBLAS", "OMP", "MKL"):  # sums in another order would change the last bits
         os.environ[f"{library}_NUM_THREADS"] = "1"
-    verbs = {verb.__name__: verb for verb in (conceal, analyse, score, collect, report)}
+    verbs = {one.__name__: one for one in (conceal, analyse, score, collect, report, train, peer, benchmark)}
     if sys.argv[1:2] == [] or sys.argv[1] not in verbs:
         sys.exit(__doc__)
     try:

@@ -76,6 +76,12 @@ LISTED = (
 
 OFF_LIST = (*RECIPE["laws"], *RECIPE["faults"])
 
+# Labels that can be right: effects, an encoder's fault among them; then faults of a sensor, each with its channel
+CHANNELS = tuple(name for names in RECIPE["channels"].values() for name in names)
+SENSOR_FAULTS = tuple(name for name in LISTED if name in FAULTS and name != ENCODER_OFFSET)
+PLAIN = tuple(name for name in LISTED if name not in SENSOR_FAULTS)
+LABELS = (*PLAIN, *(f"{fault}:{channel}" for channel in CHANNELS for fault in SENSOR_FAULTS))
+
 
 def draw_effect(label: str, rig: Any, spread: Mapping[str, float], rng: np.random.Generator) -> Hidden | None:
     """The effect `label` of a `rig` whose channels have the standard deviations `spread` [SI]; None where it cannot

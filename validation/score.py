@@ -39,8 +39,9 @@ CLOSED_FROM_GAP = 1.5
 # it, up to the smaller it must not; between them either is right
 SHOWS_FROM, HIDDEN_UP_TO = 0.5, 0.1
 
-# Methods beside the identification: the least BIC, one effect at a time; sparse regression of the residual
-BASELINES = ("greedy", "sparse")
+# Methods beside the identification: the least BIC of its fits, one effect at a time; sparse regression of the residual;
+# the least BIC by a global optimiser; a network classifier
+BASELINES = ("greedy", "sparse", "optimiser", "network")
 
 _NUMBERS = (
     "error", *(f"covered_{level}" for level in LEVELS),
@@ -53,9 +54,14 @@ def score_trials(folder: Path, trials: Iterable[str] = ()) -> pd.DataFrame:
     """A row a trial (docs/validation.md) from the files ``sealed/{trial}.json`` and ``verdicts/{trial}.json``; by default
     of all that have a verdict."""
     names = sorted(trials or (path.stem for path in (folder / "verdicts").glob("*.json")))
-    return pd.DataFrame(
-        [score_trial(*(_read(folder / part / f"{name}.json") for part in ("sealed", "verdicts"))) for name in names]
-    )
+    rows = []
+    for name in names:
+        truth, analysis = (_read(folder / part / f"{name}.json") for part in ("sealed", "verdicts"))
+        # other methods that were asked one by one
+        for path in (folder / "peers").glob(f"*/{name}.json"):
+            analysis = {**analysis, path.parent.name: _read(path)[path.parent.name]}
+        rows.append(score_trial(truth, analysis))
+    return pd.DataFrame(rows)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -97,7 +103,7 @@ def score_trial(truth: Mapping[str, Any], analysis: Mapping[str, Any]) -> dict[s
     if verdict is None:
         return row
     row["verdict"] = verdict["verdict"]
-    row["named"] = " + ".join(sorted(map(_name_stated, verdict["effects"]))) or verdict["verdict"]
+    row["named"] = " + ".join(sorted(map(name_stated, verdict["effects"]))) or verdict["verdict"]
     row["reason"] = " or ".join(sorted(map(_joined, _equivalent(verdict)))) or verdict["because"]
     row |= _names_found(truth, verdict, hidden)
     if damaged:
@@ -131,11 +137,11 @@ def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -
     def label(effect: Mapping[str, Any]) -> str:
         inside = [
             one
-            for family in _families_named(effect)
+            for family in families_named(effect)
             for one, (name, _, site) in ((one, one.partition(":")) for one in hidden)
             if site in ("", effect["site"]) and _within(SHAPES[family["law"]].get(name), family["interval_99"])
         ]
-        return min(inside, default=_name_stated(effect))
+        return min(inside, default=name_stated(effect))
 
     return frozenset(map(label, effects))
 
@@ -149,13 +155,13 @@ def _joined(names: Iterable[str]) -> str:
     return " + ".join(sorted(names)) or "nothing"
 
 
-def _families_named(effect: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def families_named(effect: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [family for family in effect.get("families", ()) if family["named"]]
 
 
-def _name_stated(effect: Mapping[str, Any]) -> str:
+def name_stated(effect: Mapping[str, Any]) -> str:
     """The label of an effect of a verdict, or the law of its family where one is named."""
-    law = next((family["law"] for family in _families_named(effect)), effect["name"])
+    law = next((family["law"] for family in families_named(effect)), effect["name"])
     return effect_label({**effect, "name": law})
 
 
@@ -320,7 +326,7 @@ def _cause(hidden: frozenset[str], bic: Mapping[str, float]) -> str:
     return f"{' + '.join(sorted(best))} fits better, BIC lower by {by_labels[hidden] - by_labels[best]:.4g}"
 
 
-def _ratio(part: pd.DataFrame, counted: str, of: str) -> dict[str, float]:
+def ratio_row(part: pd.DataFrame, counted: str, of: str) -> dict[str, float]:
     """Precision, recall or F1 of what was found in all trials, with the 95 % interval of a bootstrap over trials."""
     counts = part[[f"{counted}_{end}" for end in ("hit", "false", "missed")]].to_numpy(float)
     false, missed = {"precision": (1.0, 0.0), "recall": (0.0, 1.0), "F1": (0.5, 0.5)}[of]
@@ -365,11 +371,11 @@ def rates(trials: pd.DataFrame) -> pd.DataFrame:
             if "quantile" in rate:
                 row = _quantile(part[rate["quantile"]], rate.get("share", 0.5))
             elif "ratio" in rate:
-                row = _ratio(part, *rate["ratio"]) if len(part) else {"count": 0}
+                row = ratio_row(part, *rate["ratio"]) if len(part) else {"count": 0}
             elif "covered" in rate:
-                row = _share(part[rate["covered"]].sum(), int(part["nuisances"].sum()))
+                row = share_row(part[rate["covered"]].sum(), int(part["nuisances"].sum()))
             else:
-                row = _share(part.eval(rate["is"]).sum(), len(part))
+                row = share_row(part.eval(rate["is"]).sum(), len(part))
             rows.append({"what": what, "group": group, **row})
     return pd.DataFrame([row for row in rows if row["count"]])
 
@@ -394,7 +400,7 @@ def _groups(trials: pd.DataFrame, by: Collection[str]) -> dict[str, pd.DataFrame
     return {name: part for key in told_apart for name, part in trials.groupby(keys[key])}
 
 
-def _share(hits: float, count: int) -> dict[str, float]:
+def share_row(hits: float, count: int) -> dict[str, float]:
     """A share, of which a trial may count a half."""
     if not count:
         return {"count": 0}

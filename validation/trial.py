@@ -257,14 +257,15 @@ def _whirls(calibrator: Calibrator, effects: Effects) -> bool:
         return True
 
 
-def make_trial(trial: Trial, seed: int, folder: Path) -> dict[str, Any]:
-    """Write a campaign, and return the ground truth that is to be sealed."""
+def make_trial(trial: Trial, seed: int, folder: Path, endings=("csv", "csv", "parquet")) -> dict[str, Any]:
+    """Write a campaign, its runs in files with one of three `endings`, and return the ground truth that is to be
+    sealed."""
     rng = np.random.default_rng([seed, 100, trial.number])
     rig, calibrator, effects, gaps, discarded = draw(trial, rng)
     clean = {name: read_truth(rig, run, effects, trial.kind == "exudyn") for name, run in rig.runs.items()}
-    campaign, frames = _campaign(rng, rig, noisy(rng, rig, clean), trial.id)
+    campaign, frames = campaign_of(rng, rig, noisy(rng, rig, clean), trial.id, endings)
     damaged = damage(rng, trial.damage, campaign, frames) if trial.damage else None
-    _write(rng, folder, rig, campaign, frames)
+    write_campaign(rng, folder, rig, campaign, frames)
     comparable = not calibrator.chaotic and {name: clean[name] for name in rig.fitted}
     truth = {
         "id": trial.id,
@@ -348,7 +349,7 @@ def parameters_beyond_nominal(rig: Rig, effect: Hidden, size: float) -> dict[str
     return values
 
 
-def _campaign(rng: np.random.Generator, rig: Rig, readings: Mapping[str, Readings], name: str) -> tuple[dict, dict]:
+def campaign_of(rng: Any, rig: Rig, readings: Mapping[str, Readings], name: str, endings=("csv",)) -> tuple[dict, dict]:
     """Content of the campaign file, and samples by run: as users have them, in various units."""
     measured = [*(["crank_angle"] if rig.angle_noise else []), *rig.sensors]
     prefix = str(rng.choice(["ch", "signal", "AI", "s"]))
@@ -365,7 +366,7 @@ def _campaign(rng: np.random.Generator, rig: Rig, readings: Mapping[str, Reading
         elif rig.noise_is_stated:
             sds = {run: own[f"{channel} sd"] for run, own in readings.items()}
             entry["noise"] = {run: _rounded(sd * scale[channel]) for run, sd in sds.items()}
-    wrapped, ending = rng.choice(["none", "up", "both"]), str(rng.choice(["csv", "csv", "parquet"]))
+    wrapped, ending = rng.choice(["none", "up", "both"]), str(rng.choice(endings))
     frames, runs = {}, []
     for run, own in readings.items():
         own = {**own, "time": own["time"] + rng.uniform(0, 5)}
@@ -384,7 +385,7 @@ def _campaign(rng: np.random.Generator, rig: Rig, readings: Mapping[str, Reading
     return campaign | {"runs": runs, "channels": channels, "nuisance": bounds}, frames
 
 
-def _write(rng: np.random.Generator, folder: Path, rig: Rig, campaign: dict, frames: Mapping) -> None:
+def write_campaign(rng: np.random.Generator, folder: Path, rig: Rig, campaign: dict, frames: Mapping) -> None:
     """Write the files of a campaign, all of one date."""
     folder.mkdir(parents=True, exist_ok=True)
     marks = [{"sep": ","}, {"sep": ";", "decimal": ","}, {"sep": "\t"}][int(rng.integers(3))]

@@ -1,0 +1,165 @@
+"""The benchmark: files without the truth, and a score that counts answers as its README says."""
+
+import json
+import shutil
+import zipfile
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from jointgap.core.errors import InputError
+from validation.benchmark.draw import answers, draw
+from validation.benchmark.score import Answer, score, score_answer
+from validation.kinds import plan_trials, read_set
+from validation.rig import LABELS
+
+README = "validation/benchmark/README.md"
+DRAG = {"name": "slider_quadratic_drag", "site": "slider", "listed": True, "parameters": {"drag_N_s2_m2": 2.0}}
+GAIN = {"name": "sensor_gain", "site": "crank_torque", "listed": True, "parameters": {"gain": 0.1}}
+FIFTH = {"name": "fifth_power_drag", "site": "slider", "listed": False, "parameters": {"s": 2.0}}
+
+
+def truth(*effects, kind="single", name="a", gap=3.0, **more) -> dict:
+    common = {"id": name, "kind": kind, "base": "ideal", "drive": "constant_speed", "gaps": [gap] * len(effects)}
+    return common | {"effects": list(effects)} | more
+
+
+def row(true, named, **size) -> dict:
+    return score_answer(true, Answer(named=named, size=size))
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    """Two campaigns with nothing hidden."""
+    folder = tmp_path_factory.mktemp("benchmark")
+    sets = folder / "sets.yaml"
+    sets.write_text("sets:\n  benchmark: {seed: 5, nothing: 2}\n")
+    draw(folder, cores=1, sets=str(sets))
+    return folder, sets
+
+
+def test_campaigns_are_plain_files_without_the_truth(drawn):
+    folder, _ = drawn
+    files = sorted(path for path in (folder / "campaigns").rglob("*") if path.is_file())
+    assert {path.name for path in files} == {"campaign.yaml", "mechanism.yaml", "run1.csv", "run2.csv", "run3.csv"}
+    assert len(files) == 10
+    assert len({path.stat().st_mtime for path in files}) == 1
+    with zipfile.ZipFile(folder / "truth.zip") as archive:
+        truths = [json.loads(archive.read(name)) for name in archive.namelist()]
+    assert {one["id"] for one in truths} == {path.name for path in (folder / "campaigns").iterdir()}
+    assert all(one["effects"] == [] for one in truths)
+
+
+def test_a_draw_that_goes_on_ends_with_the_same_files(drawn):
+    folder, sets = drawn
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    shutil.rmtree(next((folder / "campaigns").iterdir()))
+    draw(folder, cores=1, sets=str(sets))
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_the_set_has_a_hundred_campaigns():
+    assert len(plan_trials(read_set("config/blind.yaml", "benchmark"))) == 100
+
+
+def test_the_readme_lists_every_label():
+    text = Path(README).read_text(encoding="utf-8")
+    for label in LABELS:
+        assert f"`{label.partition(':')[0] if label.startswith('sensor') else label}`" in text
+
+
+@pytest.mark.parametrize(
+    ("true", "named", "outcome"),
+    [
+        (truth(DRAG), ["slider_quadratic_drag"], "right"),
+        (truth(DRAG), ["gravity"], "wrong"),
+        (truth(DRAG), ["slider_quadratic_drag", "gravity"], "wrong"),
+        (truth(DRAG), [], "missed"),
+        (truth(DRAG), None, "abstained"),
+        (truth(GAIN), ["sensor_gain:crank_torque"], "right"),
+        (truth(GAIN), ["sensor_gain:guide_force"], "wrong"),
+        (truth(DRAG, GAIN, kind="pair"), ["slider_quadratic_drag"], "partly"),
+        (truth(kind="nothing"), [], "right"),
+        (truth(kind="nothing"), ["gravity"], "wrong"),
+        (truth(FIFTH, kind="off_list"), ["slider_quadratic_drag"], "wrong"),
+        (truth(FIFTH, kind="off_list"), None, "abstained"),
+        (truth(kind="wiring", damage={"channels": ["crank_torque"]}), ["sensor_gain:crank_torque"], "right"),
+        (truth(kind="wiring", damage={"channels": ["crank_torque"]}), ["sensor_gain:guide_force"], "wrong"),
+        (truth(kind="wiring", damage={"channels": ["crank_angle"]}), ["encoder_offset"], "right"),
+    ],
+)
+def test_outcomes(true, named, outcome):
+    assert row(true, named)["outcome"] == outcome
+
+
+@pytest.mark.parametrize(
+    ("shape", "outcome"), [(2.05, "right"), ([1.8, 2.1], "right"), (3.0, "wrong"), (None, "wrong")]
+)
+def test_a_law_is_the_hidden_effect_at_its_shape(shape, outcome):
+    assert row(truth(DRAG), ["slider_power_drag"], slider_power_drag={"shape": shape})["outcome"] == outcome
+
+
+def test_a_law_off_the_list_can_be_right():
+    found = row(truth(FIFTH, kind="off_list"), ["slider_power_drag"], slider_power_drag={"shape": [4.5, 5.5]})
+    assert found["outcome"] == "right"
+
+
+def test_the_size_is_the_first_parameter():
+    found = row(truth(DRAG), ["slider_quadratic_drag"], slider_quadratic_drag={"drag_N_s2_m2": 2.5})
+    assert found["size_error"] == pytest.approx(0.25)
+
+
+def test_answers_are_scored_with_intervals(tmp_path):
+    truths = [truth(DRAG, name="a"), truth(DRAG, name="b"), truth(kind="nothing", name="c"), truth(GAIN, name="d")]
+    with zipfile.ZipFile(tmp_path / "truth.zip", "w") as archive:
+        for one in truths:
+            archive.writestr(f"{one['id']}.json", json.dumps(one))
+    said = {
+        "a": {"named": ["slider_quadratic_drag"], "size": {"slider_quadratic_drag": {"drag_N_s2_m2": 2.02}}},
+        "b": ["gravity"],
+        "c": ["slider_sprung"],
+    }
+    (tmp_path / "answers.json").write_text(json.dumps(said))
+    text = score(tmp_path / "answers.json", tmp_path / "truth.zip", tmp_path / "score")
+    assert "no labels of the list: slider_sprung" in text
+    table = pd.read_csv(tmp_path / "score/rates.csv").set_index(["what", "group"])
+    assert table.loc[("right", "single"), ["count", "value"]].tolist() == [3, pytest.approx(1 / 3, rel=1e-4)]
+    assert table.loc[("abstained", "all"), "value"] == 0.25
+    assert table.loc[("false alarm, nothing hidden", "all"), "value"] == 1.0
+    assert table.loc[("size within 10 %", "all"), "value"] == 1.0
+    assert table.loc[("precision", "all"), "value"] == pytest.approx(1 / 3, rel=1e-4)
+    assert table.loc[("recall", "all"), "value"] == pytest.approx(1 / 3, rel=1e-4)
+    assert table.loc[("right", "all"), "low"] < 0.25 < table.loc[("right", "all"), "high"]
+
+
+@pytest.mark.parametrize("content", ['["a"]', '{"a": "gravity"}', '{"a": {"name": []}}', '{"z": []}', "{"])
+def test_answers_that_cannot_be_read_are_refused(tmp_path, content):
+    with zipfile.ZipFile(tmp_path / "truth.zip", "w") as archive:
+        archive.writestr("a.json", json.dumps(truth(DRAG)))
+    (tmp_path / "answers.json").write_text(content)
+    with pytest.raises(InputError):
+        score(tmp_path / "answers.json", tmp_path / "truth.zip", tmp_path / "score")
+
+
+def test_answers_come_from_verdicts_and_from_peers(tmp_path):
+    estimate = {"drag_N_s2_m2": {"value": 2.1}}
+    effect = {"name": "slider_quadratic_drag", "site": "slider", "parameters": estimate}
+    family = {"named": True, "law": "slider_power_drag", "interval_99": [1.7, 2.4]}
+    records = {
+        "a": {"verdict": {"verdict": "named", "effects": [effect]}, "greedy": ["gravity"]},
+        "b": {"verdict": {"verdict": "no_disagreement", "effects": []}, "greedy": []},
+        "c": {"verdict": {"verdict": "ambiguous", "effects": []}},
+        "d": {"error": "InputError"},
+        "e": {"verdict": {"verdict": "named", "effects": [effect | {"families": [family]}]}},
+    }
+    for name, record in records.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(record))
+    found = answers(tmp_path)
+    own = {"slider_quadratic_drag": {"drag_N_s2_m2": 2.1}}
+    assert found["a"] == {"named": ["slider_quadratic_drag"], "size": own}
+    assert found["b"] == []
+    assert found["c"] is None
+    assert found["d"] is None
+    assert row(truth(DRAG), found["e"]["named"], **found["e"]["size"])["outcome"] == "right"
+    assert answers(tmp_path, "greedy") == {"a": ["gravity"], "b": [], "c": None, "d": None, "e": None}
