@@ -51,8 +51,8 @@ _NUMBERS = (
 
 
 def score_trials(folder: Path, trials: Iterable[str] = ()) -> pd.DataFrame:
-    """A row a trial (docs/validation.md) from the files ``sealed/{trial}.json`` and ``verdicts/{trial}.json``; by default
-    of all that have a verdict."""
+    """A row a trial (docs/validation.md) from the files ``sealed/{trial}.json`` and ``verdicts/{trial}.json``, by
+    default of all that have a verdict."""
     names = sorted(trials or (path.stem for path in (folder / "verdicts").glob("*.json")))
     rows = []
     for name in names:
