@@ -46,7 +46,7 @@ def check_texts(figure):
             shown = [label for label in axis.get_ticklabels() if label.get_text() and label.get_visible()]
             first, last = sorted(axis.get_view_interval())
             inside = [one.get_window_extent() for one in shown if first <= one.get_position()[place] <= last]
-            inside.sort(key=lambda box: getattr(box, low))  # noqa: B023
+            inside.sort(key=lambda box: getattr(box, low))
             for before, after in itertools.pairwise(inside):
                 assert getattr(before, high) <= getattr(after, low) + 1.0, (axes.get_title(loc="left"), axis.axis_name)
 

@@ -5,12 +5,12 @@ import tomllib
 from importlib import import_module
 from pkgutil import resolve_name
 
-import jointgap
 import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import jointgap
 from benchmarks.project import ROOT, run
 from tests.catalogue import each
 
