@@ -35,7 +35,9 @@ def written(file: Path, **keys) -> Path:
     mechanism = str(ROOT / "config/mechanisms/ideal_joints.yaml")
     content |= {"folder": str((ROOT / DEMONSTRATION).parent), "mechanism": mechanism} | keys
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
+    file.write_text(
+        yaml.safe_dump({key: value for key, value in content.items() if value is not None}, sort_keys=False)
+    )
     return file
 
 
@@ -196,7 +198,7 @@ CHANGES = [
     ("role: identify", "role: identify, direction: clockwise", 'then, "clockwise" now'),
     ("slider_mass: 5 %, ", "", "nuisance.slider_mass: 0.05 then, absent now"),
     ("noise: 0.1}", "noise: {slow: 0.1}}", "channels.crank_angle.noise: 0.1 then, absent now"),
-    ("nuisance: {slider_mass: 5 %, rod_mass: 5 %}", "", "nuisance.rod_mass: 0.05 then, absent now"),
+    ("nuisance: {slider_mass: 5 %, rod_mass: 5 %}", "", "nuisance.slider_mass: 0.05 then, absent now"),
     ("/ideal_joints.yaml", "/erkaya2009.yaml", "mechanism."),
 ]
 

@@ -130,9 +130,7 @@ def test_other_lengths_keep_the_mass_centres_share():
 
 MISTAKES = """
 simulate: {sped: 3} => unknown key 'simulate.sped' ~ did you mean 'speed'
-simulat: {} => unknown key 'simulat' ~ did you mean 'simulate'
 mechanism: {contacts: {steel: {frictoin: 0.1}}} => mechanism.contacts.steel.frictoin ~ did you mean 'friction'
-mechanism: {crank: {mass: -1}} => mechanism.crank.mass = -1 ~ greater than 0
 mechanism: {crank: {mass: -350 g}} => mechanism.crank.mass = '-350 g', -0.35 in SI ~ greater than 0
 mechanism: {crank: {mass_centre: -0.2 m}} => mass_centre -0.2 m ~ beyond the link's length
 mechanism: {rod: {mass_centre_across: 1 mm}} => rod.mass_centre_across ~ only a crank's
@@ -141,52 +139,32 @@ mechanism: {joints: {crank_pin: {journal_radius: 9 mm}}} => joints.crank_pin ~ j
 mechanism: {joints: {crank_pin: {contact: steal}}} => 'steal' ~ did you mean 'steel'
 mechanism: {joints: {crank_pin: {journal: slider}}} => journal must be 'crank' or 'rod'
 mechanism: {contacts: 7} => mechanism.contacts = 7: must be a mapping
-mechanism: {contacts: {steel: {law: hertz}}} => contacts.steel.law = 'hertz'
-mechanism: {contacts: {steel: {restitution: 1.4}}} => contacts.steel.restitution = 1.4
 mechanism: {effects: [{name: gravty}]} => mechanism.effects.0.name = 'gravty' ~ 'gravity'
 optimise: {boxes: {paper: {crank_length: [153 mm, 147 mm]}}} => crank_length ~ upside down
 optimise: {rod_tolerance: 3} => optimise.rod_tolerance 3000 mm ~ tenth of the rod, 564 mm ~ 35 um
 mechanism: {crank: {length: 100 mm}} => optimise.boxes (paper, wide) ~ crank 100 mm and rod 564 mm ~ give bounds around
 optimise: {window: [60 deg, 400 deg]} => leaves the first revolution
 optimise: {ensemble: {members: 1000000000}} => optimise.ensemble.members ~ must be less than or equal to 10000
-optimise: {genetic: {population: 1000000000}} => genetic.population ~ equal to 10000
-optimise: {genetic: {generations: 1000000000}} => genetic.generations ~ equal to 10000
 simulate: {speed: 600 mm} => simulate.speed = '600 mm' ~ millimeter ~ rad/s
 simulate: {speed: fast} => simulate.speed = 'fast' ~ not a number
 simulate: {speed: true} => simulate.speed = True ~ must be a number
-simulate: {speed: ".nan"} => simulate.speed = '.nan'
 simulate: {speed: .inf} => simulate.speed = inf ~ finite
 simulate: {speed: 1e400} => simulate.speed = '1e400' ~ finite
 simulate: {speed: 10 Hz} => simulate.speed = '10 Hz' ~ write rpm, turn/s or rad/s
-simulate: {start_angle: 2.0e+4} => simulate.start_angle = 20000 ~ 10000
-simulate: {tolerance: 2.0e-7} => simulate.tolerance = 2e-07 ~ 0.0000001
 simulate: {revolutions: 6000} => revolutions 6000 times samples_per_revolution 3600 ~ 2e+07 samples
 simulate: {revolutions: true} => simulate.revolutions = True ~ not true or false
-simulate: {revolutions: many} => simulate.revolutions = 'many' ~ must be a whole number
 simulate: {revolutions: 2} => settled_revolution 4 ~ simulate.revolutions
 simulate: {samples_per_revolution: 720} => samples_per_revolution 720 ~ five times
 study: {members: 4} => key 'study' is gone ~ design: grid
 ensemble: {vary: {speed: {from: "0,1 rpm", to: 9, number: 3}}} => is not a number with a unit
 ensemble: {vary: {speed: {from: 1, to: 1e999, number: 3}}} => to = '1e999' must be
-ensemble: {vary: {speed: {from: 1, to: 2, number: 100000000}}} => number = 100000000: must be
-ensemble: {members: 1000000000} => ensemble.members = 1000000000 ~ must be less than or equal to 10000
-ensemble: {seed: 4294967296} => ensemble.seed = 4294967296 ~ must be less than or equal to 4294967295
-ensemble: {seed: true} => ensemble.seed = True ~ must be a whole number, not true or false
-surrogate: {hidden: [1000000000]} => surrogate.hidden.0 = 1000000000 ~ equal to 5000
 surrogate: {hidden: [100, 100]} => surrogate ~ hidden [100, 100] makes 10401 weights, more than 5000
 surrogate: {seeds: [1, 1]} => seeds = [1, 1] ~ give each once
-surrogate: {seeds: [9223372036854775808]} => surrogate.seeds.0 ~ must be less than or equal to 4294967295
-surrogate: {iterations: 1000000000000} => surrogate.iterations ~ equal to 10000000
-surrogate: {training_points: 1000000000} => surrogate.training_points ~ equal to 10001
 surrogate: {clearance_sampling: 1000000} => surrogate.clearance_sampling 1000000 times ~ 2e+07 samples
-figures: {animation_frames: 1000000000} => figures.animation_frames ~ equal to 600
 """
 PARTED = {"speed": {"from": 1, "to": 2, "number": 501}, "friction": [i / 100 for i in range(20)]}
 WIDER = [
     ({"simulate": {"speed": 10**400}}, "simulate.speed = 1000 ~ too large for a number"),
-    ({"simulate": {"revolutions": 10**400}}, "simulate.revolutions = 1000 ~ 20000000"),
-    ({"surrogate": {"hidden": [1] * 5000}}, "surrogate ~ makes 10002 weights, more than 5000"),
-    ({"surrogate": {"seeds": list(range(101))}}, "surrogate.seeds ~ at most 100 items"),
     ({"ensemble": {"vary": PARTED}}, "501 of speed x 20 of friction are 10020 combinations"),
     (
         {"simulate": {"tolerance": 6e-8}, "mechanism": {"joints": {"piston_pin": {"bearing_radius": "7.5 mm"}}}},

@@ -68,19 +68,11 @@ CONTACTS = """
 {penalty_damping: 10} => does not read penalty_damping
 {stiffness: 1.0e+18} => stiffness 1e+18 ~ infinitely stiff ~ 3.16e+16 N/m^1.5 at most
 {stiffness: 2.0e+12, exponent: 1} => infinitely stiff ~ 1e+12 N/m^1 at most
-{youngs_modulus: 1e6 GPa} => youngs_modulus ~ 10000000000000
-{exponent: 0.5} => exponent = 0.5 ~ greater than or equal to 1
-{exponent: 36, stiffness: 1.0e+10} => exponent = 36 ~ less than or equal to 10
 {exponent: 3} => exponent 3 needs stiffness in N/m^3 ~ Hertz ~ 1.5 alone
-{exponent: 1, stiffness: null} => exponent 1 needs stiffness in N/m^1
-{restitution: 1.0e-9} => restitution = 1e-09 ~ 0.001
-{friction_law: columb} => friction_law = 'columb' ~ 'coulomb'
 {stribeck_speed: 0.1} => stribeck_speed is read by friction_law bengisu_akay and lugre ~ not by coulomb
 {friction_law: lugre, static_friction: 0.01} => static_friction 0.01 is less than friction 0.05
 {friction_law: ambrosio, dead_band_speed: 2 mm/s} => dead_band_speed 0.002 ~ 0.001 m/s
 {memory: published, reference_approach_speed: 0.1} => memory published does not read reference_approach
-{memory: fade} => 'fading' or 'published'
-{reference_approach_speed: 0} => reference_approach_speed
 """
 
 

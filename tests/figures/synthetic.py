@@ -10,7 +10,7 @@ from jointgap.dynamics.simulation import simulate
 from jointgap.scenario.kinematics import kinematics
 from jointgap.scenario.trained import predictions
 
-SAMPLES = 72  # a revolution, every 5 deg
+SAMPLES = 360  # a revolution: so fine that an impact has some
 TRAINING = 13  # points, every 30 deg
 
 

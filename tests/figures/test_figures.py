@@ -97,6 +97,7 @@ def test_the_synthetic_tables_are_what_the_stages_write(tables):
         parquet.to_arrow(schema.TABLES[name], frame)
 
 
+@pytest.mark.integration
 def test_other_sets_of_loose_joints_are_drawn_as_well_and_one_without_clearance_is_animated():
     for loose in (("crank_pivot",), synthetic.JOINTS):
         scenario = synthetic.scenario(loose)

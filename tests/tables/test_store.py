@@ -1,6 +1,7 @@
 """Tables keep units, descriptions and gaps, and are written whole or not at all."""
 
 import errno
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -65,7 +66,7 @@ def test_a_frame_that_is_not_the_table_is_refused_and_leaves_nothing_behind(plac
 def test_a_failed_write_keeps_the_old_file_and_no_half_written_one(place):
     def stops(error):
         def half_way(temporary):
-            temporary.write_text("ne")
+            Path(temporary).write_text("ne")
             raise error
 
         return half_way
