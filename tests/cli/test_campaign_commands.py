@@ -83,6 +83,7 @@ def test_a_whole_analysis_ends_with_its_verdict_and_what_fails_beside_it_does_no
         def copied(state, **options):
             for place in CAMPAIGN_STAGES[stage].outputs():
                 if (whole / place).exists():
+                    (again / place).parent.mkdir(parents=True, exist_ok=True)
                     shutil.copy(whole / place, again / place)
 
         return copied

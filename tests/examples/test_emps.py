@@ -112,7 +112,7 @@ def test_effects_hidden_in_made_data_are_named_with_their_sizes(tmp_path, truth)
         assert found.chosen.mapping == pytest.approx(VALUES, rel=0.01)
     for label, at in truth.items():
         for coordinate, value in at.items():
-            assert found.chosen.mapping[f"{label}.{coordinate}"] == pytest.approx(value, rel=0.05, abs=1e-3)
+            assert found.chosen.mapping[f"{label}.{coordinate}"] == pytest.approx(value, rel=0.05, abs=0.01)
     if "slider_spring" in truth:
         (line,) = (line for line in estimates(found.chosen) if line.startswith("slider_spring.rest_position_m"))
         low, high = map(float, re.search(r"interval (\S+) to (\S+)", line).groups())

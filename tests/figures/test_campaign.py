@@ -230,13 +230,3 @@ def test_the_optimum_is_shown_by_lengths_and_by_the_error_that_they_leave(drawin
     assert "before" in shown and "after" not in shown
     none = FIGURES.draw("optimum", tables | {"campaign_optimum": optimum.assign(crank_length=np.nan)}, VERDICT)
     assert "could not be optimised" in texts(none)[0]
-
-
-def test_runs_on_each_other_are_drawn_the_first_the_widest_and_gaps_of_all_runs_come_first(drawings):
-    over_velocity, _, colours = drawings["missing_force"].figure.axes[:3]
-    widths = [line.get_linewidth() for line in over_velocity.get_lines() if line.get_label().startswith("run")]
-    assert widths == sorted(widths, reverse=True) and len(set(widths)) == len(widths) == 2
-    assert all(collection.get_rasterized() for collection in colours.collections)
-    for axes in drawings["gaps"].figure.axes:
-        labels = [label.get_text() for label in axes.get_yticklabels()]
-        assert labels[0] == "all runs" and "," not in labels[1] and labels[2].startswith(f"{labels[1]}, ")

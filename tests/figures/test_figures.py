@@ -13,7 +13,7 @@ from PIL import Image
 from jointgap.config import resolve
 from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError
-from jointgap.core.plot import LINEAR_BAND, Quantity, Sheet
+from jointgap.core.plot import LINEAR_BAND
 from jointgap.dynamics.simulation import simulate
 from jointgap.scenario.animation import magnification
 from jointgap.scenario.figure_data import round_number
@@ -155,12 +155,7 @@ def test_a_box_whose_name_ends_like_that_of_the_main_one_stays_out_of_the_re_sim
     assert "networks_paper_genetic" in shown and "networks_my_paper_genetic" not in shown
 
 
-def test_curves_and_marks_of_thousands_of_points_are_drawn_as_pixels_and_a_constant_speed_is_called_so(drawings):
-    panel = Sheet(3.0, 1, 1).panel((0, 0), "dense", Quantity("x", "m"), Quantity("y", "m"))
-    for count in (100, 6000):
-        panel.line("line", np.arange(count), np.arange(count), "ideal")
-        panel.marks("marks", np.arange(count), np.arange(count), "ideal")
-    assert [line.get_rasterized() for line in panel.axes.get_lines()] == [False, False, True, True]
+def test_a_constant_speed_is_called_so(drawings):
     speed = drawings["drive_and_guide"].figure.axes[0]
     assert [text.get_text() for text in speed.texts] == ["constant"]
     assert [label.get_text() for label in speed.get_yticklabels()] == ["600"]

@@ -98,13 +98,6 @@ def test_text_put_into_cells(folder, campaign, damages):
 
 
 @fuzz
-@given(st.integers(0, len(joined(LINES))))
-def test_a_file_cut_short(folder, campaign, length):
-    content = joined(LINES)[:length]
-    read_or_refused(folder, campaign, content, {content.count(b"\n") - 1})
-
-
-@fuzz
 @given(st.sets(st.integers(0, COUNT), max_size=COUNT))
 def test_lines_lost(folder, campaign, lost):
     read_or_refused(folder, campaign, joined(line for place, line in enumerate(LINES) if place not in lost), set())
@@ -122,16 +115,6 @@ def test_lines_repeated_and_out_of_order(folder, campaign, one, other):
     with pytest.raises(InputError, match=r"slow\.csv, column t, row \d+: time (repeats|falls)"):
         (folder / "slow.csv").write_bytes(joined(lines))
         read_measurements(campaign)
-
-
-@fuzz
-@given(st.permutations(range(4)), st.booleans())
-def test_columns_swapped(folder, campaign, order, with_headings):
-    """With their headings nothing changes; without them nobody can know, but nothing breaks."""
-    lines = [",".join(line.split(",")[i] for i in order) for line in LINES]
-    if not with_headings:
-        lines[0] = LINES[0]
-    read_or_refused(folder, campaign, joined(lines), set() if with_headings or order == list(range(4)) else None)
 
 
 @fuzz

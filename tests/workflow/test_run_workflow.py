@@ -162,7 +162,9 @@ def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_h
 
     def goes_on(process):
         (slow_workflow / "go_on").write_text("\n")
-        assert process.wait(timeout=PATIENCE) == 0
+        said = process.communicate(timeout=PATIENCE)[0]
+        assert process.returncode == 0, said
+        return said
 
     for first in (BY_MAKE, BY_ITSELF):
         working = started(slow_workflow, *first)
@@ -183,8 +185,7 @@ def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_h
     assert (slow_workflow / "noted").read_text() == "ends\n"
     again = started(slow_workflow, *BY_MAKE)
     begins()
-    goes_on(again)
-    assert "waiting" not in again.stdout.read() and (slow_workflow / "report.html").exists()
+    assert "waiting" not in goes_on(again) and (slow_workflow / "report.html").exists()
 
 
 @pytest.mark.integration
