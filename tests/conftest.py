@@ -20,9 +20,9 @@ def page_text(tmp_path: Path) -> Callable[[str], str]:
 
     def open_page(address: str, patience_ms: int = 20_000, until: str = "") -> str:
         """Content of the page; again with more patience while `until` is not on it and the machine may be just busy."""
-        page = dump(address, patience_ms)
-        if until not in page:
-            page = dump(address, 4 * patience_ms)
+        for patience in (patience_ms, 4 * patience_ms, 16 * patience_ms):
+            if until in (page := dump(address, patience)):
+                break
         return page
 
     def dump(address: str, patience_ms: int) -> str:
@@ -43,7 +43,7 @@ def page_text(tmp_path: Path) -> Callable[[str], str]:
             env={**os.environ, "HOME": str(tmp_path)},
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=600,
             check=False,
         )
         assert done.returncode == 0, done.stderr

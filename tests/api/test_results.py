@@ -12,6 +12,7 @@ import jointgap as jg
 from jointgap.core import parquet, schema
 from jointgap.dynamics.simulation import simulate
 from tests.campaign.verdicts import VERDICTS
+from tests.catalogue import refused
 
 OPTIONS = jg.Simulate(revolutions=1, samples_per_revolution=360, tolerance="1e-10 m")
 BOX = {"crank_length": ("149 mm", "151 mm"), "rod_length": ("560 mm", "566 mm")}
@@ -23,44 +24,31 @@ def mechanism():
 
 
 @pytest.fixture(scope="module")
+def ideal(mechanism):
+    return jg.change(mechanism, {"joints.crank_pin": "ideal", "joints.piston_pin": "ideal"})
+
+
+@pytest.fixture(scope="module")
 def run(mechanism):
     return jg.simulate(mechanism, OPTIONS)
 
 
-@pytest.fixture(scope="module")
-def best(mechanism):
-    ensemble = {"members": 2, "settled_revolution": 1}
-    return jg.optimise(
-        mechanism,
-        OPTIONS,
-        boxes={"near": BOX},
-        genetic={"population": 4, "generations": 2, "elites": 1},
-        ensemble=ensemble,
-    )
-
-
-def test_a_motion_is_that_of_the_stage_simulate(mechanism, run):
+def test_a_motion_is_that_of_the_stage_simulate_and_keys_go_over_options(mechanism, run):
     pd.testing.assert_frame_equal(run.samples, simulate(mechanism, OPTIONS).samples, check_exact=True)
-
-
-def test_keys_are_those_of_a_file_and_go_over_options(mechanism, run):
     by_keys = jg.simulate(mechanism, speed="600 rpm", revolutions=1, samples_per_revolution=360, tolerance="1e-10 m")
     assert by_keys.options == OPTIONS
     assert jg.simulate(mechanism, OPTIONS, speed="300 rpm").options == jg.change(OPTIONS, {"speed": "300 rpm"})
-    with pytest.raises(jg.InputError, match="Simulate: unknown key 'sped'; did you mean 'speed'"):
-        jg.simulate(mechanism, sped="600 rpm")
-    with pytest.raises(jg.InputError, match="mechanism: is text, no Mechanism; load one with load_mechanism"):
-        jg.simulate("mine.yaml")
-
-
-def test_columns_keep_their_units(run):
-    assert (run.unit("crank_angle"), run.unit("peak_force")) == ("rad", "N")
-    assert run.samples.query("crank_angle > 1").attrs["units"]["r2"] == "m"
-    with pytest.raises(jg.InputError, match="no column 'crank_angel'; did you mean 'crank_angle'"):
-        run.unit("crank_angel")
+    cases = [
+        (lambda: jg.simulate(mechanism, sped="600 rpm"), "Simulate: unknown key 'sped'; did you mean 'speed'"),
+        (lambda: jg.simulate("mine.yaml"), "mechanism: is text, no Mechanism; load one with load_mechanism"),
+        (lambda: run.unit("crank_angel"), "no column 'crank_angel'; did you mean 'crank_angle'"),
+    ]
+    refused(lambda call: call(), cases)
 
 
 def test_a_summary_says_what_happened_with_units(run):
+    assert (run.unit("crank_angle"), run.unit("peak_force")) == ("rad", "N")
+    assert run.samples.query("crank_angle > 1").attrs["units"]["r2"] == "m"
     rows = run.summary().set_index("quantity")
     assert rows.loc["speed of the crank"].tolist() == [pytest.approx(600.0), "rpm"]
     assert rows.loc["crank pin: radial clearance"].tolist() == [pytest.approx(1.0), "mm"]
@@ -72,102 +60,71 @@ def test_a_summary_says_what_happened_with_units(run):
     assert "Remark: Contact of the crank pin and piston pin: lankarani_nikravesh delivers" in repr(run)
 
 
-def test_a_motion_draws_itself_and_a_notebook_shows_it(run, tmp_path):
+def test_a_motion_draws_itself_and_a_notebook_shows_it(run, ideal, tmp_path):
     picture = run.plot("piston_acceleration")
-    kinds, _ = picture._repr_mimebundle_()
-    assert list(kinds) == ["image/png"]
+    assert list(picture._repr_mimebundle_()[0]) == ["image/png"]
     with Image.open(picture.save(tmp_path / "piston.png")) as written:
         assert written.width > 1000
-    assert next(iter(run.figures)) == "orbits"
-    with pytest.raises(jg.InputError, match="plot: no figure 'orbit' of this Motion; did you mean"):
-        run.plot("orbit")
-    with pytest.raises(jg.InputError, match=r"figures are not written as '\.doc'; end the name in \.png or \.svg"):
-        picture.save(tmp_path / "piston.doc")
-
-
-def test_ideal_joints_have_no_orbits_to_draw(mechanism):
-    ideal = jg.simulate(jg.change(mechanism, {"joints.crank_pin": "ideal", "joints.piston_pin": "ideal"}), OPTIONS)
-    assert next(iter(ideal.figures)) == "drive_and_guide"
-    assert "orbits" not in ideal.figures
+    firsts = [next(iter(one.figures)) for one in (run, jg.simulate(ideal, OPTIONS))]
+    assert firsts == ["orbits", "drive_and_guide"]  # ideal joints have no orbits
+    cases = [
+        (lambda: run.plot("orbit"), "plot: no figure 'orbit' of this Motion; did you mean"),
+        (
+            lambda: picture.save(tmp_path / "piston.doc"),
+            "figures are not written as '.doc'; end the name in .png",
+        ),
+    ]
+    refused(lambda call: call(), cases)
 
 
 def test_an_ensemble_is_on_disk_and_read_with_units(mechanism, tmp_path):
     sweep = jg.ensemble(mechanism, OPTIONS, folder=tmp_path, vary={"clearance": ["0.5 mm", "1 mm"]}, members=1)
-    assert sweep.runs["clearance"].tolist() == [0.0005, 0.001]
-    assert sweep.runs.attrs["units"]["clearance"] == "m"
+    assert sweep.runs["clearance"].tolist() == [0.0005, 0.001] and sweep.runs.attrs["units"]["clearance"] == "m"
     assert sweep.samples.groupby("run").size().tolist() == [361, 361]
     with pytest.raises(jg.InputError, match=r"ensemble\.vary\.clearence: no such word; did you mean 'clearance'"):
         jg.ensemble(mechanism, OPTIONS, folder=tmp_path, vary={"clearence": [1e-3]})
 
 
-def test_an_optimum_has_its_lengths_within_the_box_and_its_gain_as_simulated_again(mechanism, best):
+def test_an_optimum_has_its_lengths_within_the_box_and_its_gain_as_simulated_again(mechanism, ideal):
+    ensemble = {"members": 2, "settled_revolution": 1}
+    genetic = {"population": 4, "generations": 2, "elites": 1}
+    best = jg.optimise(mechanism, OPTIONS, boxes={"near": BOX}, genetic=genetic, ensemble=ensemble)
     crank, rod = best.lengths
-    assert 0.149 - 1e-9 <= crank <= 0.151 + 1e-9
-    assert 0.560 - 1e-9 <= rod <= 0.566 + 1e-9
+    assert 0.149 - 1e-9 <= crank <= 0.151 + 1e-9 and 0.560 - 1e-9 <= rod <= 0.566 + 1e-9
     assert (best.mechanism.crank.length, best.mechanism.rod.length) == pytest.approx(best.lengths)
     rows = best.tables["resimulated"].query("stretch == 'settled' and measure == 'rms'")
     assert best.gain in rows["reduction"].to_numpy()
     assert best.tables["worth"].attrs["units"]["stroke"] == "m"
     assert best.summary().set_index("quantity").loc["rod length", "value"] == pytest.approx(1e3 * rod)
+    assert set(best.plot("valley").data["series"]) >= {"local paths", "valley's floor"}  # without networks
+    given = {"boxes": {"near": BOX}, "ensemble": {"settled_revolution": 1}}
+    cases = [(ideal, given, "optimise: all joints are ideal")]
+    cases += [(mechanism, {"boxs": {}}, "Optimise: unknown key 'boxs'; did you mean 'boxes'")]
+    refused(lambda made, keys: jg.optimise(made, OPTIONS, **keys), cases)
 
 
-def test_an_optimum_draws_its_valley_without_networks(best):
-    assert set(best.plot("valley").data["series"]) >= {"local paths", "valley's floor"}
+def test_a_verdict_says_effect_size_and_interval_and_draws_what_its_folder_has(tmp_path, mechanism):
+    def verdict(kind):
+        (tmp_path / "verdict.json").write_text(json.dumps(VERDICTS[kind] | {"because": ""}))
+        shutil.copy("config/mechanisms/erkaya2009.yaml", tmp_path / "mechanism.yaml")
+        parquet.write(schema.REMARKS, pd.DataFrame({"remark": ["channel x: nothing"]}), tmp_path / schema.REMARKS.path)
+        return jg.read_verdict(tmp_path)
+
+    named = verdict("named")
+    assert (named.kind, named.effect) == ("named", "Coulomb friction of the slider")
+    assert (named.size, named.unit, named.interval) == (21.3, "N", (20.6, 22.0)) and named.mechanism == mechanism
+    assert "Missing in the model is Coulomb friction of the slider." in named._repr_html_()
+    assert "Remark: channel x: nothing" in repr(named)
+    assert "gaps" in named.figures and named.plot("gaps").figure.axes
+    ambiguous = verdict("ambiguous")
+    assert (ambiguous.effect, ambiguous.size, ambiguous.interval) == (None, None, None)
+    rows = [row for row in ambiguous.summary()["quantity"] if row.startswith("explanation")]
+    assert rows == ["explanation 1", "explanation 2"]
 
 
-def test_nothing_is_searched_where_nothing_is_loose_or_a_key_is_unknown(mechanism):
-    ideal = jg.change(mechanism, {"joints.crank_pin": "ideal", "joints.piston_pin": "ideal"})
-    with pytest.raises(jg.InputError, match="optimise: all joints are ideal"):
-        jg.optimise(ideal, OPTIONS, boxes={"near": BOX}, ensemble={"settled_revolution": 1})
-    with pytest.raises(jg.InputError, match="Optimise: unknown key 'boxs'; did you mean 'boxes'"):
-        jg.optimise(mechanism, OPTIONS, boxs={})
-
-
-def results(folder, kind):
-    """A folder with the verdict of a `kind` and what an analysis writes beside it."""
-    document = VERDICTS[kind] | {"because": ""}
-    (folder / "verdict.json").write_text(json.dumps(document))
-    shutil.copy("config/mechanisms/erkaya2009.yaml", folder / "mechanism.yaml")
-    remarks = pd.DataFrame({"remark": ["channel x: nothing"]})
-    parquet.write(schema.REMARKS, remarks, folder / schema.REMARKS.path)
-    return folder
-
-
-def test_a_verdict_says_effect_size_and_interval(tmp_path):
-    verdict = jg.read_verdict(results(tmp_path, "named"))
-    assert (verdict.kind, verdict.effect) == ("named", "Coulomb friction of the slider")
-    assert (verdict.size, verdict.unit, verdict.interval) == (21.3, "N", (20.6, 22.0))
-    assert verdict.mechanism == jg.load_mechanism("config/mechanisms/erkaya2009.yaml")
-    assert "Missing in the model is Coulomb friction of the slider." in verdict._repr_html_()
-    assert "Remark: channel x: nothing" in repr(verdict)
-
-
-def test_a_verdict_that_names_nothing_has_no_effect(tmp_path):
-    verdict = jg.read_verdict(results(tmp_path, "ambiguous"))
-    assert (verdict.effect, verdict.size, verdict.interval) == (None, None, None)
-    assert [row for row in verdict.summary()["quantity"] if row.startswith("explanation")] == [
-        "explanation 1",
-        "explanation 2",
-    ]
-
-
-def test_a_verdict_draws_what_its_folder_has(tmp_path):
-    verdict = jg.read_verdict(results(tmp_path, "named"))
-    assert "gaps" in verdict.figures
-    assert len(verdict.plot("gaps").figure.texts) + len(verdict.plot("gaps").figure.axes) > 0
-
-
-def test_the_campaign_of_a_folder_is_the_only_one_in_it(tmp_path):
-    with pytest.raises(jg.InputError, match="holds no campaign file"):
-        jg.preflight(tmp_path)
-    with pytest.raises(jg.InputError, match="holds several campaign files"):
-        jg.preflight("config/campaigns")
-
-
-def test_a_preflight_says_what_shows_and_what_looks_alike():
+def test_a_preflight_says_what_shows_and_a_folder_holds_one_campaign_file(tmp_path):
+    refused(jg.preflight, [(tmp_path, "no campaign file"), ("config/campaigns", "holds several campaign files")])
     plan = jg.preflight("config/campaigns/demonstration.yaml", advice=False)
-    assert plan.advice is None
-    assert "Coulomb friction of the slider: " in plan.text
-    rows = plan.summary()
-    assert rows.set_index("quantity").loc["Coulomb friction of the slider", "value"].startswith("shows from 0.1")
-    assert np.isfinite(plan.plot().data["x"]).any()
+    assert plan.advice is None and "Coulomb friction of the slider: " in plan.text
+    value = plan.summary().set_index("quantity").loc["Coulomb friction of the slider", "value"]
+    assert value.startswith("shows from 0.1") and np.isfinite(plan.plot().data["x"]).any()

@@ -36,33 +36,6 @@ def test_an_effect_has_to_gain_as_much_as_the_settings_ask_for(chain, tmp_path):
     assert demanding.outcome("decide").verdict != "named"
 
 
-def test_noise_is_compared_with_what_is_stated_by_the_settings(chain, tmp_path):
-    tolerant, strict = (
-        state_with(chain, tmp_path / name, with_changed("noise", reported_mismatch=factor))
-        for name, factor in (("tolerant", 1e6), ("strict", 1.0))
-    )
-    for state in (tolerant, strict):
-        stages.measure(state, pictures=False)
-        stages.noise(state)
-    assert not any("is stated to have" in text for each in tolerant.noise.values() for text in each.remarks)
-    assert any("is stated to have" in text for each in strict.noise.values() for text in each.remarks)
-
-
-def test_intervals_of_a_confirmation_come_from_as_many_samples_as_the_settings_say(chain, tmp_path):
-    widths = {}
-    for draws in (1, 400):
-        state = state_with(chain, tmp_path / str(draws), with_changed("confirmation", draws=draws))
-        state.noise_with_numerics, state.baseline, state.screening = chain.noise, chain.recalibrated, chain.screening
-        state.verdict_baseline = chain.recalibrated
-        state.write_fits([chain.recalibrated.base], "decide/base")
-        state.write_outcome(chain.outcome, "regress")
-        stages.confirm(state)
-        gap = state.folder.read("gaps").query("role == 'confirm' and run == 'all'").iloc[0]
-        widths[draws] = gap["after_high"] - gap["after_low"]
-    assert widths[1] == 0.0
-    assert widths[400] > 0.0
-
-
 def test_an_analysis_gives_its_settings_to_every_stage(tmp_path, monkeypatch):
     given = with_changed("decision", min_delta_bic=20.0)
 

@@ -1,158 +1,133 @@
-"""Campaigns on files: what a configuration asks for, and the demonstration from its CSV to its verdict."""
+"""Campaigns on files: what a configuration asks for, and the demonstrations from their CSV to their verdict."""
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import yaml
 from click.testing import CliRunner
 from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap.app.cli import cli
 from jointgap.campaign import plan as preflight
-from jointgap.campaign.campaign_files import campaigns
+from jointgap.campaign.analyse import analyse
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, campaigns
+from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.stages import CAMPAIGN_STAGES, measure, noise
 from jointgap.campaign.state import CampaignState
 from jointgap.config import load_mechanism
 from jointgap.config.load import load_campaign
-from jointgap.core.errors import InputError
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.parquet import describe
 from jointgap.rig.model import build_model
+from tests.catalogue import each, refused
 
 DEMONSTRATION = "config/campaigns/demonstration.yaml"
+SCHEMA = ROOT / "workflow/schemas/verdict.schema.json"
 
 
-def test_the_files_of_a_campaign_are_its_plan_and_its_data():
-    found = campaigns([DEMONSTRATION], (ROOT,))["demonstration"]
-    assert [place.rsplit("/", 1)[1] for place in found.plan] == ["demonstration.yaml", "ideal_joints.yaml"]
-    assert [place.rsplit("/", 1)[1] for place in found.data] == ["slow.csv", "mid.csv", "fast.csv"]
+def written(file: Path, **keys) -> Path:
+    """The demonstration's campaign file with other keys, whose data lie where they are unless it says otherwise."""
+    content = yaml.safe_load((ROOT / DEMONSTRATION).read_text())
+    mechanism = str(ROOT / "config/mechanisms/ideal_joints.yaml")
+    content |= {"folder": str((ROOT / DEMONSTRATION).parent), "mechanism": mechanism} | keys
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(
+        yaml.safe_dump({key: value for key, value in content.items() if value is not None}, sort_keys=False)
+    )
+    return file
 
 
-def test_only_fits_of_loose_joints_are_worth_a_second_process(tmp_path):
-    text = (ROOT / DEMONSTRATION).read_text()
-    loose = text.replace("../mechanisms/ideal_joints.yaml", str(ROOT / "config/mechanisms/erkaya2009.yaml"))
-    loose = loose.replace("name: demonstration", f"name: loose\nfolder: '{ROOT / 'config/campaigns'}'")
-    (tmp_path / "loose.yaml").write_text(loose)
-    found = campaigns([DEMONSTRATION, "loose.yaml"], (ROOT, tmp_path))
+def asked(*command) -> None:
+    CliRunner().invoke(cli, [str(word) for word in command], catch_exceptions=False)
+
+
+def stand_in(monkeypatch, function, *stages) -> None:
+    for name in stages:
+        monkeypatch.setitem(CAMPAIGN_STAGES, name, replace(CAMPAIGN_STAGES[name], function=function(name)))
+
+
+def test_the_files_of_a_campaign_are_its_plan_and_its_data_and_loose_joints_are_worth_a_second_process(tmp_path):
+    loose = written(tmp_path / "loose.yaml", name="loose", mechanism=str(ROOT / "config/mechanisms/erkaya2009.yaml"))
+    found = campaigns([DEMONSTRATION, str(loose)], (ROOT,))
+    names = {"plan": ["demonstration.yaml", "ideal_joints.yaml"], "data": ["slow.csv", "mid.csv", "fast.csv"]}
+    for kind, files in names.items():
+        assert [Path(place).name for place in getattr(found["demonstration"], kind)] == files
     assert {name: files.parts for name, files in found.items()} == {"demonstration": 1, "loose": 2}
-    assert {files.parts for files in campaigns([DEMONSTRATION, "loose.yaml"], (ROOT, tmp_path), 5).values()} == {5}
+    assert {files.parts for files in campaigns([DEMONSTRATION, str(loose)], (ROOT,), 5).values()} == {5}
 
 
-@pytest.mark.parametrize("parts", [0, "many", 2.5, True, 10**9])
-def test_a_number_of_parts_that_is_none_is_refused(parts):
-    with pytest.raises(InputError, match=r"fit_parts = .* must be a whole number of jobs from 1 to 100"):
-        campaigns([DEMONSTRATION], (ROOT,), parts)
+def test_what_cannot_be_a_list_of_campaigns_is_refused_with_the_mend(tmp_path):
+    lost = written(tmp_path / "lost.yaml", folder=None)
+    braces = written(tmp_path / "rig {campaign}/mine.yaml")
+    parts = "fit_parts =  ~ must be a whole number of jobs from 1 to 100"
+    cases = [
+        ("mine.yaml", None, "must be a list"),
+        (["mine.yaml"], None, "no file 'mine.yaml' (looked in "),
+        (["config/campaigns"], None, "no file 'config/campaigns' ~ ; give the path of a campaign file"),
+        ([DEMONSTRATION, DEMONSTRATION], None, "both called 'demonstration'"),
+        ([str(lost)], None, "run slow: no file 'demonstration/slow.csv' in  ~ ; correct `file`"),
+        ([str(braces)], None, "rig {campaign}/mine.yaml holds braces ~ rename"),
+        *(([DEMONSTRATION], count, parts) for count in (0, "many", 2.5, True, 10**9)),
+    ]
+    refused(lambda paths, count: campaigns(paths, (ROOT,), *([] if count is None else [count])), cases)
+    for folder in ("our rig's", 'a "b"', "a { b"):
+        mine = written(tmp_path / folder / "mine.yaml")
+        assert campaigns([str(mine)], (ROOT,))["demonstration"].campaign == str(mine)
 
 
 def test_stages_follow_each_other_in_one_process_on_the_same_case(tmp_path, monkeypatch):
     passed = []
-
-    def pass_by(name):
-        return lambda state, **given: passed.append((name, id(state), given))
-
-    for name in ("decide", "regress", "confirm"):
-        monkeypatch.setitem(CAMPAIGN_STAGES, name, replace(CAMPAIGN_STAGES[name], function=pass_by(name)))
-    command = ["decide", str(ROOT / DEMONSTRATION), "--folder", str(tmp_path), "--parts", "2"]
-    CliRunner().invoke(cli, [*command, "--then", "regress", "--then", "confirm"], catch_exceptions=False)
+    stages = ("decide", "regress", "confirm")
+    stand_in(monkeypatch, lambda name: lambda state, **given: passed.append((name, id(state), given)), *stages)
+    asked("decide", ROOT / DEMONSTRATION, "--folder", tmp_path, "--parts", 2, "--then", "regress", "--then", "confirm")
     names, cases, given = zip(*passed, strict=True)
-    assert names == ("decide", "regress", "confirm")
-    assert len(set(cases)) == 1
-    assert given == ({"parts": 2}, {}, {})
+    assert names == stages and len(set(cases)) == 1 and given == ({"parts": 2}, {}, {})
 
 
-@pytest.mark.parametrize(
-    ("paths", "message"),
-    [
-        ("mine.yaml", "must be a list"),
-        (["mine.yaml"], r"no file 'mine.yaml' \(looked in "),
-        (["config/campaigns"], "no file 'config/campaigns' .*; give the path of a campaign file"),
-        ([DEMONSTRATION, DEMONSTRATION], "both called 'demonstration'"),
-    ],
-)
-def test_what_cannot_be_a_list_of_campaigns_is_refused_with_the_mend(paths, message):
-    with pytest.raises(InputError, match=message):
-        campaigns(paths, (ROOT,))
+def test_a_folder_that_cannot_be_written_is_told_before_anything_is_computed(tmp_path, monkeypatch):
+    def untouched(name):
+        return lambda *given, **options: pytest.fail("computed in vain")
+
+    stand_in(monkeypatch, untouched, "measure", "fit", "conclude", "preflight")
+
+    def told(command, blocked):
+        folder = tmp_path / command
+        folder.mkdir()
+        (folder / blocked).write_text("a file where a folder should be")
+        with pytest.raises(InputError, match=rf"{blocked}.*cannot be written .* check permission and space"):
+            asked(command, ROOT / DEMONSTRATION, "--folder", folder)
+
+    each(told, [("analyse", "screen"), ("fit", "fit"), ("conclude", "figures"), ("preflight", "preflight")])
 
 
-def test_a_run_whose_file_is_not_there_is_named_before_anything_runs(tmp_path):
-    plan = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
-    (tmp_path / "mine.yaml").write_text(plan)
-    with pytest.raises(InputError, match=r"run slow: no file 'demonstration/slow\.csv' in .*; correct `file`"):
-        campaigns(["mine.yaml"], (tmp_path,))
-
-
-@pytest.mark.parametrize("folder", ["our rig's", 'a "b"', "a { b"])
-def test_a_campaign_may_lie_in_any_folder(tmp_path, folder):
-    mine = _copied(tmp_path / folder)
-    assert campaigns([str(mine)], (ROOT,))["demonstration"].campaign == str(mine)
-
-
-def test_a_path_that_snakemake_takes_for_a_pattern_is_refused(tmp_path):
-    mine = _copied(tmp_path / "rig {campaign}")
-    with pytest.raises(InputError, match=r"mine\.yaml: the path .*rig \{campaign\}/mine\.yaml holds braces.*rename"):
-        campaigns([str(mine)], (ROOT,))
-
-
-def _copied(folder: Path) -> Path:
-    """The demonstration's campaign file, with its data beside it, in `folder`."""
-    shutil.copytree((ROOT / DEMONSTRATION).with_suffix(""), folder / "demonstration")
-    plan = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
-    (folder / "mine.yaml").write_text(plan)
-    return folder / "mine.yaml"
-
-
-@pytest.mark.parametrize(
-    ("command", "blocked"),
-    [("analyse", "screen"), ("fit", "fit"), ("conclude", "figures"), ("preflight", "preflight")],
-)
-def test_a_folder_that_cannot_be_written_is_told_before_anything_is_computed(tmp_path, monkeypatch, command, blocked):
-    def untouched(*given, **options):
-        raise AssertionError("computed in vain")
-
-    for name in ("measure", "fit", "conclude", "preflight"):
-        monkeypatch.setitem(CAMPAIGN_STAGES, name, replace(CAMPAIGN_STAGES[name], function=untouched))
-    (tmp_path / blocked).write_text("a file where a folder should be")
-    with pytest.raises(InputError, match=rf"{blocked}.*cannot be written .* check permission and space"):
-        CliRunner().invoke(cli, [command, str(ROOT / DEMONSTRATION), "--folder", str(tmp_path)], catch_exceptions=False)
-
-
-@pytest.mark.parametrize("command", ["analyse", "measure", "augment"])
-def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(tmp_path, command):
-    text = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms/ideal_joints.yaml", "mechanism.yaml")
-    (tmp_path / "mine.yaml").write_text(f"folder: '{ROOT / 'config/campaigns'}'\n{text}")
+def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(tmp_path, monkeypatch):
     content = (ROOT / "config/mechanisms/ideal_joints.yaml").read_text()
-    (tmp_path / "mechanism.yaml").write_text(content)
-    with pytest.raises(InputError, match=r"mechanism\.yaml: is read by the campaign, .* give another --folder"):
-        CliRunner().invoke(
-            cli, [command, str(tmp_path / "mine.yaml"), "--folder", str(tmp_path)], catch_exceptions=False
-        )
+    results = tmp_path / "results/campaigns/demonstration"
+    for place in (tmp_path, results):
+        written(place / "mine.yaml", mechanism="mechanism.yaml")
+        (place / "mechanism.yaml").write_text(content)
+    for command in ("analyse", "measure", "augment"):
+        with pytest.raises(InputError, match=r"mechanism\.yaml: is read by the campaign, .* give another --folder"):
+            asked(command, tmp_path / "mine.yaml", "--folder", tmp_path)
     assert (tmp_path / "mechanism.yaml").read_text() == content
-
-
-def test_by_default_only_the_folder_of_results_is_kept_free_of_what_is_read(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms/ideal_joints.yaml", "mechanism.yaml")
-    text = f"folder: '{ROOT / 'config/campaigns'}'\n{text}"
-    for place in (tmp_path, tmp_path / "results/campaigns/demonstration"):
-        place.mkdir(parents=True, exist_ok=True)
-        (place / "mine.yaml").write_text(text)
-        (place / "mechanism.yaml").write_text((ROOT / "config/mechanisms/ideal_joints.yaml").read_text())
+    monkeypatch.chdir(tmp_path)  # by default the folder of results alone is kept free
     assert CampaignState(tmp_path / "mine.yaml").folder.path == Path("results/campaigns/demonstration")
     with pytest.raises(InputError, match="is read by the campaign"):
-        CampaignState(tmp_path / "results/campaigns/demonstration/mine.yaml")
+        CampaignState(results / "mine.yaml")
 
 
 def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path):
-    (tmp_path / "demonstration").mkdir()
+    runs = yaml.safe_load((ROOT / DEMONSTRATION).read_text())["runs"]
+    runs[1]["role"] = "split"
     for name, rows in (("slow", 360), ("mid", 200)):
         lines = (ROOT / f"config/campaigns/demonstration/{name}.csv").read_text().splitlines()[: rows + 1]
+        (tmp_path / "demonstration").mkdir(exist_ok=True)
         (tmp_path / f"demonstration/{name}.csv").write_text("\n".join(lines))
-    plan = (ROOT / DEMONSTRATION).read_text().replace("../mechanisms", str(ROOT / "config/mechanisms"))
-    (tmp_path / "mine.yaml").write_text(plan.replace("speed: 280 rpm, role: identify", "speed: 280 rpm, role: split"))
-    campaign = load_campaign(tmp_path / "mine.yaml")
+    campaign = load_campaign(written(tmp_path / "mine.yaml", folder=None, runs=runs))
     _, recordings = preflight.recorded(campaign)
     assert set(recordings) == {"slow", "mid"}  # of the third run there is no file yet
     turns = preflight.revolutions(campaign, recordings)
@@ -166,18 +141,12 @@ def test_a_preflight_counts_the_samples_and_revolutions_that_there_are(tmp_path)
 
 @pytest.mark.slow
 def test_the_demonstration_names_what_its_data_hide(tmp_path):
-    from jointgap.campaign.analyse import analyse
-
     found = analyse(ROOT / DEMONSTRATION, tmp_path)
     (effect,) = found["effects"]
-    assert found["verdict"] == "named"
-    assert effect["name"] == "slider_coulomb_friction"
+    assert (found["verdict"], effect["name"]) == ("named", "slider_coulomb_friction")
     assert effect["parameters"]["force_N"]["value"] == pytest.approx(6.0, rel=0.03)
     assert found["gap"]["confirm"]["after"] == pytest.approx(1.0, abs=0.1)
-    validate(
-        json.loads((tmp_path / "verdict.json").read_text()),
-        json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()),
-    )
+    validate(json.loads((tmp_path / "verdict.json").read_text()), json.loads(SCHEMA.read_text()))
     augmented = load_mechanism(tmp_path / "mechanism.yaml")
     assert [one.name for one in augmented.effects] == ["slider_coulomb_friction"]
     for path in tmp_path.rglob("*.parquet"):
@@ -186,34 +155,95 @@ def test_the_demonstration_names_what_its_data_hide(tmp_path):
 
 @pytest.mark.slow
 def test_the_demonstration_of_a_loose_joint_names_it_and_holds_its_clearance(tmp_path):
-    from jointgap.campaign.analyse import analyse
-
     found = analyse(ROOT / "config/campaigns/demonstration_clearance.yaml", tmp_path)
     (effect,) = found["effects"]
     # samples of motion that hardly repeats may be met by chance; the held-out ones then leave a misfit
     assert found["verdict"] in ("named", "named_with_remaining_misfit")
-    assert effect["name"] == "crank_pin_clearance"
-    assert found["basis"] == "statistics"
+    assert (effect["name"], found["basis"], found["held_out_test"]) == ("crank_pin_clearance", "statistics", "falls")
     low, high = effect["parameters"]["clearance_m"]["interval_90"]
     assert low <= 5e-4 <= high < 1.3 * low
-    assert found["held_out_test"] == "falls"
-    validate(
-        json.loads((tmp_path / "verdict.json").read_text()),
-        json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()),
-    )
+    validate(json.loads((tmp_path / "verdict.json").read_text()), json.loads(SCHEMA.read_text()))
 
 
-def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(tmp_path):
-    case = CampaignState(ROOT / DEMONSTRATION, tmp_path)
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """A results folder in which the data of the demonstration have been read and their noise been found."""
+    folder = tmp_path_factory.mktemp("measured")
+    case = CampaignState(written(folder / "plan.yaml"), folder / "results")
     measure(case, pictures=False)
     noise(case)
-    again = CampaignState(ROOT / DEMONSTRATION, tmp_path)
-    assert again.noise.keys() == case.noise.keys()
+    return case, folder
+
+
+def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(measured):
+    case, folder = measured
+    assert CampaignState(folder / "plan.yaml", folder / "results").noise.keys() == case.noise.keys()
     first = case.model.series[0]
     for other in (replace(first, channel="guide_force"), replace(first, value=first.value[:-1])):
-        later = CampaignState(ROOT / DEMONSTRATION, tmp_path)
+        later = CampaignState(folder / "plan.yaml", folder / "results")
         later.model = SimpleNamespace(series=[other])
-        with pytest.raises(
-            InputError, match=f"channel {other.channel} of run 'slow' now holds; run `jointgap noise` on it"
-        ):
+        with pytest.raises(InputError, match=f"channel {other.channel} of run 'slow' now holds; run `jointgap noise`"):
             _ = later.noise
+
+
+ACCELERATION = "  slider_acceleration: {column: acc_g, unit: g_n}\n"
+MID = "  - {id: mid,  file: demonstration/mid.csv,  speed: 280 rpm, role: identify}\n"
+CHANGES = [
+    (ACCELERATION, "", 'channels.slider_acceleration.column: "acc_g" then, absent now'),
+    ("  crank_torque:", "  slider_velocity: {column: v, unit: m/s}\n  crank_torque:", 'column: absent then, "v" now'),
+    (MID, "", 'runs.mid.file: "demonstration/mid.csv" then, absent now'),
+    (MID, MID + MID.replace("mid", "other"), 'runs.other.file: absent then, "demonstration/other.csv" now'),
+    ("g_n}", "m/s^2}", 'channels.slider_acceleration.unit: "g_n" then, "m/s^2" now'),
+    ("role: identify", "role: split", 'runs.slow.role: "identify" then, "split" now'),
+    ("role: identify", "role: identify, direction: clockwise", 'then, "clockwise" now'),
+    ("slider_mass: 5 %, ", "", "nuisance.slider_mass: 0.05 then, absent now"),
+    ("noise: 0.1}", "noise: {slow: 0.1}}", "channels.crank_angle.noise: 0.1 then, absent now"),
+    ("nuisance: {slider_mass: 5 %, rod_mass: 5 %}", "", "nuisance.slider_mass: 0.05 then, absent now"),
+    ("/ideal_joints.yaml", "/erkaya2009.yaml", "mechanism."),
+]
+
+
+def test_what_has_changed_in_the_file_since_its_data_were_read_is_named_with_the_command_that_reads_it(measured):
+    folder, there = measured[1], ROOT / DEMONSTRATION
+    text = there.read_text().replace("../mechanisms", str(ROOT / "config/mechanisms")) + f"folder: '{there.parent}'\n"
+
+    def go_on(old, new):
+        assert old in text
+        (folder / "changed.yaml").write_text(text.replace(old, new, 1))
+        return CampaignState(folder / "changed.yaml", folder / "results").measurements
+
+    again = "run `jointgap measure` on it again, and the stages after it"
+    refused(go_on, [(old, new, f"{again} ~ {words}") for old, new, words in CHANGES])
+    ordered = text.replace(MID, "").replace("runs:\n", f"runs:\n{MID}")
+    refused(go_on, [(text, ordered, "other order")])
+    renamed = go_on("name: demonstration", "name: another # of the same rig")
+    assert set(renamed.runs) == {"slow", "mid", "fast"}
+
+
+@pytest.fixture
+def used_before(tmp_path):
+    """A results folder with what an earlier analysis concluded, and with a file of the user's own."""
+    names = [VERDICT, MECHANISM, *SUMMARIES, "augment/force.parquet", "figures/mine.png", "reoptimise/optimum.parquet"]
+    names += [f"figures/{name}.{ending}" for name in FIGURES for ending in ("svg", "png", "parquet")]
+    names += [f"{stage}/decision.parquet" for stage in ("decide", "regress", "verdict")]
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("of another day")
+    return tmp_path
+
+
+def test_an_analysis_that_fails_leaves_no_older_conclusion_and_one_that_cannot_begin_all(used_before, monkeypatch):
+    (used_before / "screen").write_text("a file where a folder should be")
+    with pytest.raises(InputError, match="cannot be written"):
+        analyse(ROOT / DEMONSTRATION, used_before)
+    assert (used_before / "verdict.json").read_text() == "of another day"
+    (used_before / "screen").unlink()
+
+    def fails(case, **given):
+        raise SimulationError("the slide flies off")
+
+    stand_in(monkeypatch, lambda name: fails, "measure")
+    with pytest.raises(SimulationError):
+        analyse(ROOT / DEMONSTRATION, used_before)
+    left = sorted(str(path.relative_to(used_before)) for path in used_before.rglob("*") if path.is_file())
+    assert left == ["augment/force.parquet", "figures/mine.png"]

@@ -37,64 +37,51 @@ def better(chain):
 
 
 @pytest.fixture
-def case(chain, better, tmp_path, monkeypatch):
+def decided(chain, better, tmp_path, monkeypatch):
     """Makes a case on a folder in which deciding has found the better base; everything else is as the chain has it."""
 
-    def made() -> CampaignState:
+    def made(verdict: str = "") -> CampaignState:
         found = CampaignState(DEMONSTRATION, tmp_path)
-        found.model, found.noise_with_numerics = chain.model, chain.noise
-        found.baseline, found.screening = chain.recalibrated, chain.screening
-        found.doubted_channels = ()
+        found.model, found.noise_with_numerics, found.doubted_channels = chain.model, chain.noise, ()
+        found.baseline, found.screening, found.library = chain.recalibrated, chain.screening, []
+        if verdict:
+            decision = Decision(verdict, better, better)
+            monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: decision)
+            stages.decide(found)
         return found
 
-    decision = Decision("parameters_only", better, better)
-    monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: decision)
     monkeypatch.setattr(CampaignState, "fits", lambda *_: ([], {}))
-    stages.decide(made())
+    made("parameters_only")
     return made
 
 
-def test_the_outcome_comes_back_from_files_with_the_better_base(case, better):
-    outcome = case().outcome("decide")
-    assert outcome.base.values == pytest.approx(better.values)
-    assert outcome.chosen is outcome.base
-
-
-def test_the_map_is_of_the_better_base(case, chain, better):
-    stages.locate(case())
-    expected = map_disagreement(chain.recalibrated.problem, better.residual, FALSE_ALARM_RATE).bins
-    assert case().folder.read("map_bins")["mean"].tolist() == pytest.approx(expected["mean"].tolist())
-    other = map_disagreement(chain.recalibrated.problem, chain.recalibrated.base.residual, FALSE_ALARM_RATE).bins
-    assert expected["mean"].tolist() != pytest.approx(other["mean"].tolist())
-
-
-def test_gaps_and_gains_are_counted_from_the_better_base(case, chain, better):
-    stages.regress(case())
-    stages.confirm(case())
-    gap = gap_of(case().folder.read("gaps"), "identify")
-    assert gap["before"] == pytest.approx(chain.recalibrated.problem.gap(better.residual))
-    assert gap["before"] != pytest.approx(chain.recalibrated.problem.gap(chain.recalibrated.base.residual))
-    assert case().outcome("regress").base.bic == pytest.approx(better.bic)
-
-
-def test_a_law_for_what_is_missing_is_sought_from_the_better_base(case, chain, better, monkeypatch):
-    unexplained = Decision("unexplained", better, better)
-    monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: unexplained)
-    stages.decide(case())
+def test_map_gaps_gains_and_laws_are_counted_from_the_better_base(decided, chain, better, monkeypatch):
+    problem, recalibrated = chain.recalibrated.problem, chain.recalibrated.base.residual
+    outcome = decided().outcome("decide")
+    assert outcome.base.values == pytest.approx(better.values) and outcome.chosen is outcome.base
+    stages.locate(decided())
+    expected, other = (
+        map_disagreement(problem, residual, FALSE_ALARM_RATE).bins["mean"].tolist()
+        for residual in (better.residual, recalibrated)
+    )
+    assert decided().folder.read("map_bins")["mean"].tolist() == pytest.approx(expected) != pytest.approx(other)
+    stages.regress(decided())
+    stages.confirm(decided())
+    before = gap_of(decided().folder.read("gaps"), "identify")["before"]
+    assert before == pytest.approx(problem.gap(better.residual)) != pytest.approx(problem.gap(recalibrated))
+    assert decided().outcome("regress").base.bic == pytest.approx(better.bic)
     asked, nothing = [], force_law.ForceLawResult(None, False, "no law holds")
     monkeypatch.setattr(force_law, "find_force_law", lambda problem, base, *_: asked.append(base) or nothing)
-    later = case()
-    later.library = []
-    stages.regress(later)
+    stages.regress(decided("unexplained"))
     assert asked[0].values == pytest.approx(better.values)
 
 
-def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(case, chain, better, monkeypatch):
+def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(decided, chain, better, monkeypatch):
     nominal = chain.recalibrated.nominal
     enough = Outcome("no_disagreement", nominal, better, [], chain.outcome.ranking)
     monkeypatch.setattr(CampaignState, "outcome", lambda *_: enough)
-    stages.confirm(case())
-    gap = gap_of(case().folder.read("gaps"), "identify")
+    stages.confirm(decided())
+    gap = gap_of(decided().folder.read("gaps"), "identify")
     assert gap["before"] == pytest.approx(chain.recalibrated.problem.gap(nominal.residual))
 
 
@@ -102,11 +89,10 @@ def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(cas
 def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_motion(
     tmp_path, monkeypatch, sensor, called
 ):
-    text = DEMONSTRATION.read_text().replace(
-        "../mechanisms/ideal_joints.yaml", str(ROOT / "config/mechanisms/erkaya2009.yaml")
-    )
+    mechanism = ROOT / "config/mechanisms/erkaya2009.yaml"
+    text = DEMONSTRATION.read_text().replace("../mechanisms/ideal_joints.yaml", str(mechanism))
     (tmp_path / "loose.yaml").write_text(f"folder: '{DEMONSTRATION.parent}'\n{text}")
-    (tmp_path / MECHANISM).write_text((ROOT / "config/mechanisms/erkaya2009.yaml").read_text())
+    (tmp_path / MECHANISM).write_text(mechanism.read_text())
     chosen = SimpleNamespace(hypothesis=(SimpleNamespace(sensor=sensor),))
     monkeypatch.setattr(CampaignState, "outcome", lambda *_: SimpleNamespace(chosen=chosen))
     campaign = load_campaign(tmp_path / "loose.yaml")
@@ -126,7 +112,7 @@ def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_m
 
 
 def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its_lengths(monkeypatch):
-    plain = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
+    plain = load_mechanism("erkaya2009")
     heavy = plain.model_copy(update={"slider": plain.slider.model_copy(update={"mass": 9.0})})
 
     def optima(mechanism, speed):
@@ -136,18 +122,17 @@ def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its
 
     monkeypatch.setattr(reoptimise, "_optima", optima)
     found = reoptimise.reoptimise({"base": plain, "augmented": heavy}, 30.0)
-    assert found["failed"].isna().tolist() == [True, False]
-    assert found["failed"].iloc[1] == "the slider jams"
+    assert found["failed"].isna().tolist() == [True, False] and found["failed"].iloc[1] == "the slider jams"
     assert found["crank_length"].iloc[0] == 0.15
 
 
 @pytest.mark.slow
 def test_networks_and_simulation_lead_to_the_same_lengths_and_ends_of_the_search_are_told():
-    plain = load_mechanism(ROOT / "config/mechanisms/erkaya2009.yaml")
+    plain = load_mechanism("erkaya2009")
     found = reoptimise.reoptimise({"base": plain}, 30.0).set_index("source")
     network, simulated = found.loc["network"], found.loc["simulation"]
-    assert network["crank_length"] == pytest.approx(simulated["crank_length"], rel=1e-3)
-    assert network["rod_length"] == pytest.approx(simulated["rod_length"], rel=1e-3)
+    for length in ("crank_length", "rod_length"):
+        assert network[length] == pytest.approx(simulated[length], rel=1e-3)
     assert network["reduction"] == pytest.approx(network["resimulated"], abs=0.02)
     moved = found[["crank_length", "rod_length"]].to_numpy() / [plain.crank.length, plain.rod.length] - 1.0
     assert (abs(moved) <= 0.02 + 1e-9).all()

@@ -1,11 +1,10 @@
 """What a verdict says in words, and the numbers at which it turns: each is met from both sides."""
 
-import pytest
-
 from jointgap.campaign.page import title
 from jointgap.campaign.sentences import answer, best_known_in_words, held_out_in_words
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
+from tests.catalogue import each
 
 FRICTION = "Missing in the model is Coulomb friction of the slider."
 TOLERATED = DEFAULT_SETTINGS.decision.noise_gap
@@ -14,49 +13,52 @@ UNMET = "It does not fit the held-out data"
 
 def held_out(verdict, before, after):
     """A verdict of a kind with other gaps on held-out data; what was not added changes nothing."""
-    return VERDICTS[verdict] | {
-        "gap": {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": before, "after": after}}
+    gap = {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": before, "after": after}}
+    return VERDICTS[verdict] | {"gap": gap}
+
+
+def test_every_verdict_says_what_is_missing_and_how_well_the_model_fits():
+    words = {
+        "no_disagreement": ["Nothing is missing", "current model fits", "within the noise"],
+        "parameters_only": ["No effect is missing", "with re-fitted parameters", "within the noise"],
+        "named": [FRICTION, "within the noise"],
+        "named_with_remaining_misfit": [FRICTION],
+        "ambiguous": ["Something is missing", "2 explanations fit equally well", "None was added"],
+        "unexplained": ["Something is missing", "none of the effects tried", "No effect was added"],
     }
-
-
-def test_the_answer_names_a_family_where_the_law_of_the_list_is_not_the_only_one():
-    found = {"law": "slider_power_drag", "shape": "exponent", "value": 0.4, "interval_99": [0.0, 1.3], "named": True}
-    assert answer(NAMED | {"effects": [COULOMB | {"families": [found]}]}).startswith(
-        "Missing in the model is drag of the slider (exponent 0 to 1.3; Coulomb friction of the slider fits)."
-    )
-
-
-@pytest.mark.parametrize(
-    ("verdict", "words"),
-    [
-        ("no_disagreement", ["Nothing is missing", "current model fits", "within the noise"]),
-        ("parameters_only", ["No effect is missing", "with re-fitted parameters", "within the noise"]),
-        ("named", [FRICTION, "within the noise"]),
-        ("named_with_remaining_misfit", [FRICTION]),
-        ("ambiguous", ["Something is missing", "2 explanations fit equally well", "None was added"]),
-        ("unexplained", ["Something is missing", "none of the effects tried", "No effect was added"]),
-    ],
-)
-def test_every_verdict_says_what_is_missing_and_how_well_the_model_fits(verdict, words):
-    assert all(each in answer(VERDICTS[verdict]) for each in words)
-
-
-def test_what_of_the_misfit_is_left_stands_in_numbers():
+    assert words.keys() == VERDICTS.keys()
+    for verdict, parts in words.items():
+        assert all(part in answer(VERDICTS[verdict]) for part in parts), verdict
     left = {"identify": {"before": 9.0, "after": 2.2}, "confirm": {"before": 8.0, "after": 1.0}}
     said = answer(VERDICTS["named_with_remaining_misfit"] | {"gap": left})
     assert "has a gap of 2.20 instead of 9.00" in said and "within the noise" not in said
+    several = VERDICTS["ambiguous"] | {"equivalent": [[COULOMB, BIAS], [COULOMB, WEIGHT]], "certain": [COULOMB]}
+    assert "All contain Coulomb friction of the slider." in answer(several)
+    doubted = {"doubted_channels": ["crank_torque", "slider_acceleration"], "best_known": BEST_KNOWN}
+    said = answer(VERDICTS["unexplained"] | doubted)
+    assert said.startswith("The data contradict each other") and "crank torque and slider acceleration" in said
 
 
-@pytest.mark.parametrize(("gap", "met"), [(1.2, True), (1.2001, False)])
-def test_up_to_a_gap_of_1_2_held_out_data_count_as_met(gap, met):
-    for verdict, before, after in (("named", 9.0, gap), ("no_disagreement", gap, gap), ("parameters_only", gap, gap)):
-        assert (UNMET not in answer(held_out(verdict, before, after))) == met
+def test_effects_faults_and_families_are_told_apart():
+    fault = "The measurement has a fault: a bias of the sensor of crank torque (0.5000 N m)."
+    two = "Missing in the model are Coulomb friction of the slider and the weight of the bodies."
+    shape = {"law": "slider_power_drag", "shape": "exponent", "value": 0.4, "interval_99": [0.0, 1.3], "named": True}
+    family = "Missing in the model is drag of the slider (exponent 0 to 1.3; Coulomb friction of the slider fits)."
+    for effects, begins in (
+        ([BIAS], f"The mechanism lacks nothing. {fault}"),
+        ([COULOMB, BIAS], f"{FRICTION} {fault}"),
+        ([COULOMB, WEIGHT], two),
+        ([COULOMB | {"families": [shape]}], family),
+    ):
+        assert answer(NAMED | {"effects": effects}).startswith(begins)
 
 
-def test_a_name_that_the_held_out_data_hardly_bear_out_is_not_said_to_be_confirmed():
-    gap = {"identify": {"before": 1.04, "after": 1.02}, "confirm": {"before": 1.024, "after": 1.022}}
-    said = answer(VERDICTS["named_with_remaining_misfit"] | {"held_out_test": "stays", "gap": gap})
-    assert said.endswith("The held-out data do not confirm it.")
+def test_up_to_a_gap_of_1_2_held_out_data_count_as_met():
+    for gap, met in ((1.2, True), (1.2001, False)):
+        for verdict, before in (("named", 9.0), ("no_disagreement", gap), ("parameters_only", gap)):
+            assert (UNMET not in answer(held_out(verdict, before, gap))) == met
+    slight = held_out("named_with_remaining_misfit", 1.024, 1.022) | {"held_out_test": "stays"}
+    assert answer(slight).endswith("The held-out data do not confirm it.")
 
 
 def test_held_out_runs_that_cannot_be_simulated_are_all_told_with_their_reasons():
@@ -73,36 +75,22 @@ def test_held_out_runs_that_cannot_be_simulated_are_all_told_with_their_reasons(
     assert f"{UNMET}: the gap there is 5.50" in answer(verdict)
 
 
-def test_a_fault_lies_in_the_measurement_and_two_effects_are_in_the_plural():
-    fault = "The measurement has a fault: a bias of the sensor of crank torque (0.5000 N m)."
-    assert answer(NAMED | {"effects": [BIAS]}).startswith(f"The mechanism lacks nothing. {fault}")
-    assert answer(NAMED | {"effects": [COULOMB, BIAS]}).startswith(f"{FRICTION} {fault}")
-    two = "Missing in the model are Coulomb friction of the slider and the weight of the bodies."
-    assert answer(NAMED | {"effects": [COULOMB, WEIGHT]}).startswith(two)
+def test_how_the_gap_on_held_out_data_goes_once_something_is_added():
+    def goes(test, before, after, sentence):
+        said = held_out_in_words(held_out("named", before, after) | {"held_out_test": test})
+        assert said == f"On held-out data it {sentence}"
 
-
-@pytest.mark.parametrize(
-    ("test", "before", "after", "sentence"),
-    [
+    cases = [
         ("falls", 3.0, 1.0, "falls from 3.00 to 1.00: 100.0 % of what exceeds the noise is gone"),
         ("falls", 3.0, 0.9, "falls from 3.00 to 0.90: 100.0 % of what exceeds the noise is gone"),
         ("falls", 3.0, 5.0**0.5, "falls from 3.00 to 2.24: 50.0 % of what exceeds the noise is gone"),
         ("rises", 3.0, 4.0, "rises from 3.00 to 4.00, so what was added does not hold there"),
         ("stays", 1.18, 1.18, "stays at 1.18, though it should fall"),
-    ],
-)
-def test_how_the_gap_on_held_out_data_goes_once_something_is_added(test, before, after, sentence):
-    said = held_out_in_words(held_out("named", before, after) | {"held_out_test": test})
-    assert said == f"On held-out data it {sentence}"
-
-
-def test_the_gap_on_held_out_data_where_nothing_was_added():
-    assert held_out_in_words(VERDICTS["parameters_only"]) == "On held-out data it is 1.02"
-
-
-@pytest.mark.parametrize(("before", "told"), [(TOLERATED - 1e-6, False), (TOLERATED + 1e-6, True)])
-def test_of_a_gap_that_counts_as_a_slight_misfit_no_share_is_told(before, told):
-    assert ("of what exceeds the noise is gone" in held_out_in_words(held_out("named", before, 0.99))) == told
+    ]
+    each(goes, cases)
+    assert held_out_in_words(VERDICTS["parameters_only"]) == "On held-out data it is 1.02"  # nothing was added
+    for before, told in ((TOLERATED - 1e-6, False), (TOLERATED + 1e-6, True)):  # of a slight misfit no share is told
+        assert ("of what exceeds the noise is gone" in held_out_in_words(held_out("named", before, 0.99))) == told
 
 
 BEST_KNOWN = {
@@ -118,46 +106,32 @@ def unproven(test="falls", **changed):
     return VERDICTS["unexplained"] | {"best_known": BEST_KNOWN | changed, "held_out_test": test}
 
 
-@pytest.mark.parametrize(("share", "part"), [(0.56, "56 %"), (0.994, "99 %"), (0.996, ""), (1.01, "")])
-def test_the_best_candidate_is_told_with_its_share_and_as_not_proven(share, part):
-    said, headline = answer(unproven(explained_share=share)), title(unproven(explained_share=share))
-    assert "The best candidate, Coulomb friction of the slider (21.30 N), explains" in said and "not proven" in said
-    assert (f"{part} of the misfit" in said) == bool(part) and (f"({part})" in headline) == bool(part)
-
-
-def test_what_is_best_but_not_proven_is_told_with_its_rest_its_test_its_rival_and_what_would_prove_it():
+def test_the_best_candidate_is_told_as_not_proven_with_its_share_its_rest_its_test_and_its_rival():
+    for share, part in ((0.56, "56 %"), (0.994, "99 %"), (0.996, ""), (1.01, "")):
+        said, head = answer(unproven(explained_share=share)), title(unproven(explained_share=share))
+        assert "The best candidate, Coulomb friction of the slider (21.30 N), explains" in said
+        assert "not proven" in said
+        assert (f"{part} of the misfit" in said) == bool(part) and (f"({part})" in head) == bool(part)
     rest, held, rival, proof = best_known_in_words(unproven())
-    assert "from 3.00 to 2.00, 56 %" in rest
-    assert "from 3.00 to 2.10" in held
+    assert "from 3.00 to 2.00, 56 %" in rest and "from 3.00 to 2.10" in held
     assert "the weight of the bodies and a linear spring on the slider, 432 of BIC behind" in rival
     assert proof.startswith("To prove it: explain the rest")
     assert len(best_known_in_words(unproven(rival=None))) == 3
     assert best_known_in_words(VERDICTS["unexplained"]) == ()
 
 
-@pytest.mark.parametrize(
-    ("test", "behind", "after", "words"),
-    [
+def test_what_would_prove_it_follows_from_what_it_lacks():
+    def proves(test, behind, after, words):
+        gap = {"identify": {"before": 3.0, "after": 2.0}, "confirm": {"before": 3.0, "after": after}}
+        rival = BEST_KNOWN["rival"] | {"behind": behind}
+        assert words in best_known_in_words(unproven(test, rival=rival, gap=gap))[-1]
+
+    cases = [
         ("rises", 432.0, 4.0, "a held-out run on which its gap falls"),
         ("stays", 432.0, 3.0, "a held-out run on which its gap falls"),
         ("stays", 432.0, 2.6, "explain the rest"),
         ("falls", 9.9, 2.1, "in which it differs from the next best"),
         ("falls", 10.1, 2.1, "explain the rest"),
         ("cannot_tell", 432.0, 2.1, "a longer held-out run"),
-    ],
-)
-def test_what_would_prove_it_follows_from_what_it_lacks(test, behind, after, words):
-    gap = {"identify": {"before": 3.0, "after": 2.0}, "confirm": {"before": 3.0, "after": after}}
-    rival = BEST_KNOWN["rival"] | {"behind": behind}
-    assert words in best_known_in_words(unproven(test, rival=rival, gap=gap))[-1]
-
-
-def test_what_all_of_several_explanations_hold_is_certain():
-    several = VERDICTS["ambiguous"] | {"equivalent": [[COULOMB, BIAS], [COULOMB, WEIGHT]], "certain": [COULOMB]}
-    assert "All contain Coulomb friction of the slider." in answer(several)
-
-
-def test_channels_that_contradict_others_head_the_answer():
-    doubted = {"doubted_channels": ["crank_torque", "slider_acceleration"], "best_known": BEST_KNOWN}
-    said = answer(VERDICTS["unexplained"] | doubted)
-    assert said.startswith("The data contradict each other") and "crank torque and slider acceleration" in said
+    ]
+    each(proves, cases)

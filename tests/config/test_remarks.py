@@ -10,6 +10,7 @@ from tests.config.mechanisms import effect, mechanism, paper
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_depth": "1 um"}
 CLOSE = {name: {"bearing_radius": "7.1 mm"} for name in ("crank_pin", "piston_pin")}
+IDEAL = {"crank_pin": {"loose": False}, "piston_pin": "ideal"}
 
 
 def with_contact(**keys):
@@ -17,14 +18,10 @@ def with_contact(**keys):
     return mechanism(contacts={"steel": keys}, joints=CLOSE)
 
 
-def test_a_clearance_of_more_than_a_twentieth_of_the_journal_is_remarked_on():
+def test_clearances_of_more_than_a_twentieth_of_the_journal_and_masses_far_apart_are_remarked_on():
     assert [remark.split(":")[0] for remark in odd_data(paper())] == ["crank_pin", "piston_pin"]
     assert "1 mm, is 14.3 % of journal_radius, 7 mm" in odd_data(paper())[0]
-    assert odd_data(mechanism(joints=CLOSE)) == []
-    assert odd_data(mechanism(joints={"crank_pin": {"loose": False}, "piston_pin": "ideal"})) == []
-
-
-def test_masses_that_are_far_apart_are_remarked_on():
+    assert odd_data(mechanism(joints=CLOSE)) == odd_data(mechanism(joints=IDEAL)) == []
     assert odd_data(mechanism(slider={"mass": "18 kg"}, joints=CLOSE)) == []
     (told,) = odd_data(mechanism(slider={"mass": 190}, joints=CLOSE))
     assert told.startswith("slider.mass: 190 kg") and "513 times crank.mass, 0.3704 kg" in told
@@ -38,33 +35,24 @@ def test_an_inertia_that_no_link_of_its_mass_and_length_has_is_refused(link, mos
         mechanism(**{link: {"inertia": 1.001 * most}})
 
 
-@pytest.mark.parametrize(
-    ("law", "restitution", "delivered"), [("hunt_crossley", 0.5, "0.663"), ("flores", 0.3, "0.256")]
-)
-def test_a_law_that_delivers_another_restitution_is_named_for_each_loose_joint(law, restitution, delivered):
-    found = remarks(with_contact(law=law, restitution=restitution))
-    assert [remark.split(":")[0] for remark in found] == ["crank_pin", "piston_pin"]
-    for remark in found:
-        assert f"{law} delivers a restitution of {delivered}" in remark
-        assert f"where {restitution:g} is asked for" in remark
-
-
-def test_there_is_nothing_to_say_where_what_is_asked_is_delivered():
+def test_a_law_that_delivers_another_restitution_is_named_for_each_loose_joint():
+    for law, restitution, delivered in (("hunt_crossley", 0.5, "0.663"), ("flores", 0.3, "0.256")):
+        found = remarks(with_contact(law=law, restitution=restitution))
+        assert [remark.split(":")[0] for remark in found] == ["crank_pin", "piston_pin"]
+        for remark in found:
+            assert f"{law} delivers a restitution of {delivered}" in remark
+            assert f"where {restitution:g} is asked for" in remark
     assert remarks(with_contact(law="exact_restitution")) == []
     assert remarks(with_contact(law="carvalho_martins", restitution=0.7)) == []
-
-
-def test_an_ideal_joint_has_no_contact_to_remark_on():
     assert len(remarks(mechanism(effect("crank_pin_clearance", clearance_m=0), joints=CLOSE))) == 1
-    assert remarks(mechanism(joints={"crank_pin": "ideal", "piston_pin": {"loose": False}})) == []
+    assert remarks(mechanism(joints=IDEAL)) == []
 
 
 def test_the_penalty_form_says_what_it_delivers():
     elastic = remarks(with_contact(penalty_damping=0, **PENALTY))[0]
     assert "depends on mass and speed: about 1 at 0.1 m/s and 1 at 1 m/s" in elastic
-    numbers = [
-        float(word) for word in remarks(with_contact(penalty_damping=2000, **PENALTY))[0].split() if word[:2] == "0."
-    ]
+    damped = remarks(with_contact(penalty_damping=2000, **PENALTY))[0]
+    numbers = [float(word) for word in damped.split() if word[:2] == "0."]
     assert all(0 < number < 1 for number in numbers) and len(numbers) == 3  # two restitutions and a speed
 
 

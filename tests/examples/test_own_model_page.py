@@ -13,23 +13,19 @@ NOISE = 0.05  # N
 MASS = 10.3  # kg; the page's model says 10
 
 
-def made(folder: Path, force) -> None:
-    """The page's two CSV files: thirty cycles of each run, in which `force` of the speed acts on the slide."""
-    random = np.random.default_rng(1)
-    for run, period in {"slow": 4.0, "fast": 2.0}.items():
-        time = np.arange(3000) * period / 100.0
-        rate = 2.0 * np.pi / period
-        speed, acceleration = 0.1 * rate * np.cos(rate * time), -0.1 * rate**2 * np.sin(rate * time)
-        taken = MASS * acceleration - force(speed) + random.normal(0.0, NOISE, time.size)
-        pd.DataFrame({"t": time, "force": taken}).to_csv(folder / f"{run}.csv", index=False)
-
-
 @pytest.fixture
 def outcome(tmp_path, monkeypatch):
-    """What the page's names hold after its code has run where a force acts."""
+    """What the page's names hold after its code has run on its two CSV files: thirty cycles of each run, in which a
+    force of the speed acts on the slide.
+    """
 
     def run(force) -> dict:
-        made(tmp_path, force)
+        random = np.random.default_rng(1)
+        for run, period in {"slow": 4.0, "fast": 2.0}.items():
+            time, rate = np.arange(3000) * period / 100.0, 2.0 * np.pi / period
+            speed, acceleration = 0.1 * rate * np.cos(rate * time), -0.1 * rate**2 * np.sin(rate * time)
+            taken = MASS * acceleration - force(speed) + random.normal(0.0, NOISE, time.size)
+            pd.DataFrame({"t": time, "force": taken}).to_csv(tmp_path / f"{run}.csv", index=False)
         monkeypatch.chdir(tmp_path)
         names: dict = {}
         exec(compile(CODE, "docs/how_to/own_model.md", "exec"), names)
@@ -38,39 +34,31 @@ def outcome(tmp_path, monkeypatch):
     return run
 
 
-def gaps_held_out(names: dict) -> tuple[float, float]:
-    gaps = names["gaps"]
+def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_the_gap_falls_to_noise(outcome):
+    names = outcome(lambda speed: -2.0 * np.sign(speed))
+    found, gaps = names["found"], names["gaps"]
+    assert (found.verdict, found.chosen.label) == ("named", "slider_coulomb_friction"), found.because
     row = gaps[(gaps["role"] == "confirm") & (gaps["run"] == "all")].iloc[0]
-    return row["before"], row["after"]
-
-
-def test_friction_is_named_and_the_gap_of_the_held_out_run_falls_to_noise(outcome):
-    names = outcome(lambda speed: -2.0 * np.sign(speed))
-    found = names["found"]
-    assert found.verdict == "named", found.because
-    assert found.chosen.label == "slider_coulomb_friction"
-    assert found.chosen.mapping["slider_coulomb_friction.force_N"] == pytest.approx(2.0, rel=0.02)
-    before, after = gaps_held_out(names)
-    assert before > 5.0
-    assert after == pytest.approx(1.0, abs=0.1)
-
-
-def test_values_are_stated_with_the_intervals_of_a_line_through_the_forces(outcome):
-    names = outcome(lambda speed: -2.0 * np.sign(speed))
-    measured = next(series for series in names["model"].series if series.run == "slow")
-    rate = 2.0 * np.pi / 4.0
+    assert row["before"] > 5.0 and row["after"] == pytest.approx(1.0, abs=0.1)
+    measured, rate = next(series for series in names["model"].series if series.run == "slow"), 2.0 * np.pi / 4.0
     inertia, friction = -0.1 * rate**2 * np.sin(rate * measured.time), np.sign(np.cos(rate * measured.time))
     design = np.column_stack([inertia, friction])
-    best, errors = (
-        np.linalg.lstsq(design, measured.value)[0],
-        NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design))),
-    )
-    for estimate, value, error in zip(
-        (names["stated"]["mass"], names["stated"]["slider_coulomb_friction"]["force_N"]), best, errors, strict=True
-    ):
+    best = np.linalg.lstsq(design, measured.value)[0]
+    errors = NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    stated = names["stated"]["mass"], names["stated"]["slider_coulomb_friction"]["force_N"]
+    for estimate, value, error in zip(stated, best, errors, strict=True):
         assert estimate["value"] == pytest.approx(value, abs=0.1 * error)
         assert estimate["sd"] == pytest.approx(error, rel=0.1)
         assert estimate["interval_90"] == pytest.approx([value - 1.645 * error, value + 1.645 * error], abs=0.3 * error)
+    doubted = names["final_verdict"](names["by_fits"], names["confirmed"], doubted_channels=["force"])
+    assert doubted.verdict == "unexplained" and doubted.because.startswith(
+        "what force reads contradicts other channels"
+    )
+    assert names["disagreement"].remark == ""
+    for series in names["model"].series:
+        series.angle[:] = np.nan  # without a phase there is no map, and that is said
+    mapped = names["map_disagreement"](names["base"].problem, found.base.residual)
+    assert mapped.windows.empty and mapped.remark.startswith("No map of force of run slow: no phase is known there.")
 
 
 def test_with_nothing_hidden_the_mass_alone_is_found(outcome):
@@ -81,38 +69,15 @@ def test_with_nothing_hidden_the_mass_alone_is_found(outcome):
 
 def test_a_law_that_is_not_on_the_list_is_found_as_a_formula(outcome):
     names = outcome(lambda speed: -400.0 * speed**3)
-    assert names["found"].verdict == "unexplained"
-    assert names["proposed"].accepted, names["proposed"].because
-    assert re.fullmatch(r"slider force = -\d+(\.\d+)?\*v\^3", names["proposed"].law.words)
-    assert names["proposed"].law.coefficients["c1"] == pytest.approx(-400.0, rel=0.05)
+    proposed = names["proposed"]
+    assert names["found"].verdict == "unexplained" and proposed.accepted, proposed.because
+    assert re.fullmatch(r"slider force = -\d+(\.\d+)?\*v\^3", proposed.law.words)
+    assert proposed.law.coefficients["c1"] == pytest.approx(-400.0, rel=0.05)
 
 
 def test_a_force_that_the_held_out_run_lacks_is_not_named_but_shown(outcome):
-    def in_the_slow_run_alone(speed):
-        return -2.0 * np.sign(speed) if np.max(np.abs(speed)) < 0.2 else 0.0 * speed
-
-    names = outcome(in_the_slow_run_alone)
+    names = outcome(lambda speed: -2.0 * np.sign(speed) if np.max(np.abs(speed)) < 0.2 else 0.0 * speed)
     assert names["by_fits"].verdict == "named", names["by_fits"].because
     found = names["found"]
     assert (found.verdict, found.best_known.label) == ("unexplained", "slider_coulomb_friction")
-    assert names["confirmed"].test.outcome == "rises"
-    assert found.chosen is found.base
-
-
-def test_channels_in_doubt_are_no_evidence_of_a_force(outcome):
-    names = outcome(lambda speed: -2.0 * np.sign(speed))
-    final_verdict = names["final_verdict"]
-    doubted = final_verdict(names["by_fits"], names["confirmed"], doubted_channels=["force"])
-    assert doubted.verdict == "unexplained"
-    assert doubted.because.startswith("what force reads contradicts other channels")
-
-
-def test_without_a_phase_it_is_said_that_there_is_no_map(outcome):
-    names = outcome(lambda speed: -2.0 * np.sign(speed))
-    assert names["disagreement"].remark == ""
-    for series in names["model"].series:
-        series.angle[:] = np.nan
-    problem = names["base"].problem
-    found = names["map_disagreement"](problem, names["found"].base.residual)
-    assert found.windows.empty
-    assert found.remark.startswith("No map of force of run slow: no phase is known there.")
+    assert names["confirmed"].test.outcome == "rises" and found.chosen is found.base

@@ -1,16 +1,16 @@
-"""Small tables of a made-up but consistent motion, for the figures to draw."""
+"""Small tables for the figures to draw: of a coarse simulation, and made up of what takes long."""
 
 import numpy as np
 import pandas as pd
 
 from jointgap.config import Scenario, load_mechanism
 from jointgap.core import joints, schema
-from jointgap.core.joints import JOINT_NUMBERS, PINS
-from jointgap.dynamics.kinematics import ClearanceMotion, Motion, linkage_motion
+from jointgap.core.joints import PINS
+from jointgap.dynamics.simulation import simulate
 from jointgap.scenario.kinematics import kinematics
 from jointgap.scenario.trained import predictions
 
-SAMPLES = 72  # a revolution, every 5 deg
+SAMPLES = 360  # a revolution: so fine that an impact has some
 TRAINING = 13  # points, every 30 deg
 
 
@@ -25,7 +25,7 @@ def scenario(loose=PINS, **more) -> Scenario:
     return Scenario.model_validate(
         {
             "mechanism": mechanism,
-            "simulate": {"samples_per_revolution": SAMPLES, "revolutions": 2},
+            "simulate": {"samples_per_revolution": SAMPLES, "revolutions": 2, "tolerance": 1e-8},
             "surrogate": {"training_points": TRAINING},
             "optimise": {
                 "boxes": {"paper": {"crank_length": (0.147, 0.153), "rod_length": (0.555, 0.564)}},
@@ -36,89 +36,6 @@ def scenario(loose=PINS, **more) -> Scenario:
         }
         | more
     )
-
-
-def trajectory(options: Scenario) -> pd.DataFrame:
-    """Journals that leave the centre, reach the wall and turn with the crank; undefined directions at the start."""
-    simulate = options.simulate
-    n = simulate.revolutions * simulate.samples_per_revolution + 1
-    angle = simulate.start_angle + np.linspace(0.0, 2 * np.pi * simulate.revolutions, n)
-    speed = simulate.speed
-    loose = options.mechanism.loose
-    gap = 1e-3
-    reached = 1.0 - np.exp(-3.0 * angle)
-    length = Motion(gap * reached, gap * 3 * speed * np.exp(-3 * angle), -gap * 9 * speed**2 * np.exp(-3 * angle))
-
-    def direction(lag: float, swing: float) -> Motion:
-        position = angle - lag + swing * np.sin(2 * angle)
-        velocity = speed * (1 + 2 * swing * np.cos(2 * angle))
-        acceleration = -4 * swing * speed**2 * np.sin(2 * angle)
-        position, velocity, acceleration = position.copy(), velocity.copy(), acceleration.copy()
-        for values in (position, velocity, acceleration):
-            values[0] = np.nan
-        return Motion(position, velocity, acceleration)
-
-    vectors = {}
-    for joint, lag, swing in zip(JOINTS, (0.6, 0.3, 1.0), (0.3, 0.1, 0.2), strict=True):
-        if joint in loose:
-            number = JOINT_NUMBERS[joint]
-            vectors |= {f"r{number}": length, f"gamma{number}": direction(lag, swing)}
-    clearance = ClearanceMotion(**vectors)
-    motion = linkage_motion(options.mechanism, Motion.of(angle, speed), clearance)
-    columns = {
-        "time": (angle - angle[0]) / speed,
-        "crank_angle": angle,
-        "crank_speed": speed,
-        "crank_acceleration": 0.0,
-    }
-    ideal = {"r": Motion.of(np.zeros(n)), "gamma": Motion.of(*[np.full(n, np.nan)] * 3)}
-    for name in (f"{quantity}{number}" for number in (1, 2, 3) for quantity in ideal):
-        part = vectors.get(name, ideal[name[:-1]])
-        columns |= {name: part.position, f"{name}_dot": part.velocity, f"{name}_ddot": part.acceleration}
-    for name, part in (("rod", (motion.rod_x, motion.rod_y)),):
-        for axis, values in zip("xy", part, strict=True):
-            columns |= {
-                f"{name}_position_{axis}": values.position,
-                f"{name}_velocity_{axis}": np.nan_to_num(values.velocity),
-                f"{name}_acceleration_{axis}": np.nan_to_num(values.acceleration),
-            }
-    columns |= {
-        "rod_angle": motion.rod_angle.position,
-        "rod_angular_velocity": np.nan_to_num(motion.rod_angle.velocity),
-        "rod_angular_acceleration": np.nan_to_num(motion.rod_angle.acceleration),
-        "slider_position": motion.slider_x.position,
-        "slider_velocity": np.nan_to_num(motion.slider_x.velocity),
-        "slider_acceleration": np.nan_to_num(motion.slider_x.acceleration),
-        "transmission_angle": motion.transmission_angle.position,
-    }
-    force = np.where(reached > 0.9, 800.0 * (1 + 0.5 * np.cos(angle)), 0.0)
-    for joint in JOINTS:
-        mode = np.where(force > 0.0, np.where(angle < 2.0, "impact", "contact"), "flight")
-        columns |= {
-            f"{joint}_mode": mode if joint in loose else "ideal",
-            f"{joint}_normal_force": force,
-            f"{joint}_friction_force": 0.05 * force,
-            f"{joint}_force_x": force * np.cos(angle),
-            f"{joint}_force_y": force * np.sin(angle),
-        }
-    columns["rod_deflection"] = 0.0
-    for name in ("crank_torque", "guide_force", "guide_moment", "frame_force_x", "frame_force_y"):
-        columns[name] = 10.0 * np.sin(angle)
-    return pd.DataFrame(columns)[[column.name for column in schema.TRAJECTORY.columns]]
-
-
-def events(options: Scenario) -> pd.DataFrame:
-    """Two rebounds and a contact that lasts to the end, in each loose joint."""
-    rows = []
-    for joint in options.mechanism.loose:
-        for place, (angle, event) in enumerate(((0.5, "impact"), (0.6, "separation")) * 2 + ((2.0, "impact"),)):
-            ends = (
-                {"impulse": 0.1, "peak_force": 900.0, "maxima": 1.0, "duration": 1e-3} if event == "separation" else {}
-            )
-            ends |= {"approach_speed": 0.3 / (1 + place)} if event == "impact" else {}
-            angle += options.simulate.start_angle + place / 4
-            rows.append({"time": angle / 60.0, "crank_angle": angle, "joint": joint, "event": event} | ends)
-    return pd.DataFrame(rows)[[column.name for column in schema.EVENTS.columns]]
 
 
 def fits(samples: pd.DataFrame, learned: tuple[str, ...]) -> dict:
@@ -135,21 +52,14 @@ def fits(samples: pd.DataFrame, learned: tuple[str, ...]) -> dict:
 
 def fit_history(learned: tuple[str, ...]) -> pd.DataFrame:
     """Errors that fall from two starts, outputs below each other."""
-    iteration = np.arange(401)
-    frames = [
-        pd.DataFrame(
-            {
-                "output": output,
-                "model": "network",
-                "seed": seed,
-                "iteration": iteration,
-                "mse": (1.0 + seed) / (1.0 + iteration) ** 2,
-            }
-        )
+    step = np.arange(401)
+    own = [
+        {"output": output, "seed": seed, "mse": (1.0 + seed) / (1.0 + step) ** 2}
         for output in learned
         for seed in (0, 1)
     ]
-    return pd.concat(frames, ignore_index=True).assign(held_out_mse=np.nan)
+    frames = [pd.DataFrame(one | {"iteration": step}) for one in own]
+    return pd.concat(frames, ignore_index=True).assign(held_out_mse=np.nan, model="network")
 
 
 def fit_errors(learned: tuple[str, ...]) -> pd.DataFrame:
@@ -225,14 +135,10 @@ def optimisation() -> dict[str, pd.DataFrame]:
 
 def tables_of(options: Scenario) -> dict[str, pd.DataFrame]:
     """Every table that a figure needs, by name."""
-    motion, learned = trajectory(options), joints.outputs(options.mechanism.loose)
-    surrogates = {"networks": fits(motion.iloc[: SAMPLES + 1], learned)}
-    found = kinematics(options.mechanism, options.simulate, TRAINING, motion, surrogates)
-    return {
-        "trajectory": motion,
-        "events": events(options),
-        "kinematics": found["kinematics"],
-        "predictions": predictions(surrogates, motion.iloc[: SAMPLES + 1]),
-        "fit_history": fit_history(learned),
-        "fit_errors": fit_errors(learned),
-    } | optimisation()
+    done, learned = simulate(options.mechanism, options.simulate), joints.outputs(options.mechanism.loose)
+    first = done.samples.iloc[: SAMPLES + 1]
+    surrogates = {"networks": fits(first, learned)}
+    found = kinematics(options.mechanism, options.simulate, TRAINING, done.samples, surrogates)
+    tables = {"trajectory": done.samples, "events": done.events, "kinematics": found["kinematics"]}
+    tables |= {"predictions": predictions(surrogates, first), "fit_history": fit_history(learned)}
+    return tables | {"fit_errors": fit_errors(learned)} | optimisation()

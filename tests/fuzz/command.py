@@ -1,18 +1,15 @@
-"""Commands as users run them, and damage to the text and the values of YAML files."""
+"""Damage to the text and the values of YAML files, and what a command may make of it."""
 
-import io
-import sys
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import pyarrow.parquet as pq
+import yaml
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
-from jointgap.app.cli import main
+from tests.command import jointgap
 
 fuzz = settings(
     derandomize=True,
@@ -29,23 +26,14 @@ scraps = st.sampled_from(["", "\t", ":", "- ", "{", "]", "'", "&a ", "*a ", "!!x
 
 
 def works_or_is_refused(file: Path, *words: str) -> str | None:
-    """Output of a command that reads `file`; None where it ends with exit code 2 and an error that names the file.
-
-    A traceback is an error of the test itself.
-    """
-    output, errors = io.StringIO(), io.StringIO()
-    with redirect_stdout(output), redirect_stderr(errors), patch.object(sys, "argv", ["jointgap", *map(str, words)]):
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = end.code or 0
-    if code == 0:
-        return output.getvalue()
-    assert code == 2 and output.getvalue() == ""
-    lines = errors.getvalue().splitlines()
+    """Output of a command that reads `file`; None where it ends with exit code 2 and an error that names the file."""
+    done = jointgap(*words)
+    if done.returncode == 0:
+        return done.stdout
+    assert done.returncode == 2 and done.stdout == ""
+    lines = done.stderr.splitlines()
     assert any(line.startswith("jointgap: error: ") and str(file) in line for line in lines), lines
-    assert "Traceback" not in errors.getvalue() and "\x1b" not in errors.getvalue()
+    assert "Traceback" not in done.stderr and "\x1b" not in done.stderr
     return None
 
 
@@ -91,7 +79,12 @@ def renamed(node: Any, path: tuple, name: Any) -> Any:
     return changed(node, path, change)
 
 
-def cut(text: str, place: int, length: int, scrap: str) -> str:
-    """`text` with `scrap` in place of some characters."""
-    place %= len(text)
-    return text[:place] + scrap + text[place + length :]
+def damaged(good: dict) -> st.SearchStrategy[str]:
+    """Texts of a YAML file in which a value is replaced, a key is lost or renamed, or some characters are others."""
+    paths, text = st.sampled_from(list(places(good))), yaml.safe_dump(good)
+    values = st.builds(lambda path, value: yaml.safe_dump(replaced(good, path, value), allow_unicode=True), paths, junk)
+    names = st.text(max_size=6) | st.integers()
+    keys = st.builds(lambda path, name: yaml.safe_dump(renamed(good, path, name), allow_unicode=True), paths, names)
+    starts, lengths = st.integers(0, len(text) - 1), st.integers(0, 30)
+    scrapped = st.builds(lambda at, length, scrap: text[:at] + scrap + text[at + length :], starts, lengths, scraps)
+    return values | keys | scrapped

@@ -5,25 +5,14 @@ import shutil
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from jointgap.config.load import load_campaign
 from jointgap.core.csv_files import Columns
-from jointgap.core.errors import InputError
 from jointgap.rig.read_files import check_copies, read_measurements
-from tests.recordings.rig import CAMPAIGN, table, write_rig
+from tests.catalogue import refused
+from tests.recordings.rig import CAMPAIGN, read_rig, table, write_rig
 
-SAME_SPEED = [run | {"speed": "200 rpm"} for run in CAMPAIGN["runs"]]
-
-
-def refusal(campaign_file) -> str:
-    with pytest.raises(InputError) as caught:
-        read_measurements(load_campaign(campaign_file))
-    return str(caught.value)
-
-
-def under_another_name(slow, fast):
-    shutil.copy(slow, fast)
+SAME_SPEED = {"runs": [run | {"speed": "200 rpm"} for run in CAMPAIGN["runs"]]}
 
 
 def by_a_link(slow, fast):
@@ -40,34 +29,29 @@ def with_rows_left_out(slow, fast):
     fast.write_text("\n".join([lines[0], *lines[20:-20]]))
 
 
-@pytest.mark.parametrize(
-    "copied", [under_another_name, by_a_link, with_a_comment_and_another_separator, with_rows_left_out]
-)
-def test_a_confirm_run_that_is_a_copy_of_an_identify_run_is_refused(tmp_path, copied):
-    file = write_rig(tmp_path, {"runs": SAME_SPEED})
-    copied(tmp_path / "slow.csv", tmp_path / "fast.csv")
-    message = refusal(file)
-    assert (
-        f"{tmp_path / 'fast.csv'}: the run 'fast' has the samples of the run 'slow' in {tmp_path / 'slow.csv'}"
-        in message
+def in_another_format(slow, fast):
+    table(200.0).to_parquet(fast)
+
+
+def test_a_confirm_run_that_is_a_copy_of_an_identify_run_is_refused(tmp_path):
+    slow, fast = tmp_path / "slow.csv", tmp_path / "fast.csv"
+
+    def copied(copy):
+        file = write_rig(tmp_path, SAME_SPEED)
+        copy(slow, fast)
+        read_measurements(load_campaign(file))
+
+    words = (
+        f"{fast}: the run 'fast' has the samples of the run 'slow' in {slow} ~ a copy confirms nothing: give the file"
     )
-    assert "a copy confirms nothing: give the file that was measured" in message
+    copies = [shutil.copy, with_a_comment_and_another_separator, with_rows_left_out, in_another_format, by_a_link]
+    refused(copied, [(copy, words) for copy in copies])
 
 
-def test_a_copy_in_another_format_and_with_another_stated_speed_is_refused_too(tmp_path):
-    file = write_rig(tmp_path, {"runs": [CAMPAIGN["runs"][0], CAMPAIGN["runs"][1] | {"file": "fast.parquet"}]})
-    table(200.0).to_parquet(tmp_path / "fast.parquet")
-    assert "the run 'fast' has the samples of the run 'slow'" in refusal(file)
-
-
-def test_runs_that_are_rounded_until_cycles_are_alike_are_no_copies_of_each_other(tmp_path):
+def test_runs_that_are_alike_but_no_copies_are_read(tmp_path):
+    fast = table(200.0, first=0.4)
+    assert set(read_rig(tmp_path, SAME_SPEED, fast=fast).runs) == {"slow", "fast"}
     angle = np.tile(np.arange(0.0, 360.0), 4)  # of an encoder that asks for the samples, and no time
-    values = {"theta": angle, "x": np.round(np.cos(np.radians(angle)), 2)}
+    values = {"theta": angle, "x": np.round(np.cos(np.radians(angle)), 2)}  # rounded until cycles are alike
     columns = Columns(values, np.arange(angle.size), {})
-    files = {run: (SimpleNamespace(path=f"{run}.csv"), columns) for run in ("slow", "fast")}
-    check_copies(files)
-
-
-def test_two_runs_at_one_speed_from_another_angle_are_no_copies(tmp_path):
-    file = write_rig(tmp_path, {"runs": SAME_SPEED}, fast=table(200.0, first=0.4))
-    assert set(read_measurements(load_campaign(file)).runs) == {"slow", "fast"}
+    check_copies({run: (SimpleNamespace(path=f"{run}.csv"), columns) for run in ("slow", "fast")})

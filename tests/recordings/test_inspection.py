@@ -34,13 +34,9 @@ def test_cycles_speed_gaps_and_scatter_are_told(tmp_path):
     assert row["samples_per_revolution"] == pytest.approx(50.0, rel=1e-9)
     assert row["mean_speed"] == pytest.approx(200 * math.tau / 60, rel=1e-9)
     assert row["speed_spread"] == pytest.approx(0.0, abs=1e-9)
-    assert row["scatter"] == pytest.approx(0.02, rel=0.1)
-    assert row["stated_noise"] == 0.02
+    assert row["scatter"] == pytest.approx(0.02, rel=0.1) and row["stated_noise"] == 0.02
     assert numbers.loc[("slow", "slider_position"), "scatter"] < 1e-9
-
-
-def test_scatter_is_the_noise_where_samples_fall_between_those_of_the_cycle_before(tmp_path):
-    numbers, _ = looked(tmp_path, slow=noisy(count=1003))
+    numbers, _ = looked(tmp_path, slow=noisy(count=1003))  # samples between those of the cycle before
     assert numbers.loc[("slow", "crank_torque"), "scatter"] == pytest.approx(0.02, rel=0.1)
 
 
@@ -52,40 +48,27 @@ def test_a_speed_that_changes_from_cycle_to_cycle_has_a_spread(tmp_path):
     assert numbers.loc[("slow", "crank_angle"), "speed_spread"] == pytest.approx(np.std(speeds[:3], ddof=1), rel=0.1)
 
 
-def test_speeds_are_unknown_unless_time_and_angle_are_measured(tmp_path):
-    for without in ("time", "crank_angle"):
-        numbers, _ = looked(tmp_path, without=(without,))
-        assert numbers["mean_speed"].isna().all()
-        assert (numbers["cycles"] == 3).all()
-
-
-@pytest.mark.parametrize("without", [(), ("time",), ("crank_angle",)])
-def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path, without):
+def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path):
     given = noisy()
     given.loc[50:59, "x"] = np.nan
-    _, figures = looked(tmp_path, without=without, slow=given)
-    assert list(figures) == ["slow", "fast"]
-    data = figures["slow"].data
-    parquet.to_arrow(schema.PLOTTED, data)  # it can be written
-    panels = set(data["panel"])
-    assert {"slow: crank torque", "slow: slider position"} <= panels
-    assert ("slow: departure from steady rotation" in panels) == (without == ())
-    shown = data[data["panel"] == "slow: slider position"]
-    assert len(shown) == 400
-    assert shown["y"].isna().sum() == 10
-    assert shown["x"].between(0.0, 360.0).all()
+    for without in ((), ("time",), ("crank_angle",)):
+        numbers, figures = looked(tmp_path, without=without, slow=given)
+        assert numbers["mean_speed"].isna().all() == bool(without)  # unknown unless time and angle are measured
+        assert list(figures) == ["slow", "fast"]
+        data = figures["slow"].data
+        parquet.to_arrow(schema.PLOTTED, data)  # it can be written
+        panels = set(data["panel"])
+        assert {"slow: crank torque", "slow: slider position"} <= panels
+        assert ("slow: departure from steady rotation" in panels) == (without == ())
+        shown = data[data["panel"] == "slow: slider position"]
+        assert (len(shown), shown["y"].isna().sum()) == (400, 10) and shown["x"].between(0.0, 360.0).all()
 
 
-def test_gaps_of_the_angle_are_bridged_in_the_figure(tmp_path):
+def test_gaps_of_the_angle_are_bridged_and_a_clockwise_run_is_drawn_at_the_angles_of_its_file(tmp_path):
     given = noisy()
     given.loc[0:30, "theta"] = np.nan
-    _, figures = looked(tmp_path, slow=given)
-    shown = figures["slow"].data
-    torque = shown[shown["panel"] == "slow: crank torque"]
+    torque = looked(tmp_path, slow=given)[1]["slow"].data.query("panel == 'slow: crank torque'")
     np.testing.assert_allclose(torque["x"].to_numpy(), noisy()["theta"], atol=1e-6)
-
-
-def test_a_clockwise_run_is_drawn_at_the_angles_of_its_file(tmp_path):
     given = noisy().assign(theta=lambda t: 360 - t.theta)
     clockwise = {"runs": [CAMPAIGN["runs"][0] | {"direction": "clockwise"}, CAMPAIGN["runs"][1]]}
     numbers, figures = looked(tmp_path, over=clockwise, slow=given)

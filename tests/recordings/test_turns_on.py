@@ -8,12 +8,13 @@ import pytest
 
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
-from jointgap.rig.read_files import read_measurements
 from jointgap.rig.recording import from_frame, to_frame
-from tests.recordings.rig import read_rig, table, write_rig
+from tests.catalogue import each
+from tests.recordings.rig import CAMPAIGN, read_rig, table
 
 SPEED = 200 * np.pi / 30
 ANGLE_DRIVES = {"drive": "measured_angle"}
+ROLES = [run | {"role": role} for run, role in zip(CAMPAIGN["runs"], ("confirm", "identify"), strict=True)]
 
 
 def turning(course, noise_deg=0.1, turns=6.0, count=960, seed=0):
@@ -24,12 +25,10 @@ def turning(course, noise_deg=0.1, turns=6.0, count=960, seed=0):
     return frame
 
 
-def with_roles():
-    runs = [
-        {"id": "slow", "file": "slow.csv", "speed": "200 rpm", "role": "confirm"},
-        {"id": "fast", "file": "fast.csv", "speed": "600 rpm", "role": "identify"},
-    ]
-    return {"runs": runs}
+@pytest.fixture
+def read(tmp_path):
+    """Measurements where the slow run confirms and the other one identifies."""
+    return lambda slow, over=ANGLE_DRIVES: read_rig(tmp_path, {"runs": ROLES} | over, slow=slow)
 
 
 def run_up(turned):
@@ -49,83 +48,66 @@ def turn_back(turned):
     return turned - np.clip(turned - 2.5, 0.0, 0.5) * 2.0
 
 
-@pytest.mark.parametrize(
-    ("course", "words", "until"),
-    [
+def test_a_crank_that_does_not_turn_on_is_told_with_the_time_and_its_run_left_out(read, tmp_path):
+    def left_out(course, words, until):
+        found = read(turning(course))
+        assert list(found.runs) == ["fast"]
+        (told,) = found.left_out.values()
+        assert f"run slow is left out: {told}" in found.remarks and "slow.csv, column theta, row" in told
+        time = re.search(words, told)
+        assert time and float(time[1]) == pytest.approx(until, abs=0.05), told
+        own = load_campaign(tmp_path / "rig.yaml")
+        again = from_frame(to_frame(found), own, found.remarks, found.contradictions)
+        assert (list(again.runs), again.left_out) == (list(found.runs), found.left_out)
+
+    cases = [
         (run_up, r"stands still until (\S+) s; cut the record there \(keep what comes after", 0.3 + 0.06),
         (run_down, r"stands still from (\S+) s on; cut the record there \(keep what comes before", 1.2 - 0.06),
         (rest_between, r"stands still from (\S+) s to 1.0\d* s; .*\(make two runs of it", 0.75),
         (turn_back, r"turns back from (\S+) s to 0.9\d* s; ", 0.74),
-    ],
-)
-def test_a_crank_that_does_not_turn_on_is_told_with_the_time_and_its_run_left_out(tmp_path, course, words, until):
-    read = read_rig(tmp_path, with_roles() | ANGLE_DRIVES, slow=turning(course))
-    assert list(read.runs) == ["fast"]
-    (told,) = [remark for remark in read.remarks if remark.startswith("run slow is left out: ")]
-    assert read.left_out == {"slow": told.removeprefix("run slow is left out: ")}
-    found = re.search(words, told)
-    assert found and float(found[1]) == pytest.approx(until, abs=0.05), told
-    assert "slow.csv, column theta, row" in told
+    ]
+    each(left_out, cases)
+    with pytest.raises(InputError, match=r"(?s)rig-a: no run for fitting can be used.*slow.csv.*stands still until"):
+        read(turning(run_up), {"runs": CAMPAIGN["runs"]} | ANGLE_DRIVES)
+    motor = {"drive": "motor", "motor": {"stall_torque": "5 N*m", "no_load_speed": "300 rpm", "inertia": "0.01 kg*m^2"}}
+    assert read(turning(run_up), motor).left_out == {}  # which may start from rest
 
 
-def test_what_else_is_odd_in_a_run_that_is_left_out_is_no_doubt_of_a_channel(tmp_path):
+def test_what_else_is_odd_in_a_run_that_is_left_out_is_no_doubt_of_a_channel(read):
     frame = turning(run_up)
     frame.loc[300:400:4, "M"] = -999.0
-    read = read_rig(tmp_path, with_roles() | ANGLE_DRIVES, slow=frame)
-    assert [(found.channel, found.kind) for found in read.contradictions] == [("crank_angle", "standstill")]
-    assert any("crank_torque is far from all else" in remark for remark in read.remarks)
-    kept = turning(lambda turned: turned).assign(M=frame.M)
-    read = read_rig(tmp_path, with_roles() | ANGLE_DRIVES, slow=kept)
-    assert [(found.channel, found.kind) for found in read.contradictions] == [("crank_torque", "no_data")]
+    found = read(frame)
+    assert [(one.channel, one.kind) for one in found.contradictions] == [("crank_angle", "standstill")]
+    assert any("crank_torque is far from all else" in remark for remark in found.remarks)
+    kept = read(turning(lambda turned: turned).assign(M=frame.M))
+    assert [(one.channel, one.kind) for one in kept.contradictions] == [("crank_torque", "no_data")]
 
 
-@pytest.mark.parametrize("drive", ["measured_angle", "constant_speed"])
-@pytest.mark.parametrize("step", [-40.0, 25.0, 138.24])
-def test_a_step_that_stays_is_told_as_a_step_whatever_drives(tmp_path, drive, step):
+def test_a_step_that_stays_is_told_as_a_step_and_a_single_misread_angle_is_none(read):
     """Lost pulses; a counter that overflows at a number of counts that is no whole number of turns."""
-    frame = turning(lambda turned: turned)
-    frame.loc[500:, "theta"] = (frame.theta[500:] + step) % 360.0
-    read = read_rig(tmp_path, with_roles() | {"drive": drive}, slow=frame)
-    (told,) = read.left_out.values()
-    size = float(re.search("the angle steps by (\\S+) deg", told)[1])
-    assert size == pytest.approx(step, abs=1.0)
-    assert "row 502" in told and "lost or counted twice" in told
-    assert not any("far off its neighbours" in remark for remark in read.remarks)
 
+    def told_as_step(drive, step):
+        frame = turning(lambda turned: turned)
+        frame.loc[500:, "theta"] = (frame.theta[500:] + step) % 360.0
+        found = read(frame, {"drive": drive})
+        (told,) = found.left_out.values()
+        assert float(re.search("the angle steps by (\\S+) deg", told)[1]) == pytest.approx(step, abs=1.0)
+        assert "row 502" in told and "lost or counted twice" in told
+        assert not any("far off its neighbours" in remark for remark in found.remarks)
 
-def test_a_single_angle_that_the_encoder_misread_is_no_step(tmp_path):
+    each(told_as_step, [("measured_angle", -40.0), ("constant_speed", 25.0), ("measured_angle", 138.24)])
     frame = turning(lambda turned: turned)
     frame.loc[500:501, "theta"] += 40.0
-    read = read_rig(tmp_path, with_roles(), slow=frame)
-    assert read.left_out == {}
-    assert any("far off its neighbours" in remark for remark in read.remarks)
+    found = read(frame, {})
+    assert found.left_out == {} and any("far off its neighbours" in remark for remark in found.remarks)
 
 
-@pytest.mark.parametrize("unsteadiness", [0.3, 0.6, 0.9, 0.95])
-@pytest.mark.parametrize("count", [180, 960])
-def test_a_crank_that_slows_down_in_every_turn_without_stopping_is_read(tmp_path, unsteadiness, count):
+def test_a_crank_that_slows_down_in_every_turn_without_stopping_is_read(read):
     fine = np.linspace(0.0, 10.0, 100_001)
-    time = np.cumsum(1.0 / (1.0 + unsteadiness * np.cos(2 * np.pi * fine)))
-    time *= 10.0 / time[-1]
-    read = read_rig(
-        tmp_path, with_roles() | ANGLE_DRIVES, slow=turning(lambda turned: np.interp(turned, time, fine), count=count)
-    )
-    assert read.left_out == {}
 
+    def is_read(unsteadiness, count):
+        time = np.cumsum(1.0 / (1.0 + unsteadiness * np.cos(2 * np.pi * fine)))
+        time *= 10.0 / time[-1]
+        assert read(turning(lambda turned: np.interp(turned, time, fine), count=count)).left_out == {}
 
-def test_without_a_run_for_fitting_one_error_says_why_of_each(tmp_path):
-    with pytest.raises(InputError, match=r"(?s)rig-a: no run for fitting can be used.*slow.csv.*stands still until"):
-        read_rig(tmp_path, ANGLE_DRIVES, slow=turning(run_up))
-
-
-def test_a_motor_may_start_its_crank_from_rest(tmp_path):
-    motor = {"drive": "motor", "motor": {"stall_torque": "5 N*m", "no_load_speed": "300 rpm", "inertia": "0.01 kg*m^2"}}
-    assert read_rig(tmp_path, with_roles() | motor, slow=turning(run_up)).left_out == {}
-
-
-def test_a_run_that_is_left_out_survives_the_tidy_table(tmp_path):
-    path = write_rig(tmp_path, with_roles() | ANGLE_DRIVES, slow=turning(run_up))
-    own = load_campaign(path)
-    read = read_measurements(own)
-    again = from_frame(to_frame(read), own, read.remarks, read.contradictions)
-    assert (list(again.runs), again.left_out) == (list(read.runs), read.left_out)
+    each(is_read, [(share, count) for share in (0.3, 0.95) for count in (180, 960)])

@@ -8,21 +8,6 @@ from jointgap.app.report import optimum_lines, verdict_lines
 from jointgap.core.errors import InputError
 from tests.campaign.verdicts import NAMED
 
-
-def test_a_verdict_is_told_with_size_interval_gap_and_page(tmp_path):
-    (tmp_path / "verdict.json").write_text(json.dumps(NAMED))
-    answer, size, gap, page = verdict_lines(tmp_path)
-    assert answer.startswith("campaign rig-a: Missing in the model is Coulomb friction of the slider.")
-    assert size == "  Coulomb friction of the slider: force of friction 21.30 N (90 % interval 20.60 to 22.00)"
-    assert "falls from 8.70 to 1.05" in gap and "sample by sample" in gap
-    assert page == f"  page: {tmp_path / 'summary.html'}"
-
-
-def test_a_campaign_without_a_verdict_is_an_error(tmp_path):
-    with pytest.raises(InputError, match=r"verdict\.json"):
-        verdict_lines(tmp_path)
-
-
 SUMMARY = {
     "headline": "",
     "remarks": ["the crank lies at its bound"],
@@ -33,18 +18,25 @@ SUMMARY = {
 }
 
 
+def test_a_verdict_is_told_with_size_interval_gap_and_page(tmp_path):
+    with pytest.raises(InputError, match=r"verdict\.json"):
+        verdict_lines(tmp_path)
+    (tmp_path / "verdict.json").write_text(json.dumps(NAMED))
+    answer, size, gap, page = verdict_lines(tmp_path)
+    assert answer.startswith("campaign rig-a: Missing in the model is Coulomb friction of the slider.")
+    assert size == "  Coulomb friction of the slider: force of friction 21.30 N (90 % interval 20.60 to 22.00)"
+    assert "falls from 8.70 to 1.05" in gap and "sample by sample" in gap
+    assert page == f"  page: {tmp_path / 'summary.html'}"
+
+
 def test_each_scenario_has_a_row_with_the_numbers_of_its_page_and_shared_remarks_are_told_once(tmp_path):
+    assert optimum_lines(["mine"], tmp_path) == []
     names = ("short", "a_longer_name")
     for name in names:
         (tmp_path / name).mkdir()
         (tmp_path / name / "summary.json").write_text(json.dumps(SUMMARY))
     heads, short, longer, *_, remark, short_page, _ = optimum_lines((*names, "lost"), tmp_path)
     assert short.split() == "short 149.000 560.123 0.0540 to 0.0519 -3.81 (-3.82 to +3.80)".split()
-    assert longer.split()[0] == "a_longer_name"
-    assert len(heads) == len(short) == len(longer)
+    assert longer.split()[0] == "a_longer_name" and len(heads) == len(short) == len(longer)
     assert remark == "remark on all scenarios: the crank lies at its bound"
     assert short_page == f"page of short: {tmp_path / 'short' / 'summary.html'}"
-
-
-def test_nothing_is_said_where_nothing_was_summarised(tmp_path):
-    assert optimum_lines(["mine"], tmp_path) == []

@@ -1,6 +1,7 @@
 """Tables keep units, descriptions and gaps, and are written whole or not at all."""
 
 import errno
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,154 +12,98 @@ import pytest
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.schema import TABLES, Column, Table
+from tests.catalogue import refused
 
-SMALL = Table(
-    "small",
-    "a table for tests",
-    (
-        Column("angle", "rad", "an angle"),
-        Column("direction", "rad", "undefined where the centres coincide", nullable=True),
-        Column("count", "1", "a whole number", "int"),
-        Column("name", "", "a word", "text"),
-        Column("good", "", "yes or no", "bool"),
-    ),
+COLUMNS = (
+    Column("angle", "rad", "an angle"),
+    Column("direction", "rad", "undefined where the centres coincide", nullable=True),
+    Column("count", "1", "a whole number", "int"),
+    Column("name", "", "a word", "text"),
+    Column("good", "", "yes or no", "bool"),
 )
+SMALL = Table("small", "a table for tests", COLUMNS)
+ROWS = [(0.1, np.nan, 1, "a", True), (1 / 3, 0.0, 2, "b", False), (np.pi, 1e-300, 3, "ä", True)]
+FRAME = pd.DataFrame(ROWS, columns=[column.name for column in COLUMNS])
 
 
 @pytest.fixture
-def frame():
-    return pd.DataFrame(
-        {
-            "angle": [0.1, 1 / 3, np.pi],
-            "direction": [np.nan, 0.0, 1e-300],
-            "count": [1, 2, 3],
-            "name": ["a", "b", "ä"],
-            "good": [True, False, True],
-        }
-    )
+def place(tmp_path):
+    return tmp_path / "small.parquet"
 
 
-def test_a_table_comes_back_bit_for_bit(tmp_path, frame):
-    parquet.write(SMALL, frame, tmp_path / "small.parquet")
-    pd.testing.assert_frame_equal(parquet.read(SMALL, tmp_path / "small.parquet"), frame, check_exact=True)
-
-
-def test_undefined_is_null_in_the_file_and_never_zero(tmp_path, frame):
-    parquet.write(SMALL, frame, tmp_path / "small.parquet")
-    column = pq.read_table(tmp_path / "small.parquet").column("direction")
-    assert column.null_count == 1
-    assert column.to_pylist()[0] is None
-
-
-def test_every_column_carries_unit_and_description(tmp_path, frame):
-    parquet.write(SMALL, frame, tmp_path / "small.parquet")
-    shown = parquet.describe(tmp_path / "small.parquet").set_index("column")
+def test_a_table_comes_back_bit_for_bit_with_units_descriptions_and_gaps(place):
+    parquet.write(SMALL, FRAME, place)
+    first = place.read_bytes()
+    pd.testing.assert_frame_equal(parquet.read(SMALL, place), FRAME, check_exact=True)
+    column = pq.read_table(place).column("direction")
+    assert column.null_count == 1 and column.to_pylist()[0] is None  # undefined is null and never zero
+    shown = parquet.describe(place).set_index("column")
     assert shown.loc["angle", "unit"] == "rad"
     assert shown.loc["direction", "description"] == "undefined where the centres coincide"
+    parquet.write(SMALL, FRAME, place)
+    assert place.read_bytes() == first
 
 
-@pytest.mark.parametrize("table", TABLES.values())
-def test_every_shipped_column_has_a_description_and_every_number_a_unit(table):
-    assert len({column.name for column in table.columns}) == len(table.columns)
-    for column in (one for one in table.columns if one.name[0] != "{"):
-        assert column.description, column.name
-        assert column.unit or column.kind in ("text", "category", "bool"), column.name
+def test_every_shipped_column_has_a_description_and_every_number_a_unit():
+    for table in TABLES.values():
+        assert len({column.name for column in table.columns}) == len(table.columns), table.name
+        for column in (one for one in table.columns if one.name[0] != "{"):
+            assert column.description, column.name
+            assert column.unit or column.kind in ("text", "category", "bool"), column.name
 
 
-def test_the_same_frame_gives_the_same_bytes(tmp_path, frame):
-    for name in ("one", "two"):
-        parquet.write(SMALL, frame, tmp_path / f"{name}.parquet")
-    assert (tmp_path / "one.parquet").read_bytes() == (tmp_path / "two.parquet").read_bytes()
+def test_a_frame_that_is_not_the_table_is_refused_and_leaves_nothing_behind(place):
+    cases = [
+        (FRAME.drop(columns="angle"), "missing columns"),
+        (FRAME.assign(more=1), "unknown columns"),
+        (FRAME.assign(angle=np.nan), "angle ~ non-nullable"),
+        (FRAME.assign(angle=[0.0, 1.0, np.inf]), "angle holds an infinite value"),
+    ]
+    refused(lambda frame: parquet.write(SMALL, frame, place), cases, ValueError)
+    assert list(place.parent.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda frame: frame.drop(columns="angle"), "missing columns"),
-        (lambda frame: frame.assign(more=1), "unknown columns"),
-        (lambda frame: frame.assign(angle=np.nan), "angle.*non-nullable"),
-        (lambda frame: frame.assign(angle=[0.0, 1.0, np.inf]), "angle holds an infinite value"),
-    ],
-)
-def test_a_frame_that_is_not_the_table_is_refused_and_leaves_nothing_behind(tmp_path, frame, change, words):
-    with pytest.raises(ValueError, match=words):
-        parquet.write(SMALL, change(frame), tmp_path / "small.parquet")
-    assert list(tmp_path.iterdir()) == []
+def test_a_failed_write_keeps_the_old_file_and_no_half_written_one(place):
+    def stops(error):
+        def half_way(temporary):
+            Path(temporary).write_text("ne")
+            raise error
 
+        return half_way
 
-def test_a_failed_write_keeps_the_old_file_and_no_half_written_one(tmp_path):
-    place = tmp_path / "old.txt"
-    place.write_text("old", encoding="utf-8")
-
-    def stop_half_way(temporary):
-        with open(temporary, "w", encoding="utf-8") as file:
-            file.write("ne")
-        raise KeyboardInterrupt
-
+    place.write_text("old")
     with pytest.raises(KeyboardInterrupt):
-        parquet.write_atomically(place, stop_half_way)
-    assert [file.read_text(encoding="utf-8") for file in tmp_path.iterdir()] == ["old"]
-
-
-def test_a_folder_that_is_a_file_is_one_clear_error(tmp_path, frame):
-    (tmp_path / "taken").write_text("", encoding="utf-8")
+        parquet.write_atomically(place, stops(KeyboardInterrupt))
+    with pytest.raises(InputError, match=r"small\.parquet: cannot be written \(No space left on device\)"):
+        parquet.write_atomically(place, stops(OSError(errno.ENOSPC, "No space left on device")))
+    assert [file.read_text() for file in place.parent.iterdir()] == ["old"]
     with pytest.raises(InputError, match="cannot be written"):
-        parquet.write(SMALL, frame, tmp_path / "taken" / "small.parquet")
+        parquet.write(SMALL, FRAME, place / "small.parquet")  # below a file
 
 
-def test_a_missing_a_damaged_and_a_wrong_file_are_told_apart(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        parquet.read(SMALL, tmp_path / "small.parquet")
-    (tmp_path / "small.parquet").write_bytes(b"not parquet")
-    with pytest.raises(InputError, match="cannot be read as Parquet"):
-        parquet.read(SMALL, tmp_path / "small.parquet")
-    pq.write_table(pa.table({"angle": [1.0]}), tmp_path / "small.parquet")
-    with pytest.raises(InputError, match="not 'small'"):
-        parquet.read(SMALL, tmp_path / "small.parquet")
-
-
-def test_a_table_of_another_version_is_refused_by_the_columns_that_differ(tmp_path, frame):
-    other = Table("small", "as it was", (*SMALL.columns[1:], Column("old", "1", "a column that is gone")))
-    parquet.write(other, frame.drop(columns="angle").assign(old=1.0), tmp_path / "small.parquet")
-    with pytest.raises(InputError, match=r"other columns than this version's, angle \(double\), old \(double\); run"):
-        parquet.read(SMALL, tmp_path / "small.parquet")
-
-
-def test_a_column_of_another_type_is_named(tmp_path, frame):
-    arrow = parquet.to_arrow(SMALL, frame)
-    text = pa.field("angle", pa.string())
-    torn = arrow.set_column(0, text, pa.array(["0.1", "x", "0.3"])).replace_schema_metadata(arrow.schema.metadata)
-    with parquet.writer(tmp_path / "small.parquet", torn.schema) as file:
-        file.write_table(torn)
-    with pytest.raises(InputError, match=r"angle \(double\), angle \(string\)"):
-        parquet.read(SMALL, tmp_path / "small.parquet")
-
-
-def test_a_file_that_lost_its_end_or_a_block_in_the_middle_is_refused(tmp_path, frame):
-    place = tmp_path / "small.parquet"
-    parquet.write(SMALL, frame, place)
+def test_a_missing_a_damaged_a_wrong_file_and_one_of_another_version_are_told_apart(place):
+    refused(parquet.describe, [(place, "no such file")])
+    refused(lambda: parquet.read(SMALL, place), [("no such file",)])
+    parquet.write(SMALL, FRAME, place)
     whole = place.read_bytes()
-    for torn in (whole[:-1], whole[: len(whole) // 2], whole[:100] + bytes(50) + whole[150:], bytes(len(whole))):
-        place.write_bytes(torn)
+    torn = [b"", b"not parquet", whole[:-1], whole[: len(whole) // 2]]
+    for content in (*torn, whole[:100] + bytes(50) + whole[150:], bytes(len(whole))):
+        place.write_bytes(content)
         with pytest.raises(InputError, match="cannot be read as Parquet"):
             parquet.read(SMALL, place)
-
-
-def test_what_is_no_parquet_file_cannot_be_described(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        parquet.describe(tmp_path / "small.parquet")
-    (tmp_path / "small.parquet").touch()
-    with pytest.raises(InputError, match="cannot be read as Parquet"):
-        parquet.describe(tmp_path / "small.parquet")
-
-
-def test_a_disk_that_fills_up_is_one_clear_error_and_leaves_nothing_behind(tmp_path):
-    def fill(temporary):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with pytest.raises(InputError, match=r"full\.txt: cannot be written \(No space left on device\)"):
-        parquet.write_atomically(tmp_path / "full.txt", fill)
-    assert list(tmp_path.iterdir()) == []
+    place.touch()
+    refused(parquet.describe, [(place, "cannot be read as Parquet")])
+    pq.write_table(pa.table({"angle": [1.0]}), place)
+    refused(lambda: parquet.read(SMALL, place), [("not 'small'",)])
+    other = Table("small", "as it was", (*COLUMNS[1:], Column("old", "1", "a column that is gone")))
+    parquet.write(other, FRAME.drop(columns="angle").assign(old=1.0), place)
+    words = "other columns than this version's, angle (double), old (double); run"
+    refused(lambda: parquet.read(SMALL, place), [(words,)])
+    arrow = parquet.to_arrow(SMALL, FRAME)
+    text = arrow.set_column(0, pa.field("angle", pa.string()), pa.array(["0.1", "x", "0.3"]))
+    with parquet.writer(place, text.replace_schema_metadata(arrow.schema.metadata).schema) as file:
+        file.write_table(text.replace_schema_metadata(arrow.schema.metadata))
+    refused(lambda: parquet.read(SMALL, place), [("angle (double), angle (string)",)])
 
 
 def test_whether_a_file_can_be_written_is_found_out_without_writing_it(tmp_path):
@@ -168,12 +113,9 @@ def test_whether_a_file_can_be_written_is_found_out_without_writing_it(tmp_path)
     parquet.check_writable(tmp_path / "new" / "file.parquet")
     assert list((tmp_path / "new").iterdir()) == []
     (tmp_path / "taken").touch()
-    with pytest.raises(InputError, match="cannot be written"):
-        parquet.check_writable(tmp_path / "taken" / "file.parquet")
-    with pytest.raises(InputError, match="is a folder"):
-        parquet.check_writable(tmp_path / "new")
-
-
-def test_one_file_for_two_results_is_refused(tmp_path):
-    with pytest.raises(InputError, match="named for two results"):
-        parquet.check_writable(tmp_path / "a.parquet", tmp_path / "new" / ".." / "a.parquet")
+    cases = [
+        (tmp_path / "taken" / "file.parquet", "cannot be written"),
+        (tmp_path / "new", "is a folder"),
+        (tmp_path / "a.parquet", tmp_path / "new" / ".." / "a.parquet", "named for two results"),
+    ]
+    refused(parquet.check_writable, cases)

@@ -57,11 +57,11 @@ def client(results: Path):
     return client_of(results)
 
 
-def client_of(results: Path):
-    """MLflow's own view of the store in `results`."""
+def client_of(store: Path | str):
+    """MLflow's own view of a store, at an address or in a results folder."""
     from mlflow.tracking import MlflowClient
 
-    return MlflowClient(tracking_uri=store_address(results))
+    return MlflowClient(tracking_uri=store if isinstance(store, str) else store_address(store))
 
 
 def runs_of(client) -> dict:

@@ -9,17 +9,7 @@ import pandas as pd
 from jointgap.config import Scenario, load_mechanism
 from jointgap.core import parquet, schema
 from jointgap.core.joints import OUTPUTS
-from jointgap.core.schema import (
-    COMPARISON,
-    KINEMATICS_CONTRADICTIONS,
-    KINEMATICS_ERRORS,
-    OPTIMISE_OPTIMA,
-    OPTIMISE_PATHS,
-    OPTIMISE_POPULATION,
-    OPTIMISE_RESIMULATED,
-    OPTIMISE_WORTH,
-    Table,
-)
+from jointgap.core.schema import TABLES, Table
 from jointgap.scenario.stages import SCENARIO_STAGES
 
 HIDDEN = (3, 2)
@@ -77,13 +67,8 @@ def fit(salt: int) -> pd.DataFrame:
 def simulated(folder: Path, salt: int = 0) -> dict[str, Path]:
     """Tables of the stage simulate."""
     events = {"joint": ["crank_pin"] * 3 + ["piston_pin"], "event": ["impact", "separation", "impact", "impact"]}
-    return _write(
-        folder,
-        {
-            "trajectory": numbers(schema.TRAJECTORY, 50, salt),
-            "events": numbers(schema.EVENTS, 4, salt, **events),
-        },
-    )
+    motion, events = numbers(schema.TRAJECTORY, 50, salt), numbers(schema.EVENTS, 4, salt, **events)
+    return _write(folder, {"trajectory": motion, "events": events})
 
 
 def learned(folder: Path, salt: int = 0, outputs: Sequence[str] = ("r2", "r3")) -> dict[str, Path]:
@@ -110,13 +95,13 @@ def learned(folder: Path, salt: int = 0, outputs: Sequence[str] = ("r2", "r3")) 
 def finished(folder: Path, salt: int = 0) -> dict[str, Path]:
     """Tables of all stages."""
     frames = {
-        "kinematics_errors": numbers(KINEMATICS_ERRORS, 2, salt, region=["first_revolution", "past_60_deg"]),
-        "kinematics_contradictions": numbers(KINEMATICS_CONTRADICTIONS, 1, salt, region=["first_revolution"]),
+        "kinematics_errors": numbers(schema.KINEMATICS_ERRORS, 2, salt, region=["first_revolution", "past_60_deg"]),
+        "kinematics_contradictions": numbers(schema.KINEMATICS_CONTRADICTIONS, 1, salt, region=["first_revolution"]),
     }
     verdicts = {"kind": ["number", "claim", "claim"], "verdict": ["agrees", "holds", "holds"]}
     frames |= _clearance(salt)
     items = {"item": ["rod's gain: real, at 5 %", "second", "third"]}
-    frames["comparison"] = numbers(COMPARISON, 3, salt, **verdicts, **items)
+    frames["comparison"] = numbers(schema.COMPARISON, 3, salt, **verdicts, **items)
     files = learned(folder, salt, OUTPUTS) | _write(folder, frames | _optimised(salt))
     (folder / "comparison.md").write_text("in words")
     return files
@@ -144,33 +129,22 @@ def _optimised(salt: int) -> dict[str, pd.DataFrame]:
     where = {"source": source, "box": box}
     length = {"crank_length": [POINTS[key[:2]] for key in keys]}
     return {
-        "optimise_optima": numbers(OPTIMISE_OPTIMA, 4, salt, point=points, method=method, **where, **length),
-        "optimise_population": numbers(OPTIMISE_POPULATION, 4, salt, generation=[0, 0, 1, 1], **where),
-        "optimise_paths": numbers(OPTIMISE_PATHS, 4, salt, start=[0, 1, 0, 1], iteration=[0, 0, 0, 0], **where),
+        "optimise_optima": numbers(schema.OPTIMISE_OPTIMA, 4, salt, point=points, method=method, **where, **length),
+        "optimise_population": numbers(schema.OPTIMISE_POPULATION, 4, salt, generation=[0, 0, 1, 1], **where),
+        "optimise_paths": numbers(schema.OPTIMISE_PATHS, 4, salt, start=[0, 1, 0, 1], iteration=[0, 0, 0, 0], **where),
         "optimise_resimulated": numbers(
-            OPTIMISE_RESIMULATED, len(again), salt, point=point, stretch=stretch, measure=measure
+            schema.OPTIMISE_RESIMULATED, len(again), salt, point=point, stretch=stretch, measure=measure
         ),
-        "optimise_worth": numbers(OPTIMISE_WORTH, 8, salt, point=points * 2, cycle=["ideal"] * 4 + ["simulated"] * 4),
+        "optimise_worth": numbers(
+            schema.OPTIMISE_WORTH, 8, salt, point=points * 2, cycle=["ideal"] * 4 + ["simulated"] * 4
+        ),
     }
 
 
 def _write(folder: Path, frames: dict[str, pd.DataFrame]) -> dict[str, Path]:
-    kinds = {table.name: table for table in (schema.TRAJECTORY, schema.EVENTS, schema.FIT, schema.FIT_HISTORY)}
-    others = (schema.FIT_ERRORS, schema.CLEARANCE_FIT, COMPARISON, KINEMATICS_ERRORS, KINEMATICS_CONTRADICTIONS)
-    kinds |= {
-        table.name: table
-        for table in (
-            *others,
-            OPTIMISE_OPTIMA,
-            OPTIMISE_POPULATION,
-            OPTIMISE_PATHS,
-            OPTIMISE_RESIMULATED,
-            OPTIMISE_WORTH,
-        )
-    }
     files = {name: folder / f"{name}.parquet" for name in frames}
     for name, frame in frames.items():
-        parquet.write(kinds[name.partition("/")[0]], frame, files[name])
+        parquet.write(TABLES[name.partition("/")[0]], frame, files[name])
     return files
 
 

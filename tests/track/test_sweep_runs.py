@@ -11,7 +11,7 @@ from jointgap.config import Scenario
 from jointgap.core import parquet, schema
 from jointgap.core.errors import InputError
 from jointgap.designs.infer_settings import NUMBERS
-from jointgap.designs.run import write_dataset
+from jointgap.designs.run import table_of, write_dataset
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.sensitivity import TABLES
 from jointgap.designs.stages import sweep_record, track_sweep
@@ -21,19 +21,13 @@ from tests.track.synthetic import numbers
 
 SWEPT = {"clearance": {"from": "0.2 mm", "to": "0.4 mm"}, "mechanism.joints.crank_pin.journal": ["crank", "rod"]}
 DESIGNS = Path("sweep/designs")
-UNCERTAIN = {"friction": {"from": 0, "to": 0.2}}
 
 
 def scenario(number: int = 8, swept: dict = SWEPT, **more) -> Scenario:
     """Simulated in milliseconds."""
     coarse = options(revolutions=2, samples_per_revolution=360, tolerance=1e-8)
-    return Scenario(
-        description="made up",
-        mechanism=mechanism(friction=0.1),
-        simulate=coarse,
-        sweep={"parameters": swept, "number": number, "designs_per_job": 4},
-        **more,
-    )
+    sweep = {"parameters": swept, "number": number, "designs_per_job": 4}
+    return Scenario(description="made up", mechanism=mechanism(friction=0.1), simulate=coarse, sweep=sweep, **more)
 
 
 def simulated(asked: Scenario, folder: Path) -> None:
@@ -42,56 +36,16 @@ def simulated(asked: Scenario, folder: Path) -> None:
     (folder / "sweep/summary.html").write_text("a page")
 
 
-def decided(folder: Path) -> None:
-    """What decides: indices of one measure, none of another."""
-    named = {"measure": ["stroke", "noise_share"], "q2": [0.99, 0.1], "reason": [None, "predicted badly"]}
-    surrogates = numbers(schema.SENSITIVITY_SURROGATES, 2, **named)
-    indices = {"measure": ["stroke"] * 2, "parameter": ["clearance", "friction"], "total": [0.7, 0.4]}
-    frames = {
-        schema.SENSITIVITY_SURROGATES: surrogates,
-        schema.SENSITIVITY_INDICES: numbers(schema.SENSITIVITY_INDICES, 2, **indices),
-        schema.SENSITIVITY_EFFECTS: numbers(schema.SENSITIVITY_EFFECTS, 2),
-    }
-    _write(frames, folder)
-    (folder / "sensitivity/figures").mkdir()
-    (folder / "sensitivity/figures/indices.png").write_bytes(b"a picture")
-
-
-def robust(folder: Path) -> None:
-    """Robust lengths beside the original ones."""
-    lengths = {"lengths": ["original", "robust"], "crank_length": [0.150, 0.149]}
-    gains = {"lengths": ["robust"], "beside": ["original"], "probability": [0.875]}
-    candidates = {"search": ["robust"], "step": ["grid"]}
-    fresh = schema.OPTIMISE_ROBUST_FRESH.filled(uncertain=())
-    _write(
-        {
-            schema.OPTIMISE_ROBUST_LENGTHS: numbers(schema.OPTIMISE_ROBUST_LENGTHS, 2, **lengths),
-            schema.OPTIMISE_ROBUST_GAINS: numbers(schema.OPTIMISE_ROBUST_GAINS, 1, **gains),
-            schema.OPTIMISE_ROBUST_CONSTRAINTS: numbers(
-                schema.OPTIMISE_ROBUST_CONSTRAINTS, 1, constraint=["stroke"], lengths=["robust"]
-            ),
-            schema.OPTIMISE_ROBUST_CANDIDATES: numbers(schema.OPTIMISE_ROBUST_CANDIDATES, 1, **candidates),
-            fresh: numbers(fresh, 2),
-        },
-        folder,
-    )
-
-
-def inferred(folder: Path) -> None:
-    """Printed numbers that come out in some designs."""
-    designs = {"design": [4, 2, 3], "together": [True, False, False], "farthest": [0.04, 0.1, 0.2]}
-    designs |= {one.column: [one.printed, 0.0, 0.0] for one in NUMBERS}
-    frames = {
-        schema.INFER_SETTINGS_SETTINGS: {"setting": ["friction"]},
-        schema.INFER_SETTINGS_DESIGNS.filled(swept=()): designs,
-    }
-    _write({table: numbers(table, len(next(iter(of.values()))), **of) for table, of in frames.items()}, folder)
-    (folder / "infer_settings/nearest_scenario.yaml").write_text("run: [nearest]")
-
-
-def _write(frames: dict, folder: Path) -> None:
-    for table, frame in frames.items():
-        parquet.write(table, frame, folder / table.path)
+def made_up(folder: Path, *files: str, **tables: dict) -> None:
+    """Tables, by name, with these columns and made-up numbers in the others; and files that hold nothing."""
+    for name, columns in tables.items():
+        groups = {one.name[1:-1]: () for one in schema.TABLES[name].columns if one.name[0] == "{"}
+        table = schema.TABLES[name].filled(**groups)
+        rows = len(next(iter(columns.values()), (1, 2)))
+        parquet.write(table, numbers(table, rows, **columns), folder / table.path)
+    for name in files:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
 
 
 @pytest.fixture
@@ -101,26 +55,30 @@ def folder(results) -> Path:
 
 def published(asked: Scenario, folder: Path) -> dict:
     """What the stage says that it did."""
-    file = folder / "track_sweep/published.json"
     track_sweep(ScenarioResults(folder, asked))
-    return json.loads(file.read_text())
+    return json.loads((folder / "track_sweep/published.json").read_text())
 
 
-def the_run(client):
-    """The only run that there is, deleted ones counted too."""
+def the_run(client, kind="ACTIVE_ONLY"):
+    """The only run that there is."""
     from mlflow.entities import ViewType
 
     experiments = [found.experiment_id for found in client.search_experiments()]
-    (run,) = client.search_runs(experiments, run_view_type=ViewType.ALL)
+    (run,) = client.search_runs(experiments, run_view_type=ViewType.from_string(kind.lower()))
     assert client.get_experiment(run.info.experiment_id).name == "jointgap-sweep"
     return run
 
 
-def test_a_sweep_is_one_run_with_its_dataset_parameters_and_measures(folder, client):
+def inputs(run) -> set[str]:
+    return {one.dataset.name for one in run.inputs.dataset_inputs}
+
+
+def test_a_sweep_is_one_run_and_publishing_it_twice_adds_nothing_and_a_grown_one_takes_its_place(folder, client):
     asked = scenario()
     simulated(asked, folder)
-    assert published(asked, folder)["runs"].keys() == {"sweep"}
+    first = published(asked, folder)["runs"]
     run, frame = the_run(client), pd.read_parquet(folder / DESIGNS)
+    assert first.keys() == {"sweep"}
     (dataset,) = [one.dataset for one in run.inputs.dataset_inputs]
     assert json.loads(dataset.profile) == {"num_rows": 8} and dataset.name == "sweep_designs"
     assert json.loads(dataset.source) == {"uri": str(folder / DESIGNS)}
@@ -129,92 +87,73 @@ def test_a_sweep_is_one_run_with_its_dataset_parameters_and_measures(folder, cli
     assert params["sweep.parameters.clearance.from"] == "0.2 mm" and params["sweep.design"] == "sobol"
     assert (metrics["designs"], metrics["failed_percent"]) == (8, 0)
     error = 1e3 * np.rad2deg(frame["angle_error_rms"])
-    assert metrics["angle_error_rms_mdeg/mean"] == pytest.approx(error.mean())
-    assert metrics["angle_error_rms_mdeg/deviation"] == pytest.approx(error.std(ddof=0))
-    assert metrics["angle_error_rms_mdeg/quantile_95"] == pytest.approx(np.quantile(error, 0.95))
+    wanted = {"mean": error.mean(), "deviation": error.std(ddof=0), "quantile_95": np.quantile(error, 0.95)}
+    assert {key: metrics[f"angle_error_rms_mdeg/{key}"] for key in wanted} == pytest.approx(wanted)
     assert {file.path for file in client.list_artifacts(run.info.run_id)} == {"options.json", "sweep"}
+    again = published(asked, folder)
+    assert again["runs"]["sweep"] == first["sweep"] | {"state": "kept"} and again["deleted"] == 0
+    assert the_run(client, "ALL").info.run_id == first["sweep"]["run_id"]
+    simulated(scenario(12), folder)
+    grown = published(scenario(12), folder)
+    assert grown["runs"]["sweep"]["state"] == "written" and grown["deleted"] == 1
+    assert the_run(client).data.metrics["designs"] == 12
+    assert client.get_run(first["sweep"]["run_id"]).info.lifecycle_stage == "deleted"
 
 
-def test_designs_that_failed_are_counted_and_left_out_of_the_measures(folder):
-    asked = scenario()
+def test_designs_that_failed_are_counted_and_a_dataset_that_lacks_some_is_not_published(folder):
+    asked, place = scenario(), folder / DESIGNS / "part_000000.parquet"
     simulated(asked, folder)
-    place = folder / DESIGNS / "part_000000.parquet"
-    table = designs_table(asked)
+    table = table_of(designs_of(asked))
     frame = parquet.read(table, place)
     frame.loc[0, ["stroke", "reason"]] = [np.nan, "the motor stalls"]
     told = {key.decode(): value.decode() for key, value in parquet.read_footer(place).metadata.items()}
     parquet.write(table, frame, place, {name: told[name] for name in ("jointgap_sweep", "jointgap_code")})
     metrics = sweep_record(asked, folder).metrics
     assert (metrics["failed"], metrics["failed_percent"], metrics["stroke_mm/counted"]) == (1, 12.5, 7)
+    (folder / DESIGNS / "part_000001.parquet").unlink()
+    with pytest.raises(InputError, match="design 4 is missing"):
+        published(asked, folder)
+    with pytest.raises(InputError, match="there is nothing to publish"):
+        published(scenario(swept={}), folder)
 
 
-def designs_table(asked: Scenario):
-    from jointgap.designs.run import table_of
-
-    return table_of(designs_of(asked))
-
-
-def test_publishing_a_sweep_twice_adds_nothing_and_a_grown_one_takes_its_place(folder, client):
-    simulated(scenario(), folder)
-    first = published(scenario(), folder)["runs"]["sweep"]
-    again = published(scenario(), folder)
-    assert again["runs"]["sweep"] == first | {"state": "kept"} and again["deleted"] == 0
-    assert the_run(client).info.run_id == first["run_id"]
-    simulated(scenario(12), folder)
-    grown = published(scenario(12), folder)
-    assert grown["runs"]["sweep"]["state"] == "written" and grown["deleted"] == 1
-    assert client.get_run(grown["runs"]["sweep"]["run_id"]).data.metrics["designs"] == 12
-    assert client.get_run(first["run_id"]).info.lifecycle_stage == "deleted"
-
-
-def test_what_decides_belongs_to_the_run_where_the_scenario_asks_for_it(folder, client):
-    asked = scenario(sensitivity={})
+def test_what_decides_and_inferred_settings_belong_to_the_run_where_the_scenario_asks_for_them(folder, client):
+    asked = scenario(sensitivity={}, infer_settings={})
     simulated(asked, folder)
-    decided(folder)
+    named = {"measure": ["stroke", "noise_share"], "q2": [0.99, 0.1], "reason": [None, "predicted badly"]}
+    indices = {"measure": ["stroke"] * 2, "parameter": ["clearance", "friction"], "total": [0.7, 0.4]}
+    designs = {"design": [4, 2, 3], "together": [True, False, False], "farthest": [0.04, 0.1, 0.2]}
+    designs |= {one.column: [one.printed, 0.0, 0.0] for one in NUMBERS}
+    tables = {"sensitivity_surrogates": named, "sensitivity_indices": indices, "sensitivity_effects": {}}
+    tables |= {"infer_settings_settings": {"setting": ["friction"]}, "infer_settings_designs": designs}
+    files = "sensitivity/figures/indices.png", "infer_settings/nearest_scenario.yaml"
+    (folder / "sensitivity/figures").mkdir(parents=True)
+    made_up(folder, *files, **tables)
     published(asked, folder)
     run = the_run(client)
-    assert run.data.metrics["total/stroke by clearance"] == 0.7 and run.data.metrics["q2/noise_share"] == 0.1
-    assert not [name for name in run.data.metrics if name.startswith(("total/noise_share", "first_order/noise_share"))]
-    names = {one.dataset.name for one in run.inputs.dataset_inputs}
-    assert names == {"sweep_designs", *(table.name for table in TABLES)}
-    figures = client.list_artifacts(run.info.run_id, "sensitivity/figures")
-    assert [file.path for file in figures] == ["sensitivity/figures/indices.png"]
+    metrics = run.data.metrics
+    assert metrics["total/stroke by clearance"] == 0.7 and metrics["q2/noise_share"] == 0.1
+    assert not [name for name in metrics if name.startswith(("total/noise_share", "first_order/noise_share"))]
+    shares = {"together": 100 / 3, "best_ratio_in_window": 100 / 3, "farthest_off_in_nearest": 4}
+    assert {name: metrics[f"printed/{name}_percent"] for name in shares} == pytest.approx(shares)
+    assert inputs(run) == {"sweep_designs", *(table.name for table in TABLES), *list(tables)[3:]}
+    for folder_, file in (("sensitivity/figures", files[0]), ("infer_settings", files[1])):
+        assert [one.path for one in client.list_artifacts(run.info.run_id, folder_)] == [file]
 
 
 def test_a_scenario_that_asks_for_robust_lengths_alone_has_a_run_too(folder, client):
-    asked = scenario(swept={}, optimise_robust={"uncertain": UNCERTAIN})
-    robust(folder)
+    asked = scenario(swept={}, optimise_robust={"uncertain": {"friction": {"from": 0, "to": 0.2}}})
+    tables = {
+        "lengths": {"lengths": ["original", "robust"], "crank_length": [0.150, 0.149]},
+        "gains": {"lengths": ["robust"], "beside": ["original"], "probability": [0.875]},
+        "constraints": {"constraint": ["stroke"], "lengths": ["robust"]},
+        "candidates": {"search": ["robust"], "step": ["grid"]},
+        "fresh": {},
+    }
+    made_up(folder, **{f"optimise_robust_{name}": columns for name, columns in tables.items()})
     published(asked, folder)
-    run = the_run(client)
-    assert run.data.params["optimise_robust.uncertain.friction.to"] == "0.2" and "designs" not in run.data.metrics
-    assert run.data.metrics["robust/crank_length_mm"] == pytest.approx(149)
-    assert run.data.metrics["robust beside original/probability_percent"] == 87.5
-    assert "robust keeps stroke/probability_low_percent" in run.data.metrics
-
-
-def test_settings_that_the_paper_did_not_print_belong_to_the_run_with_the_shares_that_come_out(folder, client):
-    asked = scenario(infer_settings={})
-    simulated(asked, folder)
-    inferred(folder)
-    published(asked, folder)
-    run, section = the_run(client), "printed"
-    metrics = run.data.metrics
-    assert metrics[f"{section}/together_percent"] == pytest.approx(100 / 3)
-    assert metrics[f"{section}/best_ratio_in_window_percent"] == pytest.approx(100 / 3)
-    assert metrics[f"{section}/farthest_off_in_nearest_percent"] == pytest.approx(4)
-    files = {file.path for file in client.list_artifacts(run.info.run_id, "infer_settings")}
-    assert files == {"infer_settings/nearest_scenario.yaml"}
-    names = {one.dataset.name for one in run.inputs.dataset_inputs}
-    assert names == {"sweep_designs", "infer_settings_designs", "infer_settings_settings"}
-
-
-def test_a_dataset_that_lacks_designs_is_not_published(folder):
-    simulated(scenario(), folder)
-    (folder / DESIGNS / "part_000001.parquet").unlink()
-    with pytest.raises(InputError, match="design 4 is missing"):
-        published(scenario(), folder)
-
-
-def test_options_that_ask_for_no_designs_are_refused(folder):
-    with pytest.raises(InputError, match="there is nothing to publish"):
-        published(scenario(swept={}), folder)
+    params, metrics = the_run(client).data.params, the_run(client).data.metrics
+    assert params["optimise_robust.uncertain.friction.to"] == "0.2" and "designs" not in metrics
+    assert metrics["robust/crank_length_mm"] == pytest.approx(149)
+    assert metrics["robust beside original/probability_percent"] == 87.5
+    assert "robust keeps stroke/probability_low_percent" in metrics

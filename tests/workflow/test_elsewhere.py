@@ -1,4 +1,4 @@
-"""The workflow away from home: on a cluster, inside another workflow, through the catalogue's entry."""
+"""The workflow away from home: on a cluster, inside another workflow, with somebody's own campaign file."""
 
 import json
 import re
@@ -7,6 +7,8 @@ import pytest
 import yaml
 
 from benchmarks.project import ROOT, run
+from jointgap.campaign.stages import CAMPAIGN_STAGES
+from tests.workflow.conftest import tables
 
 pytestmark = pytest.mark.integration
 
@@ -46,9 +48,7 @@ def test_smoke_runs_through_a_cluster_executor_with_the_same_results(smoke, fres
     )
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
     assert "Submitted job" in done.stdout + done.stderr
-    for path in (smoke.folder / "results/smoke").rglob("*.parquet"):
-        there = fresh_project / path.relative_to(smoke.folder)
-        assert there.read_bytes() == path.read_bytes(), there
+    assert tables(fresh_project) == tables(smoke.folder)
 
 
 def test_another_workflow_uses_the_rules_with_its_own_configuration(tmp_path):
@@ -64,12 +64,39 @@ def test_another_workflow_uses_the_rules_with_its_own_configuration(tmp_path):
     assert "crank_angle" in (folder / "study.txt").read_text()
 
 
+def planned(*options, folder=ROOT) -> dict[str, str]:
+    """Jobs by rule in a dry run."""
+    done = run(folder, *options)
+    assert done.returncode == 0, done.stderr
+    return dict(re.findall(r"^(\w+) +(\d+)$", done.stdout, re.MULTILINE))
+
+
 def test_the_snakefile_at_the_top_asks_for_the_same_jobs_as_the_workflow_where_the_catalogue_looks_for_it():
-    plans = [
-        run(ROOT, "snakemake", *chosen, "--dry-run", "--forceall", "--quiet", "rules", "--cores", "1")
-        for chosen in ((), ("--snakefile", "workflow/Snakefile"))
-    ]
-    assert all(plan.returncode == 0 for plan in plans), plans[1].stderr
-    counts = [dict(re.findall(r"^(\w+) +(\d+)$", plan.stdout, re.MULTILINE)) for plan in plans]
-    assert counts[0].pop("everything") == counts[1].pop("all") == "1"
-    assert counts[0] == counts[1] != {}
+    options = ("--dry-run", "--forceall", "--quiet", "rules", "--cores", "1")
+    top, inner = (planned("snakemake", *more, *options) for more in ((), ("--snakefile", "workflow/Snakefile")))
+    assert top.pop("everything") == inner.pop("all") == "1"
+    assert top == inner != {}
+
+
+def test_a_killed_campaign_in_a_folder_hard_to_quote_goes_on_and_one_that_cannot_be_used_ends_with_its_mend(
+    fresh_project, tmp_path
+):
+    text = (ROOT / "config/campaigns/demonstration.yaml").read_text().replace("name: demonstration", "name: own")
+    own = tmp_path / "our rig's data/plan.yaml"
+    own.parent.mkdir()
+    own.write_text(text.replace("../mechanisms", str(ROOT / "config/mechanisms")))
+    (own.parent / "demonstration").symlink_to(ROOT / "config/campaigns/demonstration")
+    for stage in ("measure", "preflight", "noise", "recalibrate", "screen", "fit"):
+        for table in CAMPAIGN_STAGES[stage].outputs():
+            place = fresh_project / "results/campaigns/own" / table
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.touch()
+    command = ["make", "--old-file=set-up", "campaign", f"CAMPAIGN={own}"]
+    jobs = planned(*command, "ARGS=--dry-run", folder=fresh_project)
+    left = {"pair", "decide", "reoptimise", "conclude", "track", "report"}
+    assert {name.removeprefix("campaign_") for name in jobs if name.startswith("campaign_")} == left
+    own.write_text(own.read_text().replace("role: confirm", "role: confrim"))
+    done = run(fresh_project, *command)
+    said = done.stdout + done.stderr
+    assert done.returncode != 0 and "Traceback" not in said
+    assert re.search(rf"{re.escape(str(own))}: .*role.*confirm", said)

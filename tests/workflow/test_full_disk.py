@@ -9,32 +9,17 @@ from benchmarks.project import ROOT, environment
 
 pytestmark = pytest.mark.integration
 
-
-def said_of_a_job(folder, command: str) -> str:
-    """What Snakemake shows of a job that has no room for files."""
-    terminal = str(ROOT / "workflow" / "rules" / "terminal.smk")
-    (folder / "Snakefile").write_text(
-        f"include: {terminal!r}\nrule job:\n    output: 'made'\n    log: 'job.log'\n    shell: {command!r}\n"
-    )
-    done = subprocess.run(
-        ["snakemake", "--cores", "1", "--show-failed-logs"],
-        cwd=folder,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode != 0
-    assert (folder / "job.log").read_text() == ""
-    return done.stdout + done.stderr
+RULE = "rule {}:\n    output: '{}.made'\n    log: '{}.log'\n    shell: 'ulimit -f 0; jointgap {} > {{log}} 2>&1'\n"
 
 
 def test_the_reason_of_a_failed_job_is_shown_though_its_log_is_empty(tmp_path):
-    said = said_of_a_job(tmp_path, "ulimit -f 0; jointgap describe nothing.parquet > {log} 2>&1")
-    assert "jointgap: error: nothing.parquet: no such file; check the path" in said
-    assert "Traceback" not in said
-
-
-def test_a_log_without_room_for_what_is_shown_is_the_reason(tmp_path):
-    said = said_of_a_job(tmp_path, "ulimit -f 0; jointgap schema > {log} 2>&1")
+    text = f"include: {str(ROOT / 'workflow' / 'rules' / 'terminal.smk')!r}\n"
+    for name, command in (("read", "describe nothing.parquet"), ("write", "schema")):
+        text += RULE.format(name, name, name, command)
+    (tmp_path / "Snakefile").write_text(text)
+    command = ["snakemake", "read.made", "write.made", "--cores", "1", "--show-failed-logs", "--keep-going"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+    said = done.stdout + done.stderr
+    assert done.returncode != 0 and (tmp_path / "read.log").read_text() == (tmp_path / "write.log").read_text() == ""
+    assert "jointgap: error: nothing.parquet: no such file; check the path" in said and "Traceback" not in said
     assert re.search(r"jointgap: error: .*cannot be written \(File too large\); free some space", said)

@@ -2,71 +2,103 @@
 
 import re
 import tomllib
+from importlib import import_module
+from pkgutil import resolve_name
 
 import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import jointgap
 from benchmarks.project import ROOT, run
+from tests.catalogue import each
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS = PROJECT["optional-dependencies"]
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "ruff check .",
-        "ruff format --check .",
-        "snakefmt --check Snakefile workflow",
-        "snakemake --lint",
-    ],
-)
+@pytest.mark.parametrize("command", ["ruff check .", "ruff format --check .", "snakefmt --check Snakefile workflow"])
 def test_the_style_checkers_have_no_complaint(command):
     done = run(ROOT, *command.split())
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_lock_file_pins_every_dependency_within_its_bounds():
-    wanted = [
-        *PROJECT["dependencies"],
-        *(line for extra in PROJECT["optional-dependencies"].values() for line in extra),
-    ]
+@pytest.mark.integration
+def test_snakemake_has_no_complaint():
+    done = run(ROOT, "snakemake", "--lint")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_lock_file_and_the_conda_environment_ask_for_the_packages_of_the_project():
+    wanted = [*PROJECT["dependencies"], *(line for extra in EXTRAS.values() for line in extra)]
     pins = dict(re.findall(r"^([A-Za-z0-9._-]+)==([^ ]+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE))
     pins = {canonicalize_name(name): version for name, version in pins.items()}
     for requirement in map(Requirement, wanted):
         if requirement.name == PROJECT["name"]:  # an extra that takes in another
-            assert requirement.extras <= PROJECT["optional-dependencies"].keys()
-            continue
-        assert requirement.specifier.contains(pins[canonicalize_name(requirement.name)]), requirement
-
-
-def test_the_conda_environment_asks_for_the_same_packages_as_the_project():
+            assert requirement.extras <= EXTRAS.keys()
+        else:
+            assert requirement.specifier.contains(pins[canonicalize_name(requirement.name)]), requirement
     other_names = {"matplotlib-base": "matplotlib", "pytorch": "torch"}
     lines = yaml.safe_load((ROOT / "workflow/envs/jointgap.yaml").read_text())["dependencies"]
     conda = {line.replace(" ", "") for line in lines if not line.startswith(("python ", "pip", "setuptools"))}
     conda = {re.sub(r"^[a-z-]+", lambda name: other_names.get(name[0], name[0]), line) for line in conda}
-    extras = PROJECT["optional-dependencies"]
-    in_jobs = {*PROJECT["dependencies"], *extras["learn"], *extras["workflow"]}
+    in_jobs = {*PROJECT["dependencies"], *EXTRAS["learn"], *EXTRAS["workflow"]}
     assert conda == {line for line in in_jobs if not line.startswith("snakemake")}
 
 
-def test_every_profile_and_the_catalogue_entry_can_be_read():
+def test_profiles_the_catalogue_entry_the_help_and_the_version_are_whole():
     profiles = sorted((ROOT / "workflow/profiles").glob("*/config.yaml"))
     assert [path.parent.name for path in profiles] == ["ci", "local", "slurm"]
     for path in [*profiles, ROOT / ".snakemake-workflow-catalog.yml", ROOT / "CITATION.cff"]:
         assert isinstance(yaml.safe_load(path.read_text()), dict), path
-
-
-def test_make_help_names_every_target():
-    makefile = (ROOT / "Makefile").read_text()
-    targets = re.search(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)[1].split()
-    done = run(ROOT, "make", "--no-print-directory", "help")
-    assert done.returncode == 0, done.stderr
-    assert set(targets) == {line.split()[0] for line in done.stdout.splitlines() if not line.startswith("variables")}
-
-
-def test_the_version_is_the_same_everywhere():
+    targets = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1].split()
+    shown = run(ROOT, "make", "--no-print-directory", "help").stdout.splitlines()
+    assert set(targets) == {line.split()[0] for line in shown if not line.startswith("variables")}
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    version = run(ROOT, "python", "-c", "import jointgap; print(jointgap.__version__)")
-    assert version.stdout.strip() == PROJECT["version"] == citation["version"]
+    assert jointgap.__version__ == PROJECT["version"] == citation["version"]
+
+
+def test_the_page_of_the_stages_is_what_their_records_say():
+    done = run(ROOT, "scripts/workflow-page")
+    assert done.returncode == 0, done.stderr
+    assert (ROOT / "docs/workflow.md").read_text(encoding="utf-8") == done.stdout
+
+
+def test_a_group_of_packages_that_does_not_exist_is_told_with_those_that_do():
+    done = run(ROOT, "scripts/set-up", "tset")
+    assert done.returncode == 1
+    assert "no group 'tset'; known here: test, peers, docs, cluster" in done.stderr
+
+
+PAGES = [ROOT / f"{name}.md" for name in ("README", "config/README", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT")]
+PAGES += sorted(page for page in ROOT.glob("docs/**/*.md") if "_build" not in page.parts)
+
+
+def test_every_link_leads_to_a_file_and_to_a_heading_of_it():
+    def leads(page):
+        for path, heading in re.findall(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)", page.read_text("utf-8")):
+            target = (page.parent / path).resolve() if path else page
+            assert target.exists(), path
+            if heading:
+                heads = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE)
+                assert heading in [re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads], heading
+
+    each(leads, PAGES)
+
+
+def test_every_name_of_the_package_and_every_path_of_the_map_of_the_code_is_there():
+    def is_there(page):
+        text = page.read_text(encoding="utf-8")
+        if page.stem == "changelog":
+            text = re.sub(r"(?m)^ *\| `[^|]*\|", "", text)  # names as they were, in a table's first column
+        for name in re.findall(r"`(jointgap(?:\.\w+)+)", text):
+            resolve_name(name)
+        for module, names in re.findall(r"^from (jointgap[\w.]*) import ([\w, ]+)$", text, re.MULTILINE):
+            for name in names.split(", "):
+                assert hasattr(import_module(module), name), (module, name)
+
+    each(is_there, PAGES)
+    for path in re.findall(r"`([\w.]+/[\w./-]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")):
+        if not path.startswith(("results/", "docs/_build/")):
+            assert (ROOT / path).exists() or (ROOT / "src/jointgap" / path).exists(), path

