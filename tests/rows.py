@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable, Iterable
 from functools import wraps
 
-import pytest
+from tests.catalogue import each as of_all
 
 
 def each(names: str | Iterable[str], rows: Iterable) -> Callable:
@@ -16,16 +16,8 @@ def each(names: str | Iterable[str], rows: Iterable) -> Callable:
     def catalogue(test: Callable) -> Callable:
         @wraps(test)
         def whole(**fixtures):
-            failures = []
-            for row in rows:
-                values = dict(zip(keys, row if len(keys) > 1 else [row], strict=True))
-                try:
-                    test(**fixtures, **values)
-                except (Exception, pytest.fail.Exception) as error:
-                    failures.append((values, error))
-            if failures:
-                told = "\n".join(f"{values}: {type(error).__name__}: {error}" for values, error in failures)
-                raise AssertionError(f"{len(failures)} of {len(rows)} rows fail:\n{told}") from failures[0][1]
+            cases = [row if len(keys) > 1 else (row,) for row in rows]
+            of_all(lambda *row: test(**fixtures, **dict(zip(keys, row, strict=True))), map(tuple, cases))
 
         own = inspect.signature(test)
         whole.__signature__ = own.replace(parameters=[own.parameters[key] for key in own.parameters if key not in keys])
