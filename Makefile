@@ -59,7 +59,7 @@ blind: ## campaigns with hidden effects, analysed and scored: a night; SET=small
 	@scripts/in-venv scripts/run-workflow results/blind-report.html blind --snakefile workflow/blind/Snakefile \
 		--config "set=$$SET" $(snakemake_options)
 
-benchmark-files: ## 100 campaigns for other methods, in results/benchmark: an hour; see validation/benchmark/README.md
+benchmark-files: ## 100 campaigns for other methods, in results/benchmark; see validation/benchmark/README.md
 	@scripts/set-up peers
 	@CORES=$(or $(CORES),2) scripts/in-venv python -m validation benchmark draw results/benchmark $(ARGS)
 

@@ -501,6 +501,13 @@ def test_where_the_motion_that_began_long_before_costs_less_windows_go_on_from_i
     assert not estimate._settled(0.001)
 
 
+def test_a_fit_counts_the_runs_that_it_simulated(hidden):
+    problem, *_ = hidden
+    before = problem.simulations
+    fit = fitted(problem, (SWING,))
+    assert fit.simulations == problem.simulations - before > 0
+
+
 def test_one_trajectory_is_fitted_where_there_are_no_windows(hidden):
     problem = linear(hidden={"swing": {"size": 0.03}}, windowed=lambda effects: False)
     found, usual = fitted(problem, (SWING,)), fit_hypothesis(problem, (SWING,))

@@ -54,7 +54,7 @@ def search(problem, limits=NOISE_ALONE, alone=(), sizes=True):
     """What is found, and from here on what a filter was asked for by the search alone."""
     baseline, signatures = baseline_of(problem), signatures_of(problem)
     problem.model.filtered.clear()
-    return search_in_windows(baseline, signatures, limits, alone, sizes)
+    return search_in_windows(baseline, signatures, limits, alone, **({} if sizes else {"sizes": False}))
 
 
 def singles(fits):
