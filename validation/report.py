@@ -95,6 +95,7 @@ def draw_curves(table: pd.DataFrame) -> plot.Drawing:
         gaps = part["group"].str.removeprefix("gap ").astype(float)
         power.marks(words, gaps, part["value"], colour, part["low"], part["high"])
     power.axes.set_ylim(-0.02, 1.02)
+    power.axes.set_xlim(1.0, 1.1 * max(RECIPE["gaps"]))
     stated = Quantity("probability stated", "1")
     panel = sheet.panel((0, 1), "intervals that hold the truth", stated, Quantity("share of the intervals", "1"))
     panel.line("as stated", [0.0, 1.0], [0.0, 1.0], "limit")
@@ -102,7 +103,7 @@ def draw_curves(table: pd.DataFrame) -> plot.Drawing:
         of_all = table[table["group"] == "all"]
         part = of_all[of_all["what"].str.startswith(what) & of_all["what"].str.endswith("interval")]
         levels = part["what"].str.extract(r"(\d+) %")[0].astype(float) / 100
-        panel.marks(words, levels, part["value"], colour, part["low"], part["high"])
+        panel.marks(words, levels, part["value"], colour, part["low"], part["high"], marker="s")
     sheet.legend()
     return sheet.drawing()
 
