@@ -91,6 +91,8 @@ def collect(folder: str, table: str, code: str) -> None:
     from validation.score import score_trials
 
     trials, path = score_trials(Path(folder)).assign(code=code), Path(table)
+    if trials.empty:
+        raise InputError(f"{folder}: holds no verdicts/*.json; give the folder that `make blind` writes for a set")
     known = pd.read_csv(path, dtype={"id": str}) if path.is_file() else trials[:0]
     if others := sorted({*known["code"]} - {code}):
         raise InputError(f"{table}: holds trials of {', '.join(others)}; give another file for those of {code}")
@@ -106,6 +108,8 @@ def report(name: str, table: str, folder: str) -> None:
 
     from validation.report import write_score
 
+    if not Path(table).is_file():
+        raise InputError(f"{table}: no such file; `python -m validation collect` writes it")
     words = ("named", "verdict", "cause", "reason")
     trials = pd.read_csv(table, dtype={"id": str, **dict.fromkeys(words, str)})
     trials = trials.fillna(dict.fromkeys(words, ""))

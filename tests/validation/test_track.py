@@ -81,3 +81,8 @@ def test_trials_are_collected_over_several_runs_of_one_version_and_reported(tmp_
     assert rates["nothing found, nothing hidden", "all"] == 1.0
     with pytest.raises(InputError, match=r"trials of v1"):
         collect(str(one), str(table), "v2")
+    with pytest.raises(InputError, match="no such file"):
+        report("made up", str(tmp_path / "absent.csv"), str(tmp_path / "score"))
+    with pytest.raises(InputError, match="holds no verdicts"):
+        collect(str(tmp_path / "absent"), str(tmp_path / "new.csv"), "v1")
+    assert not (tmp_path / "new.csv").exists()
