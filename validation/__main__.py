@@ -67,7 +67,7 @@ def benchmark(verb: str, first: str, *more: str) -> None:
     from validation.benchmark.score import score
 
     if verb == "draw":
-        draw.draw(Path(first), int(more[0]) if more else None, int(os.environ.get("CORES", "2")))
+        draw.draw(Path(first), int(more[0]) if more else 100, int(os.environ.get("CORES", "2")))
     elif verb == "answers":
         _write(more[0], draw.answers(Path(first), *more[1:]))
     else:

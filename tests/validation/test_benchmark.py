@@ -1,8 +1,10 @@
 """The benchmark: files without the truth, and a score that counts answers as its README says."""
 
 import json
+import re
 import shutil
 import zipfile
+from collections import Counter
 from pathlib import Path
 
 import pandas as pd
@@ -34,8 +36,8 @@ def drawn(tmp_path_factory):
     """Two campaigns with nothing hidden."""
     folder = tmp_path_factory.mktemp("benchmark")
     sets = folder / "sets.yaml"
-    sets.write_text("sets:\n  benchmark: {seed: 5, nothing: 2}\n")
-    draw(folder, cores=1, sets=str(sets))
+    sets.write_text("sets:\n  published: {seed: 5, nothing: 2}\n")
+    draw(folder, 2, cores=1, sets=str(sets))
     return folder, sets
 
 
@@ -55,12 +57,14 @@ def test_a_draw_that_goes_on_ends_with_the_same_files(drawn):
     folder, sets = drawn
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     shutil.rmtree(next((folder / "campaigns").iterdir()))
-    draw(folder, cores=1, sets=str(sets))
+    draw(folder, 2, cores=1, sets=str(sets))
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
-def test_the_set_has_a_hundred_campaigns():
-    assert len(plan_trials(read_set("config/blind.yaml", "benchmark"))) == 100
+def test_the_readme_counts_the_campaigns_of_each_kind():
+    kinds = Counter(trial.kind for trial in plan_trials(read_set("config/blind.yaml", "published"), 100))
+    rows = re.findall(r"^\| `(\w+)` \| (\d+) \|", Path(README).read_text(encoding="utf-8"), re.MULTILINE)
+    assert {kind: int(count) for kind, count in rows} == kinds
 
 
 def test_the_readme_lists_every_label():

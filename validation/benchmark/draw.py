@@ -18,12 +18,12 @@ from validation.trial import make_trial
 _DATE = (2026, 1, 1, 0, 0, 0)  # of all entries of the archive
 
 
-def draw(folder: Path, count: int | None = None, cores: int = 2, sets: str = "config/blind.yaml") -> None:
-    """Draw all trials of the set `benchmark`, or the first `count`, into ``campaigns/{id}/`` and ``truth.zip``.
+def draw(folder: Path, count: int = 100, cores: int = 2, sets: str = "config/blind.yaml") -> None:
+    """Draw the first trials of the set `published`, a random part, into ``campaigns/{id}/`` and ``truth.zip``.
 
     Goes on where it was stopped.
     """
-    chosen = read_set(sets, "benchmark")
+    chosen = read_set(sets, "published")
     plans = plan_trials(chosen, count)
     campaigns = folder / "campaigns"
     campaigns.mkdir(parents=True, exist_ok=True)
