@@ -34,12 +34,6 @@ smoke: set-up ## the whole chain, small: two minutes, then results/smoke-report.
 	@scripts/in-venv scripts/run-workflow results/smoke-report.html all \
 		--configfile config/smoke.yaml $(snakemake_options)
 
-study:
-	@echo "make study is gone; use: make sweep CONFIG=config/map.yaml" >&2; exit 2
-
-drill:
-	@echo "make drill is gone; use: make test-slow ARGS=tests/fuzz" >&2; exit 2
-
 sweep: set-up ## many designs, simulated and measured: config/sweep.yaml, or CONFIG=mine.yaml
 	@scripts/in-venv scripts/run-workflow swept \
 		$(if $(CONFIG),,--configfile config/sweep.yaml) $(snakemake_options)
