@@ -42,6 +42,7 @@ include_patterns = [
     "docs/**",
     "config/README.md",
     "examples/emps/README.md",
+    "examples/pendulum/README.md",
     "CODE_OF_CONDUCT.md",
     "CONTRIBUTING.md",
     "SECURITY.md",

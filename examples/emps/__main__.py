@@ -1,77 +1,19 @@
 """Name what the base model of the EMPS axis lacks: ``python -m examples.emps [FOLDER]``."""
 
 import sys
-from dataclasses import dataclass
 
 import numpy as np
 
 from examples.emps.model import HELD_OUT, Emps
+from examples.naming import name, report
 from jointgap.core.errors import InputError
-from jointgap.identification.baseline import Baseline, recalibrate
-from jointgap.identification.confirmation import Confirmed, confirm
-from jointgap.identification.evidence import final_verdict
-from jointgap.identification.fit import Fit, effect_estimates, nuisance_estimates
-from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
-from jointgap.identification.model_selection import select_hypothesis
-from jointgap.identification.noise import degrees_of_freedom, noise_of_model, numerics_noise
-from jointgap.identification.thresholds import screen_candidates
-from jointgap.identification.verdict import Decision
-
-FALSE_ALARMS = 0.01
-"""Share of campaigns with nothing hidden in which something is found nevertheless."""
-
-
-@dataclass(frozen=True)
-class Named:
-    """The verdict, and the fits and the held-out data that it rests on."""
-
-    base: Baseline
-    decision: Decision
-    confirmed: Confirmed
-
-    @property
-    def chosen(self) -> Fit:
-        """The model with the effects named, or with those that explain most."""
-        return self.decision.proposed or self.decision.chosen
-
-    @property
-    def names(self) -> list[str]:
-        """Its effects."""
-        return [candidate.label for candidate in self.chosen.hypothesis]
-
-
-def name(model: Emps) -> Named:
-    """All stages from the noise to the verdict, as docs/how_to/own_model.md has them."""
-    noise = noise_of_model(model)
-    base = recalibrate(model, noise)
-    signatures, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))
-    alone, _ = fit_singles(base, signatures, limits)
-    together, _ = fit_pairs(base, signatures, limits, alone)
-    found = select_hypothesis(base, signatures, [*alone, *together], limits)
-    confirmed = confirm(model, numerics_noise(model, found.base.mapping, noise), found.base, found.proposed)
-    return Named(base, final_verdict(found, confirmed), confirmed)
-
-
-def estimates(found: Fit) -> list[str]:
-    """A line for each parameter, with the 90 % interval that the data and the bounds leave."""
-    named = [(p.key, f" {p.unit}", estimate) for p, estimate in nuisance_estimates(found)]
-    for candidate in found.hypothesis:  # the names of their parameters end in the unit
-        named += [(f"{candidate.label}.{key}", "", one) for key, one in effect_estimates(found, candidate).items()]
-    lines = []
-    for label, unit, estimate in named:
-        low, high = ("open" if end is None else f"{end:.4g}" for end in estimate["interval_90"])
-        remark = f" ({estimate['remark']})" if "remark" in estimate else ""
-        lines.append(f"{label} = {estimate['value']:.4g}{unit}, 90 % interval {low} to {high}{remark}")
-    return lines
+from jointgap.identification.fit import Fit
+from jointgap.identification.problem import values_in_run
 
 
 def force_error(model: Emps, run: str, found: Fit) -> float:
     """norm(f - f_model) / norm(f) of a run's force at every millisecond."""
-    values = {p.name: found.mapping.get(p.key, p.nominal) for p in model.nuisances}
-    effects = [
-        (one, {p.name: found.mapping[f"{one.label}.{p.name}"] for p in one.coordinates}) for one in found.hypothesis
-    ]
-    force = model.force[run]
+    force, (values, effects) = model.force[run], values_in_run(model, run, found.mapping, found.hypothesis)
     return float(np.linalg.norm(force - model.simulated_force(run, values, effects)) / np.linalg.norm(force))
 
 
@@ -82,13 +24,7 @@ def main() -> None:
     except InputError as error:
         sys.exit(str(error))
     found = name(model)
-    print(f"verdict: {found.decision.verdict} ({found.decision.because})")
-    print(f"effects: {' + '.join(found.names) or 'none'}")
-    print(f"gap on the held-out run: {found.confirmed.test.words}")
-    for ranked in found.decision.ranking[:5]:
-        print(f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share {ranked.share:.3f}")
-    for line in estimates(found.chosen):
-        print(f"  {line}")
+    report(found)
     for run in model.force:
         before, after = force_error(model, run, found.decision.base), force_error(model, run, found.chosen)
         aside = " (held out)" if run == HELD_OUT else ""

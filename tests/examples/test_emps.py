@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from examples.emps.__main__ import estimates, force_error, name
+from examples.emps.__main__ import force_error
 from examples.emps.effects import STROKE
 from examples.emps.model import ADDRESS, AVERAGED, CYCLE, FILES, SAMPLE_TIME, Emps
+from examples.naming import estimates, name
 from jointgap.core.errors import InputError
 from tests.catalogue import each
 

@@ -1,0 +1,72 @@
+"""From a model and its data to the verdict, for all examples: the stages of docs/how_to/own_model.md."""
+
+from dataclasses import dataclass
+
+from jointgap.core.candidates import Model
+from jointgap.identification.baseline import Baseline, recalibrate
+from jointgap.identification.confirmation import Confirmed, confirm
+from jointgap.identification.evidence import final_verdict
+from jointgap.identification.fit import Fit, effect_estimates, nuisance_estimates
+from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
+from jointgap.identification.model_selection import select_hypothesis
+from jointgap.identification.noise import degrees_of_freedom, noise_of_model, numerics_noise
+from jointgap.identification.thresholds import screen_candidates
+from jointgap.identification.verdict import Decision
+
+FALSE_ALARMS = 0.01
+"""Share of campaigns with nothing hidden in which something is found nevertheless."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """The verdict, and the fits and the held-out data that it rests on."""
+
+    base: Baseline
+    decision: Decision
+    confirmed: Confirmed
+
+    @property
+    def chosen(self) -> Fit:
+        """The model with the effects named, or with those that explain most."""
+        return self.decision.proposed or self.decision.chosen
+
+    @property
+    def names(self) -> list[str]:
+        """Its effects."""
+        return [candidate.label for candidate in self.chosen.hypothesis]
+
+
+def name(model: Model) -> Named:
+    """All stages from the noise to the verdict."""
+    noise = noise_of_model(model)
+    base = recalibrate(model, noise)
+    signatures, limits = screen_candidates(base, FALSE_ALARMS, degrees_of_freedom(noise))
+    alone, _ = fit_singles(base, signatures, limits)
+    together, _ = fit_pairs(base, signatures, limits, alone)
+    found = select_hypothesis(base, signatures, [*alone, *together], limits)
+    confirmed = confirm(model, numerics_noise(model, found.base.mapping, noise), found.base, found.proposed)
+    return Named(base, final_verdict(found, confirmed), confirmed)
+
+
+def estimates(found: Fit) -> list[str]:
+    """A line for each parameter, with the 90 % interval that the data and the bounds leave."""
+    named = [(p.key, f" {p.unit}", estimate) for p, estimate in nuisance_estimates(found)]
+    for candidate in found.hypothesis:  # the names of their parameters end in the unit
+        named += [(f"{candidate.label}.{key}", "", one) for key, one in effect_estimates(found, candidate).items()]
+    lines = []
+    for label, unit, estimate in named:
+        low, high = ("open" if end is None else f"{end:.4g}" for end in estimate["interval_90"])
+        remark = f" ({estimate['remark']})" if "remark" in estimate else ""
+        lines.append(f"{label} = {estimate['value']:.4g}{unit}, 90 % interval {low} to {high}{remark}")
+    return lines
+
+
+def report(found: Named) -> None:
+    """Print the verdict, the best explanations and the estimates."""
+    print(f"verdict: {found.decision.verdict} ({found.decision.because})")
+    print(f"effects: {' + '.join(found.names) or 'none'}")
+    print(f"gap on the held-out data: {found.confirmed.test.words}")
+    for ranked in found.decision.ranking[:5]:
+        print(f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share {ranked.share:.3f}")
+    for line in estimates(found.chosen):
+        print(f"  {line}")
