@@ -186,3 +186,12 @@ def measured(
     model.series = series
     noise = {one.key: Noise(np.full(one.value.size, SD), (memory,) if memory else ()) for one in series}
     return Problem(model, noise, settings=settings)
+
+
+def windows(**changed) -> IdentificationSettings:
+    """Usual settings but for some of windows."""
+    return replace(DEFAULT_SETTINGS, windows=replace(DEFAULT_SETTINGS.windows, **changed))
+
+
+def noise_of(problem: Problem) -> dict[tuple[str, str], Noise]:
+    return {part.series.key: part.noise for part in problem.parts}
