@@ -79,7 +79,7 @@ def test_both_of_two_effects_are_named_and_no_third_nor_are_they_a_rival_in_anot
     decision = refit_and_decide(base, signatures, searched(base, signatures, limits), limits)
     assert (decision.verdict, labels(decision)) == ("named", {"coulomb", "spring"})
     pair = candidate_of("coulomb"), candidate_of("spring")
-    fits = [fit_hypothesis(base.problem, each) for each in (pair, pair[::-1])]
+    fits = [fit_hypothesis(base.problem, effects) for effects in (pair, pair[::-1])]
     decision = refit_and_decide(base, signatures, fits, limits)
     assert (decision.verdict, len(decision.ranking)) == ("named", 1)
 
