@@ -1,20 +1,61 @@
 """Gaps before and after, on data that took no part: exact on a model that can be worked out by hand."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from jointgap.core.candidates import Candidate, Parameter, Series
+from jointgap.core.errors import SimulationError
 from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import Fit
 from jointgap.identification.likelihood import fitted
-from jointgap.identification.problem import Problem
-from tests.identification.linear import SAMPLES, SLOPE, Levels
+from jointgap.identification.problem import Noise, Problem
 from tests.identification.oscillator import SD, SPRING, SWING, linear, noise_of
 from tests.rows import each
 
+SAMPLES = 40
 X = np.linspace(0.0, 1.0, SAMPLES)
+SLOPE = Candidate("slope", "sensor", (Parameter("rise", 0.0, step=0.1),), ("rise",))
+
+
+@dataclass
+class Levels:
+    """Channel ``y`` of each run: shared + own + rise * (0 .. 1); a rise of more than 9 cannot be simulated in the run
+    ``stiff``.
+    """
+
+    runs: dict[str, tuple[float, float]]
+    held_out: tuple[str, ...] = ()
+    noise_sd: float = 0.5
+    name: str = "levels"
+    numerics: tuple[str, ...] = ()
+    candidates: tuple[Candidate, ...] = (SLOPE,)
+    nuisances: tuple[Parameter, ...] = field(init=False)
+    series: list[Series] = field(init=False)
+
+    def __post_init__(self):
+        own = tuple(Parameter("own", 0.0, step=0.1, run=run) for run in self.runs)
+        self.nuisances = (Parameter("shared", 0.0, step=0.1), *own)
+        self.series = [
+            Series(run, "y", "1", level + rise * X + self._scatter(), X, X, np.full(SAMPLES, run in self.held_out))
+            for run, (level, rise) in self.runs.items()
+        ]
+
+    def _scatter(self):
+        """One standard deviation up and down in turn: a residual of this alone has a mean square of exactly 1."""
+        return self.noise_sd * np.resize([1.0, -1.0, -1.0, 1.0], SAMPLES)
+
+    def simulate(self, run, values, effects=(), numerics=0):
+        rise = sum(amplitudes["rise"] for _, amplitudes in effects)
+        if run == "stiff" and abs(rise) > 9.0:
+            raise SimulationError("too steep")
+        return {"y": values["shared"] + values["own"] + rise * X}
+
+    @property
+    def noise(self):
+        return {series.key: Noise(np.full(SAMPLES, self.noise_sd)) for series in self.series}
 
 
 def fit_of(model, hypothesis=(), **values):

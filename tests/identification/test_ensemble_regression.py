@@ -9,7 +9,6 @@ from jointgap.core.candidates import Parameter
 from jointgap.core.errors import SimulationError
 from jointgap.identification import baseline
 from jointgap.identification.baseline import (
-    fit_over_ensembles,
     leading_over_ensembles,
     regressed_over_ensemble,
     with_intervals,
@@ -124,21 +123,6 @@ def test_a_fit_from_files_whose_jacobian_has_fewer_rows_gives_as_much():
     assert covariances[0] == pytest.approx(covariances[1], rel=0.2, abs=1e-4)
 
 
-def test_a_minimum_that_leaves_more_than_the_fit_did_is_not_taken_and_intervals_hold_both(monkeypatch):
-    problem, plainly = regressed(10)
-    fit, mean = problem.fit(), baseline._mean_realisation
-
-    def lower(*args):
-        return mean(*args) * (0.1 if np.array_equal(args[3], fit.values[:3]) else 1.0)
-
-    monkeypatch.setattr(baseline, "_mean_realisation", lower)
-    found = regressed_over_ensemble(problem, fit)
-    assert np.array_equal(found.values, fit.values)
-    low, high = interval(found)
-    for values in (fit.values[:3], plainly.values[:3]):
-        assert np.all((low < values) & (values < high))
-
-
 def test_a_fit_without_a_parameter_to_regress_on_or_too_few_members_stays_as_it_is():
     problem = Chaotic(2)
     fit = problem.fit()
@@ -149,20 +133,6 @@ def test_a_fit_without_a_parameter_to_regress_on_or_too_few_members_stays_as_it_
         problem = Chaotic(5, fails=fails)
         fit = problem.fit()
         assert (regressed_over_ensemble(problem, fit) is not fit) == changes
-
-
-def test_at_a_bound_what_is_left_is_a_mean_of_several_realisations_too():
-    problem = Chaotic(2, loudness=20.0)
-    fit, live = problem.fit(), np.array([True, False, False, False, False])
-    for end in ("low", "high"):
-        off = []
-        for value in np.linspace(-0.5, 0.5, 10):
-            at = replace(PARAMETERS[0], **{"low": -5.0, "high": 5.0} | {end: value})
-            fixed = (replace(p, low=v, high=v) for p, v in zip(PARAMETERS[1:], fit.values[1:], strict=True))
-            one = replace(fit, parameters=(at, *fixed), values=np.array([value, *fit.values[1:]]))
-            mean = baseline._mean_realisation(problem, one, live, one.values[:1])
-            off.append(mean - problem.of_mean(one.values))
-        assert rms(off) < 0.5 * 20.0 * np.sqrt(2.0)
 
 
 # Explanations beside each other
@@ -220,26 +190,3 @@ def test_those_that_are_regressed_failed_or_explain_nothing_stay_as_they_are_and
     worse = replace(base, residual=1.1 * base.residual)
     assert leading_over_ensembles(problem, base, [worse]) == (base, [worse])
     assert problem.simulations == before
-
-
-def test_regressions_go_on_as_long_as_they_help(monkeypatch):
-    problem = Chaotic(9)
-    fit = problem.fit()
-    for factors, best in (((0.9, 0.8, 0.1), 1), ((0.995, 0.1), 0), ((0.9, 0.95, 0.1), 0)):
-        found = [replace(fit, residual=factor * fit.residual) for factor in factors]
-        left = iter(found)
-        monkeypatch.setattr(baseline, "regressed_over_ensemble", lambda *_, left=left: next(left))
-        assert fit_over_ensembles(problem, fit, 0.0) is found[best]
-    assert fit_over_ensembles(problem, fit, fit.chi2) is fit
-
-
-def test_a_decomposition_that_does_not_converge_is_made_by_another_algorithm(monkeypatch):
-    def gives_up(*args, **kwargs):
-        raise np.linalg.LinAlgError("SVD did not converge")
-
-    left = np.random.default_rng(0).standard_normal((20, 50))
-    usual = baseline._Scatter.of(left, 10, DEFAULT_SETTINGS.ensemble)
-    monkeypatch.setattr(np.linalg, "svd", gives_up)
-    other = baseline._Scatter.of(left, 10, DEFAULT_SETTINGS.ensemble)
-    assert other.variances == pytest.approx(usual.variances, rel=1e-10)
-    assert other.whiten(left[0]) == pytest.approx(usual.whiten(left[0]), rel=1e-9)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.stats import chi2 as chi2_distribution
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.baseline import probed_differences
@@ -15,10 +16,14 @@ from jointgap.identification.fit import (
     STOPPED,
     FiniteDifferences,
     Fit,
+    StoppingRule,
     bounded_step,
     bounds_of,
-    compress_rows,
+    broyden_update,
+    chance,
     fit_hypothesis,
+    next_damping,
+    wald_statistic,
 )
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -28,6 +33,8 @@ from tests.identification.toy import candidate_of, stated_noise, toy
 
 VISCOUS, SIZE = (candidate_of("viscous"),), {"viscous": {"damping_N_s_m": 0.5}}
 FRICTION = {"coulomb": {"force_N": 0.4}}
+DAMPING, STOPPING = DEFAULT_SETTINGS.damping, DEFAULT_SETTINGS.stopping
+WIDE = np.full(1, -np.inf), np.full(1, np.inf)
 
 
 def problem(model, **more):
@@ -36,15 +43,6 @@ def problem(model, **more):
 
 def place_of(fit, key):
     return [p.key for p in fit.parameters].index(key)
-
-
-def test_compression_keeps_all_inner_products():
-    generator = np.random.default_rng(0)
-    a, b = generator.standard_normal((40, 3)), generator.standard_normal(40)
-    small_a, small_b = compress_rows(a, b)
-    assert small_a.shape == (4, 3)
-    np.testing.assert_allclose(small_a.T @ small_a, a.T @ a)
-    np.testing.assert_allclose(small_a.T @ small_b, a.T @ b)
 
 
 def test_a_bounded_step_is_the_best_within_the_bounds():
@@ -118,17 +116,6 @@ def test_known_derivatives_save_simulations():
     assert again.chi2 == pytest.approx(first.chi2, abs=0.2)
 
 
-def test_an_effect_takes_the_place_of_the_nuisance_that_is_its_own_parameter():
-    keys = [p.key for p in problem(toy()).parameters((candidate_of("added_mass"),))]
-    assert "slider_mass" not in keys and "added_mass.mass_kg" in keys
-
-
-def test_labels_name_the_site_where_there_is_a_choice():
-    size = Parameter("bias", 0.0)
-    assert Candidate("sensor_bias", "torque", (size,), ("bias",), has_site=True).label == "sensor_bias:torque"
-    assert Candidate("gravity", "all", (size,), ("bias",)).label == "gravity"
-
-
 def test_what_the_data_leave_open_is_as_uncertain_as_its_bounds_say():
     found = fit_hypothesis(problem(toy(seed=0, channels=("acceleration",))), refresh=True)  # no force is read
     at = place_of(found, "slider_mass")
@@ -195,18 +182,6 @@ def test_a_fit_that_runs_out_of_steps_or_that_another_beats_ends_early_and_says_
     assert beaten.status == STOPPED and "poor" in beaten.reason
 
 
-def test_a_difference_is_taken_over_a_step_that_noise_could_just_hide():
-    here = problem(toy(seed=0))
-    at = {p.key: p.nominal for p in here.nuisances}
-    clumsy, fine = (
-        FiniteDifferences(here).column(
-            Parameter("slider_mass", 0.5, 0.0, 10.0, step=step, unit="kg"), at, here.residual(at), ()
-        )
-        for step in (5.0, 1e-4)
-    )
-    np.testing.assert_allclose(clumsy, fine, rtol=1e-6, atol=1e-6)
-
-
 def probed(residual, **parameter):
     """Differences that were probed about 0 on a problem of one parameter."""
     differences = FiniteDifferences(SimpleNamespace(parts=[], settings=DEFAULT_SETTINGS, residual=residual))
@@ -235,3 +210,109 @@ def test_draws_are_spread_within_the_bounds_by_the_gap_of_held_out_data():
     drawn = replace(fit, draws=np.array([[-1.0], [0.0], [1.0], [2.0]]))
     assert drawn.distribution.draws.tolist() == drawn.draws.tolist()
     assert replace(drawn, gap_left=3.0).distribution.draws[:, 0] == pytest.approx([-2.0, 0.0, 3.0, 6.0], rel=0.02)
+
+
+# The parts of a descent by themselves
+
+
+def rule(*course: float, settings=STOPPING, **how) -> StoppingRule:
+    """A stopping rule of 100 samples that has seen chi2 take these values."""
+    stopping = StoppingRule(settings, 100, **how)
+    for chi2 in course:
+        stopping.record(chi2)
+    return stopping
+
+
+def test_damping_shortens_a_step_in_units_of_the_columns_length():
+    for damping, step in ((0.0, -2.0), (1.0, -1.0), (3.0, -0.5)):
+        found, chi2 = bounded_step(np.array([[2.0]]), np.array([4.0]), *WIDE, damping)
+        assert found[0] == pytest.approx(step)
+        assert chi2 == pytest.approx((4.0 + 2.0 * step) ** 2)  # without the damping
+
+
+def test_what_no_column_reaches_remains_in_chi2_and_without_room_or_effect_there_is_no_step():
+    assert bounded_step(np.array([[1.0], [0.0]]), np.array([2.0, 3.0]), *WIDE)[1] == pytest.approx(9.0)
+    assert bounded_step(np.zeros((2, 1)), np.array([2.0, 3.0]), *WIDE)[1] == 13.0
+    step, chi2 = bounded_step(np.eye(2), np.ones(2), np.array([0.0, -5.0]), np.array([0.0, 5.0]))
+    assert ([*step], chi2) == (pytest.approx([0.0, -1.0]), pytest.approx(1.0))
+    step, _ = bounded_step(np.array([[1.0, 0.0], [1.0, 0.0]]), np.ones(2), np.full(2, -5.0), np.full(2, 5.0))
+    np.testing.assert_allclose(step, [-1.0, 0.0])
+
+
+def test_a_corrected_jacobian_agrees_with_the_step_and_is_unchanged_across_it_in_any_units():
+    generator = np.random.default_rng(0)
+    jacobian, step, change = (generator.standard_normal(shape) for shape in ((6, 3), 3, 6))
+    corrected = broyden_update(jacobian, step, change)
+    np.testing.assert_allclose(corrected @ step, change)
+    across = np.cross(step * np.sum(jacobian**2, axis=0), [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(corrected @ across, jacobian @ across)
+    units = np.array([1e-3, 1.0, 1e6])
+    np.testing.assert_allclose(broyden_update(jacobian / units, step * units, change), corrected / units)
+    assert broyden_update(jacobian, np.zeros(3), change) is jacobian  # without a step
+
+
+def test_damping_falls_and_ends_after_good_steps_and_after_a_bad_one_a_worn_jacobian_is_made_anew():
+    for fresh in (True, False):
+        falling = [
+            next_damping(*given, fresh, DAMPING) for given in ((1.0, 0.26), (1.1e-4, 1.0), (1e-4, 1.0), (0.0, 1.0))
+        ]
+        assert falling == pytest.approx([0.1, 1.1e-5, 0.0, 0.0])
+    for gain_ratio in (0.25, 0.0, -np.inf):
+        assert next_damping(1.0, gain_ratio, False, DAMPING) is None
+        assert next_damping(0.0, gain_ratio, True, DAMPING) == 1e-3
+        assert next_damping(2e-4, gain_ratio, True, DAMPING) == pytest.approx(2e-3)
+
+
+def test_a_step_has_to_promise_more_the_poorer_the_fit():
+    promised = [rule(*course).min_decrease() for course in ((50.0,), (50.0, 300.0), (2000.0,), (1e14,))]
+    assert promised == pytest.approx([0.05, 0.05 * 9.0, 20.0, 1e12])  # never more than what one of 100 samples leaves
+    assert rule(300.0, numerical_noise_chi2=7.0).min_decrease() == 7.0
+    own = rule(100.0, settings=replace(STOPPING, min_decrease=1.0, creeping_after=3))
+    assert own.min_decrease() == 1.0 and own.creeping(3) and not own.creeping(2)
+
+
+def test_a_poor_fit_ends_where_it_gains_little_and_a_beaten_one_sooner():
+    assert rule(1000.0, 995.0, 992.0, 990.0, 981.0).poor_and_slow()  # less than two percent in four steps
+    assert not rule(1000.0, 995.0, 992.0, 990.0, 980.0).poor_and_slow()
+    assert not rule(1000.0, 1000.0, 1000.0, 1000.0).poor_and_slow()  # not yet four steps
+    assert rule(*[200.1] * 5).poor_and_slow()
+    assert not rule(*[200.0] * 5).poor_and_slow()  # at two per sample it is not poor
+    assert rule(1000.0, 950.0, 840.0, sufficient_chi2=100.0).poor_and_slow()  # less than a fifth in two steps
+    assert not rule(1000.0, 950.0, 830.0, sufficient_chi2=100.0).poor_and_slow()
+    assert not rule(300.0, 300.0, 300.0, sufficient_chi2=100.0).poor_and_slow()  # not beaten yet
+
+
+# Whether an effect is there, against what its covariance says of it
+
+
+def effect_fit(values, slopes, low=-np.inf, high=np.inf):
+    """A fit of an effect with so many parts, and that effect."""
+    parts = tuple(Parameter(f"part{place}", 0.0, low, high) for place in range(len(values)))
+    effect = Candidate("effect", "crank", parts, tuple(p.name for p in parts))
+    keys = [Parameter(f"effect.{p.name}", 0.0, low, high) for p in parts]
+    return made_fit(np.zeros(len(slopes)), keys, slopes, values, (effect,)), effect
+
+
+def test_all_parts_of_an_effect_count_together_and_errors_that_go_together_as_such():
+    """Each part alone is two standard errors from 0; together their chance is that of a chi2 of 8 with 2 degrees."""
+    both = effect_fit([2.0, 2.0], np.eye(2))
+    assert wald_statistic(*both) == pytest.approx(8.0)
+    assert chance(*both) == pytest.approx(chi2_distribution.sf(8.0, 2))
+    slopes, values = np.array([[1.0, 0.9], [0.0, 0.5], [0.3, -0.2]]), np.array([1.0, -2.0])
+    assert wald_statistic(*effect_fit(values, slopes)) == pytest.approx(values @ slopes.T @ slopes @ values)
+
+
+def test_what_stands_at_a_bound_other_than_zero_counts_by_the_error_that_it_would_have_beyond():
+    at_bound, inside = (wald_statistic(*effect_fit([first, 0.1], np.eye(2), low=-5.0)) for first in (-5.0, -4.999))
+    assert at_bound == pytest.approx(25.01) and at_bound == pytest.approx(inside, rel=1e-3)
+    assert chance(*effect_fit([-0.1], np.full((3, 1), 1e-3), -0.1, 0.5)) > 0.5
+    none = effect_fit([0.0], np.ones((3, 1)), low=0.0)  # what stands at zero is not there
+    assert (wald_statistic(*none), chance(*none)) == (0.0, 1.0)
+
+
+def test_the_statistic_is_what_chi2_gains_where_residuals_are_linear():
+    model = toy({"constant_force": {"force_N": 0.05}}, seed=4)
+    here, effect = Problem(model, stated_noise(model)), candidate_of("constant_force")
+    base, found = fit_hypothesis(here, refresh=True), fit_hypothesis(here, (effect,), refresh=True)
+    inflation = max(1.0, found.chi2 / (here.size - len(found.parameters)))
+    assert wald_statistic(found, effect) * inflation == pytest.approx(base.chi2 - found.chi2, rel=0.02)

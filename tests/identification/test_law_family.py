@@ -1,7 +1,6 @@
 """Of a law that was found, the data say which shapes of its family they allow."""
 
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -179,20 +178,6 @@ def test_of_several_laws_that_leave_noise_alone_the_best_is_named_and_equally_go
 
 
 # Equals
-
-
-def test_equals_that_have_two_laws_of_a_family_are_not_of_one():
-    model = toy()
-    is_one_family = partial(law_family._is_one_family, Problem(model, stated_noise(model)))
-    for both, is_one in (
-        (("quadratic spring", "spring viscous"), True),
-        (("viscous", "coulomb"), True),
-        (("quadratic coulomb", "viscous coulomb"), False),
-        (("viscous", "quadratic coulomb"), False),
-        (("viscous", "spring"), False),
-    ):
-        fits = [SimpleNamespace(hypothesis=tuple(map(candidate_of, labels.split()))) for labels in both]
-        assert bool(is_one_family(fits)) == is_one
 
 
 def test_equals_of_one_family_are_its_name_and_others_stay_equal(monkeypatch):

@@ -184,18 +184,6 @@ def test_what_an_effect_keeps_of_a_nuisance_goes_on_from_where_that_is_and_one_n
     assert entry.shape_parameters["drive"] == pytest.approx(base.mapping["drive"])
 
 
-def test_a_model_without_nuisances_has_signatures_too():
-    order = Parameter("order", 2.0, tried=(2.0, 3.0))
-    own = replace(SWING, steady_counterpart="wobble", coordinates=(*SWING.coordinates, order))
-    own = replace(own, initial_guesses=({"order": 2.0},))
-    problem = measured(Oscillator(()), {"drive": 0.3}, {"swing": {"size": 0.03}})
-    make = problem.model.windows
-    problem.model.windows = lambda run, values, effects=(): make(run, {"drive": 0.3} | values, effects)
-    found = annealed(problem).signatures([WOBBLE, own])
-    assert found.jacobian.shape == (problem.size, 0)
-    assert [one.candidate.name for one in found.entries][:2] == ["wobble", "swing"]
-
-
 def test_bounds_hold_and_nothing_is_simulated_beyond_them():
     problem = swinging(drive=0.3, bounds=(0.0, 0.25))
     make, drives, pulls = problem.model.windows, [], []
@@ -240,14 +228,6 @@ def test_derivatives_are_over_about_a_standard_error_where_a_usual_step_is_hundr
     assert 0.3 > 100.0 * sd[0]
     assert np.abs((coarse.values - fine.values) / sd).max() < 0.1
     assert coarse.stages[-1].hessian == pytest.approx(fine.stages[-1].hessian, rel=0.05, abs=1.0)
-
-
-def test_what_the_readings_do_not_tell_stays_at_its_nominal_value(hidden):
-    problem, _, estimate = hidden
-    idle = replace(SWING, coordinates=(*SWING.coordinates, Parameter("idle", 0.5, -1.0, 1.0, 0.05)))
-    with_idle = annealed(problem, idle)
-    assert with_idle.mapping["swing.idle"] == pytest.approx(0.5, abs=1e-9)
-    assert with_idle.best.deviance == pytest.approx(estimate.best.deviance, abs=1e-6)
 
 
 def test_what_one_long_trajectory_has_no_slope_to_is_found_in_windows():
@@ -313,42 +293,6 @@ def test_windows_hold_some_readings_for_each_number_of_a_state_and_are_four_to_s
         assert [(jump, turns) for _, _, jump, turns in problem.model.filtered] == [(1.0, math.inf)] * 2
 
 
-def test_states_of_the_filter_are_taken_where_they_lower_the_cost_alone():
-    problem = linear()
-    estimate = Estimate(problem, ())
-    estimate.fit_at(1.0)
-    known, problem.model.rest = {run: slow.copy() for run, slow in estimate._slow.items()}, 3.0
-    estimate._filtered(0.3, anew=False)
-    assert all(np.array_equal(estimate._slow[run], known[run]) for run in problem.runs)
-    estimate._slow, problem.model.rest = {run: slow + 3.0 for run, slow in known.items()}, 0.1
-    estimate._filtered(0.3, anew=False)
-    assert all(np.unique(slow) == [0.1] for slow in estimate._slow.values())
-
-
-def test_the_filter_is_asked_down_to_a_jump_and_parameters_are_held_above_another():
-    problem = linear(settings=windows(filtered_above=0.1, held_above=0.3))
-    estimate = annealed(problem)
-    assert [jump for _, _, jump, _ in problem.model.filtered] == [1.0, 1.0, 0.3, 0.3, 0.1, 0.1]
-    held, free = estimate.stages[:2]
-    assert held.values == pytest.approx([0.2, 0.0, 0.0], abs=0.0) and free.values[0] == pytest.approx(0.3, abs=0.02)
-    assert held.lost == 0.0 and [held.jump, free.jump] == [1.0, 0.3]
-    problem.model.filtered.clear()
-    assert [stage.jump for stage in Estimate(problem, ()).anneal(below=0.03).stages] == [0.006, 0.001]
-    assert [jump for _, _, jump, _ in problem.model.filtered] == [0.006, 0.006]
-
-
-def test_where_the_motion_that_began_long_before_costs_less_windows_go_on_from_it(hidden, monkeypatch):
-    problem, _, true = hidden
-    known = true.fit().states
-    monkeypatch.setattr(Windows, "settled", lambda self, states: replace(states, slow=known[self.run].copy()))
-    estimate = Estimate(problem, (SWING,), true.mapping, vary=())
-    estimate.begin_at({run: slow + 2.0 for run, slow in known.items()})
-    assert estimate._settled(0.001)
-    assert all(np.array_equal(estimate._slow[run], known[run]) for run in problem.runs)
-    estimate._motions = estimate._simulate(estimate.values, estimate._slow)
-    assert not estimate._settled(0.001)
-
-
 # Rivals
 
 
@@ -365,28 +309,6 @@ def test_what_is_far_behind_a_rival_ends_at_a_larger_jump_and_those_as_good_go_o
     assert [one.stages[-1].jump for one in both] == [last] * 2
     assert both[0].best.deviance < both[1].best.deviance
     assert compete([]) == []
-
-
-def test_rivals_that_leave_much_end_at_once_and_those_that_leave_less_where_they_are_compared():
-    problem = swinging(0.3)
-    for far_before, ends in ((0.0, 0.3), (math.inf, 0.1)):
-        problem.settings = windows(far_before=far_before)
-        _, other = compete([Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))])
-        assert other.stages[-1].jump == ends
-
-
-def test_a_fit_goes_on_while_its_deviance_falls_and_ends_without_a_rival_too():
-    problem = swinging(settings=windows(far_behind=0.0))
-    estimate = annealed(problem, SWING)
-    deviances = [stage.deviance for stage in estimate.stages]
-    assert deviances[:-1] == sorted(deviances[:-1], reverse=True) and len(deviances) > 3
-    (alone,) = compete([Estimate(problem, (SWING,))])
-    assert [stage.deviance for stage in alone.stages] == pytest.approx(deviances)
-    assert estimate.best is min(estimate.stages, key=lambda stage: stage.deviance)
-    problem = swinging(0.3)  # of which a wobble explains little
-    (alone,), estimate = compete([Estimate(problem, (WOBBLE,))]), annealed(problem, WOBBLE)
-    assert len(alone.stages) == len(estimate.stages) < len(problem.settings.windows.jumps)
-    assert alone.stages[-1].deviance > alone.best.deviance + 0.03 * problem.size
 
 
 def failing(effects):

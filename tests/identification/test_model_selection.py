@@ -8,16 +8,16 @@ import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import SimulationError
-from jointgap.identification import model_selection
+from jointgap.identification import hypothesis_fits, model_selection
+from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
+from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
+from jointgap.identification.initial_fit import labels_of
 from jointgap.identification.model_selection import (
-    _beyond_bounds,
     best_sufficient,
     fit_look_alikes,
     fits_beyond_bounds,
     nonlinearity,
-    refit_jacobian,
-    second_effect_gain,
     select_hypothesis,
     shortlist_singles,
     swap_one_effect,
@@ -28,8 +28,12 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import Signature, Signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.thresholds import screen_candidates
 from jointgap.identification.verdict import Thresholds
+from tests.identification.oscillator import SPRING as STIFFER
+from tests.identification.oscillator import SWING, WOBBLE, linear, noise_of
 from tests.identification.toy import RINGING, analysed, candidate_of, ringing, screened, stated_noise, toy
+from tests.rows import each
 
 SAMPLES = 200
 LN = float(np.log(SAMPLES))
@@ -62,6 +66,8 @@ def fitted(chi2, *effects, status="converged"):
     return Fit(effects, parameters, np.ones(len(parameters)), residual, jacobian, 1, status)
 
 
+TWO = {"viscous": {"damping_N_s_m": 0.8}, "spring": {"stiffness_N_m": 3.0}}
+DRY = {"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}
 COULOMB, SPRING = effect("coulomb"), effect("spring")
 
 
@@ -115,12 +121,6 @@ def test_what_other_numerics_change_raises_both_thresholds_of_a_second_effect(mo
         assert second(30.0, no_single) is LIMITS
 
 
-def test_a_jump_of_chi2_counts_where_the_single_effect_is_sufficient_alone(monkeypatch):
-    for chi2, jump, gain in ((200.0, 70.0, 70.0), (200.0, 3.0, 12.0), (400.0, 70.0, 12.0)):
-        monkeypatch.setattr(model_selection, "nonlinearity", lambda *_, jump=jump: jump)
-        assert second_effect_gain(None, singles(chi2), LIMITS) == gain
-
-
 def test_a_jump_is_what_chi2_has_beyond_what_the_other_side_predicts():
     """Residuals depend on one parameter linearly, but for a jump of one sample above the fit."""
 
@@ -159,23 +159,6 @@ def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
     assert swapped["ringing + viscous"].chi2 < 1.1 * base.problem.size < pair.chi2
 
 
-def test_in_the_valley_of_a_pair_an_effect_may_take_a_nuisance_beyond_its_range():
-    truth = {"nuisances": {"slider_mass": 0.56}, "hidden": lambda x, v, angle, _: ringing(0.31, angle)}
-    base, signatures, pair = in_the_valley("centrifugal", **truth)
-    heavier = next(fit for fit in swap_one_effect(base, signatures, [pair]) if fit.label == "ringing + added_mass")
-    assert heavier.mapping["added_mass.mass_kg"] == pytest.approx(0.06, abs=0.002)
-    again = base.problem.residual(heavier.mapping, heavier.hypothesis)
-    np.testing.assert_allclose(again, heavier.residual, rtol=0, atol=1e-9)
-    assert heavier.chi2 < 1.1 * base.problem.size < pair.chi2
-
-
-def test_nothing_is_swapped_where_no_pair_is_best_nor_fitted_again_where_a_fit_failed():
-    fits = [fitted(100.0, COULOMB), fitted(400.0, COULOMB, SPRING), fitted(1.0, COULOMB, SPRING, status=FAILED)]
-    for given in ([], fits):
-        assert swap_one_effect(SimpleNamespace(), None, given) == []
-    assert refit_jacobian(SimpleNamespace(), fits[-1]) is fits[-1]
-
-
 @pytest.fixture(scope="module")
 def heavier():
     """A dry friction and a mass that is beyond its range are hidden; friction and the gain of a sensor were fitted."""
@@ -203,19 +186,6 @@ def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_e
     assert (
         len(fits_beyond_bounds(replace(base, problem=Problem(model, stated_noise(model), settings=few)), [pair])) == 1
     )
-
-
-def test_an_effect_that_ends_where_the_nuisance_does_takes_it_nowhere_nor_does_one_replace_it_twice(heavier):
-    base, pair, *_ = heavier
-    mass, added = next(p for p in pair.parameters if p.name == "slider_mass"), candidate_of("added_mass")
-    limited = replace(added, coordinates=(replace(added.coordinates[0], high=mass.high - mass.nominal),))
-    for candidate, count in ((added, 2), (limited, 0)):
-        problem = SimpleNamespace(model=SimpleNamespace(candidates=[candidate]))
-        assert len(list(_beyond_bounds(problem, pair))) == count
-    coulomb, gain = pair.hypothesis
-    heavy = replace(coulomb, replaces={"slider_mass": "force_N"})
-    (only,) = _beyond_bounds(base.problem, replace(pair, hypothesis=(heavy, gain)))
-    assert [candidate.label for candidate in only] == ["sensor_gain:acceleration", "added_mass"]
 
 
 # Explanations that are one
@@ -257,14 +227,6 @@ def test_so_it_is_where_the_best_explains_too_little_but_leaves_no_more_than_nul
         assert (decision.best_known is None) == bool(label)
 
 
-def test_in_a_pair_what_looks_like_one_effect_is_fitted_beside_the_other():
-    base, found = screened(toy({"quadratic": {"drag_N_s2_m2": 0.1}, "spring": {"stiffness_N_m": 5.0}}, seed=4))
-    pair = fit_hypothesis(base.problem, (candidate_of("viscous"), candidate_of("spring")), refresh=True)
-    best = min(fit_look_alikes(base, found, pair), key=lambda fit: fit.chi2)
-    assert best.label == "spring + quadratic"
-    assert best.chi2 < 1.1 * base.problem.size < pair.chi2
-
-
 # Other ends
 
 
@@ -282,3 +244,47 @@ def test_where_more_than_noise_is_left_errors_hold_another_end_that_is_as_good()
     drawn = replace(fit, draws=np.random.default_rng(1).standard_normal((4000, 2)) + fit.values)
     wider = with_other_ends(drawn, [replace(fit, values=fit.values + [0.0, 9.0])])
     assert np.std(wider.distribution.draws, axis=0) == pytest.approx([1.0, np.hypot(1.0, 9.0)], rel=0.05)
+
+
+# The order of a search
+
+
+@each("bias", [-0.03, 0.03])
+def test_two_effects_that_mask_each_other_are_fitted_though_neither_is_sufficient_alone(bias):
+    """Dry friction makes a torque with a mean, and a bias takes that away, or doubles it."""
+    hidden = {"coulomb": {"force_N": 0.5}, "sensor_bias:torque": {"bias": bias}}
+    base, signatures, limits = analysed(toy(hidden, seed=3, channels=("torque",)))
+    alone = [fit_hypothesis(base.problem, (candidate_of("spring"),), differences=base.differences)]
+    found = min(fit_pairs(base, signatures, limits, alone)[0], key=lambda fit: fit.chi2)
+    assert labels_of(found.hypothesis) == hidden.keys()
+    assert found.chi2 < limits.omnibus * base.problem.size
+
+
+@each("hidden, masked", [(TWO, True), (DRY, True), (TWO, False)])
+def test_two_effects_of_which_neither_is_sufficient_are_found_beside_each_other(hidden, masked, monkeypatch):
+    """By pairs of the leading effects, too, where signatures about the base do not lead to them."""
+    if not masked:
+        monkeypatch.setattr(hypothesis_fits, "_masked_pairs", lambda *_: [])
+    base, signatures, limits = analysed(toy(hidden, seed=3))
+    alone, _ = fit_singles(base, signatures, limits)
+    assert min(fit.chi2 for fit in alone) > limits.omnibus * base.problem.size
+    found, seconds = fit_pairs(base, signatures, limits, alone)
+    best = min(found, key=lambda fit: fit.bic)
+    assert labels_of(best.hypothesis) == hidden.keys()
+    assert best.chi2 < 1.1 * base.problem.size
+    assert len({labels_of(fit.hypothesis) for fit in found}) == len(found) == len(seconds)
+
+
+def test_where_joints_are_loose_the_first_part_searches_for_all_in_windows_but_for_no_sizes_on_doubted_data():
+    problem = linear(hidden={"swing": {"size": 0.3}, "wobble": {"size": 0.3}}, candidates=(SWING, WOBBLE, STIFFER))
+    base = recalibrate(problem.model, noise_of(problem))
+    screening = screen_candidates(base, 0.01)
+    limits = replace(screening.limits, omnibus=0.0)  # what leaves noise ends the search
+    assert fit_singles(base, screening.signatures, limits) == ([], [])
+    assert fit_pairs(base, screening.signatures, limits, [], part=1, parts=2) == ([], [])
+    for doubted in (False, True):
+        problem.model.filtered.clear()
+        fits, seconds = fit_pairs(base, screening.signatures, limits, [], part=0, parts=2, doubted=doubted)
+        assert labels_of(fits[0].hypothesis) == {"swing", "wobble"}
+        assert all(fit.in_windows for fit in fits) and len(fits) == len(seconds)
+        assert any("spring" in effects for _, effects, *_ in problem.model.filtered) != doubted

@@ -208,37 +208,18 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
 
 
 def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says_of_either_sign():
-    def check(label, key, start, size, how):
-        told = replace(candidate_of(label), initial_guesses=start)
-        _, signatures = screened(replace(toy(seed=2, **how), candidates=(told,)))
-        assert [one.is_secant for one in signatures.entries] == [bool(guess) for guess in start]
+    def check(label, key, guesses, size):
+        told = replace(candidate_of(label), initial_guesses=guesses)
+        _, signatures = screened(replace(toy({label: {key: size}}, seed=2), candidates=(told,)))
+        assert [one.is_secant for one in signatures.entries] == [bool(guess) for guess in guesses]
         alone = replace(signatures, entries=[one for one in signatures.entries if one.is_secant])
         (found,) = SignatureRegression(alone).singles()
         assert found.start[f"{label}.{key}"] == pytest.approx(size, rel=0.1)
         # where a fit starts too is no further thing that a candidate can change
         assert len(SignatureSubspaces(signatures).of[label]) == 1
 
-    drags = [
-        (
-            "quadratic",
-            "drag_N_s2_m2",
-            ({"drag_N_s2_m2": 0.2},),
-            size,
-            {"effects": {"quadratic": {"drag_N_s2_m2": size}}},
-        )
-        for size in (0.15, 0.35)
-    ]
-    biases = [
-        (
-            "sensor_bias:torque",
-            "bias",
-            ({}, {"bias": 0.8 * size}),
-            size,
-            {"effects": {"sensor_bias:torque": {"bias": size}}},
-        )
-        for size in (-0.02, 0.015)
-    ]
-    each(check, drags + biases)
+    each(check, [("quadratic", "drag_N_s2_m2", ({"drag_N_s2_m2": 0.2},), size) for size in (0.15, 0.35)])
+    each(check, [("sensor_bias:torque", "bias", ({}, {"bias": 0.8 * size}), size) for size in (-0.02, 0.015)])
 
 
 def test_finite_starts_are_of_a_single_size_that_is_not_zero_and_searches_above_it_within_finite_bounds():

@@ -61,15 +61,6 @@ def test_with_its_effects_absent_a_hypothesis_predicts_what_the_base_does(label,
         np.testing.assert_array_equal(problem.residual(values, hypothesis), other)
 
 
-def test_a_pair_keeps_the_effect_that_was_fitted_and_lacks_the_other():
-    problem = problem_of(DRAG)
-    part = fit_hypothesis(problem, (VISCOUS,))
-    values = with_effects_absent(problem, (SPRING, VISCOUS), part)
-    assert values["viscous.damping_N_s_m"] == part.mapping["viscous.damping_N_s_m"]
-    assert values["spring.stiffness_N_m"] == 0.0
-    np.testing.assert_allclose(problem.residual(values, (SPRING, VISCOUS)), part.residual, rtol=0, atol=1e-9)
-
-
 @each("other", ["spring", "added_mass"])
 def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_else_in_place(other):
     problem = problem_of(DRAG | {"constant_force": {"force_N": 0.2}})

@@ -8,7 +8,6 @@ import pytest
 
 from jointgap.core.candidates import Series
 from jointgap.identification.baseline import recalibrate
-from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.noise import effective_samples, estimate_noise, numerics_noise
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.catalogue import each, refused
@@ -190,14 +189,6 @@ def test_a_noise_that_is_a_large_part_of_a_turn_or_of_the_signal_and_too_few_sam
     few = toy(samples=3, cycles=1, stated=False)
     unstated = changed(toy(), lambda s: replace(s, statistic=True, stated_noise=None))
     refused(estimates, [(few, "run slow, channel torque ~ 3 samples ~ `noise`"), (unstated, "statistics ~ noise")])
-
-
-def test_of_a_fit_that_failed_nothing_is_known():
-    model = toy()
-    values = np.array([p.nominal for p in model.nuisances])
-    nothing = np.full(360, np.nan), np.empty((360, 0))  # as it is read from its tables
-    failed = Fit((), tuple(model.nuisances), values, *nothing, 0, FAILED, "the rod does not reach")
-    assert not failed.distribution.covariance.any() and not failed.covariance().any()
 
 
 # Statistics and numerics

@@ -9,7 +9,7 @@ import pytest
 from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.preflight import Detectability, advise, assumed_noise, preflight
+from jointgap.identification.preflight import advise, assumed_noise, preflight
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.catalogue import each
@@ -77,19 +77,6 @@ def test_effects_that_are_the_same_are_merged_and_not_one_with_another_that_hold
     found = preflight(acting(parts, spring, steady))
     assert found.cosines.loc["preloaded_spring", "constant_force"] == pytest.approx(1.0, abs=1e-6)
     assert found.merged == []
-
-
-def test_what_another_effect_leaves_within_bounds_is_never_less_than_without(monkeypatch):
-    kept = []
-    monkeypatch.setattr(Detectability, "merged", lambda self, labels: kept.append((self, labels)) or [])
-    preflight(planned(noise=0.005))
-    ((detectability, labels),) = kept
-    for label in labels:
-        signature = detectability.signatures.of(label)[0]
-        amount = detectability._typical_amount(signature, 0)
-        for other in set(labels) - {label}:
-            left = min(detectability._fitted(signature, 0, sign * amount, other) for sign in (1.0, -1.0))
-            assert detectability._least_left(label, other) <= left * (1.0 + 1e-6) + 1e-6
 
 
 # From which size on

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
-from jointgap.core.errors import SimulationError
 from jointgap.identification.fit import CONVERGED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import (
@@ -123,22 +122,6 @@ def test_resistance_cannot_push():
     by_label = {one.label: one for one in singles(signatures)}
     assert by_label["viscous"].start["viscous.damping_N_s_m"] == 0.0
     assert by_label["viscous"].chi2 == pytest.approx(by_label["coulomb"].chi2)
-
-
-def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
-    model = toy(seed=0)
-    real = model.simulate
-
-    def failing(run, values, effects=(), numerics=0):
-        if any(candidate.name == "spring" for candidate, _ in effects):
-            raise SimulationError("the spring breaks")
-        return real(run, values, effects, numerics)
-
-    object.__setattr__(model, "simulate", failing)
-    problem, differences, base = based(model)
-    signatures = simulate_signatures(problem, base, differences)
-    assert signatures.failed == {"spring": "the spring breaks"}
-    assert "viscous" in {one.candidate.label for one in signatures.entries}
 
 
 def test_what_no_slope_leads_to_is_screened_on_request_alone():

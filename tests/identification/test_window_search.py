@@ -155,16 +155,6 @@ def test_the_partner_of_a_size_whose_windows_leave_much_more_than_noise_is_found
     assert begun(problem) and all(len(effects) == 1 for _, effects, *_ in problem.model.filtered)
 
 
-def test_effects_begin_below_the_largest_jump_at_the_sizes_that_slopes_say_and_the_values_of_the_base():
-    problem = problem_of(hidden=SMALL)
-    base, (_, (first, *_), _) = baseline_of(problem).base, slopes(problem)
-    search(problem)
-    assert {jump for _, _, jump, _ in problem.model.filtered} == {JUMPS[1]}
-    values, effects, *_ = problem.model.filtered[0]
-    assert values == {"drive": base.mapping["drive"], "zero": base.mapping["zero@slow"]}
-    assert effects == {first.label: {"size": first.start[f"{first.label}.size"]}}
-
-
 def test_where_the_base_leaves_noise_an_effect_is_fitted_if_it_promises_more_than_half_of_what_chance_does():
     problem = problem_of(candidates=(SWING, WOBBLE, PULL, SPRING, FILM))
     assert search(problem) == [] and problem.model.filtered == []
@@ -177,14 +167,6 @@ def test_where_the_base_leaves_noise_an_effect_is_fitted_if_it_promises_more_tha
         assert bool(search(problem, replace(NOISE_ALONE, max_gain_threshold=chance))) == fits
 
 
-def test_beside_such_an_effect_its_rivals_are_fitted():
-    problem = problem_of(hidden=SMALL, settings=windows(far_behind=math.inf))
-    _, rivals, _ = slopes(problem)
-    for partners in (1, 3):
-        fits = search(selecting(problem, partners=partners))
-        assert sorted(fit.label for fit in singles(fits)) == sorted(one.label for one in rivals[:partners])
-
-
 def test_an_effect_that_is_sufficient_gets_the_partner_that_gains_more_than_chance():
     problem = problem_of(hidden={"swing": {"size": 0.1}, "wobble": {"size": 0.05}})
     fits = search(problem)
@@ -192,31 +174,6 @@ def test_an_effect_that_is_sufficient_gets_the_partner_that_gains_more_than_chan
     assert reduced_chi2(single) < NOISE_ALONE.omnibus
     assert names(pair) == {"swing", "wobble"} and single.bic - pair.bic > 10.0
     assert all(len(fit.hypothesis) == 1 for fit in search(problem, replace(NOISE_ALONE, max_gain_threshold=1e3)))
-
-
-def test_no_more_than_the_leading_effects_are_fitted_nor_what_promises_less_than_a_share_of_the_best():
-    problem = problem_of(hidden=SMALL)
-    without, promised, _ = slopes(problem)
-    first, second, *_ = (without - one.chi2 for one in sorted(promised, key=lambda one: one.chi2))
-    for factor, count in ((0.999, 2), (1.001, 1)):
-        problem.settings = windows(far_behind=math.inf, leading_share=factor * second / first)
-        assert len(singles(search(problem, NEVER_ENOUGH))) == count
-    for leading in (1, 3):
-        problem.settings = windows(far_behind=math.inf, leading_share=-1.0, leading=leading)
-        fits = singles(search(problem, NEVER_ENOUGH))
-        assert len(fits) == leading
-        assert [fit.chi2 for fit in fits] == sorted(fit.chi2 for fit in fits)
-
-
-def test_what_is_far_behind_at_its_best_jump_goes_no_further():
-    problem = problem_of(hidden=SMALL, settings=windows(leading_share=0.0))
-    one, two = (Estimate(problem, (each,)).anneal(below=JUMPS[0]) for each in (SWING, WOBBLE))
-    behind = (one.best.deviance - two.best.deviance) / problem.size
-    labels = ["wobble", "swing"] if behind > 0.0 else ["swing", "wobble"]
-    for factor, count in ((0.8, 1), (1.2, 2)):
-        # both go on to where they are compared, as both lead on
-        problem.settings = windows(leading_share=0.0, far_behind=factor * abs(behind), compared_below=0.0)
-        assert [fit.label for fit in singles(search(problem, NEVER_ENOUGH))] == labels[:count]
 
 
 def test_a_whole_number_is_held_where_slopes_say_and_is_among_the_values_of_a_fit():
@@ -295,18 +252,6 @@ def test_of_sizes_that_are_neighbours_the_best_alone_is_fitted_in_its_better_sha
     assert begun(problem) == [(4, 0.0), (4, 0.1)]
 
 
-def test_sizes_begin_at_the_values_of_single_runs_or_beside_loose_joints_of_the_base_and_end_at_the_truth():
-    problem = springs(6.4, settings=windows(jumps=(*JUMPS, 0.001)))
-    fits = search(problem)
-    values, *_ = problem.model.filtered[0]
-    assert values == {"drive": 0.2, "zero": baseline_of(problem).nominal.mapping["zero@slow"]}
-    assert [fits[0].mapping[key] for key in ("spring.size", "drive")] == pytest.approx([0.3, 0.3], abs=0.02)
-    problem = problem_of(hidden=TWO, candidates=(SWING, WOBBLE, SPRING), settings=windows(fitted_sizes=1))
-    search(problem, NEVER_ENOUGH)
-    at = {values["drive"] for values, _, _, turns in problem.model.filtered if turns == 1.0}
-    assert at == {baseline_of(problem).base.mapping["drive"]}
-
-
 def test_sizes_are_not_tried_when_an_effect_leaves_noise_or_when_asked_not_to_and_slopes_do_not_lead_to_them():
     problem = problem_of(hidden=ONE, candidates=(SWING, SPRING), settings=windows(fitted_sizes=1))
     (fit,) = search(problem)
@@ -328,9 +273,3 @@ def test_nothing_is_tried_where_a_candidate_has_no_windows():
     assert {damping for _, damping in tried(problem)} == {0.1}
     problem.model.windowed = lambda effects: False
     assert search(problem) == [] and problem.model.filtered == []
-
-
-def test_a_size_that_cannot_be_simulated_is_no_start():
-    problem = springs(4.0, settings=windows(tried_sizes=1, fitted_sizes=1))
-    search(failing(problem, lambda effects: abs(effects["spring"]["size"] - SIZES[4]) < 1e-9))
-    assert begun(problem) in ([(3, 0.0)], [(5, 0.0)])
