@@ -1,7 +1,6 @@
 """Estimates as a verdict states them: value, standard error, 90 % interval, and a remark where there is none."""
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -186,16 +185,6 @@ def test_the_interval_of_what_follows_from_a_coordinate_stays_within_what_that_a
     found = effect_estimates(at_bound, COEFFICIENT)["coefficient"]
     assert found["remark"] == AT_BOUND
     assert found["interval_90"][0] <= found["value"] <= found["interval_90"][1]
-
-
-def test_the_settings_of_a_problem_reach_its_intervals():
-    """Where any bound counts as far, none cuts an interval off."""
-    fit = fit_of(COEFFICIENT, -0.095, covariance=np.array([[0.02**2]]))
-    settings = replace(DEFAULT_SETTINGS, intervals=replace(DEFAULT_SETTINGS.intervals, far_standard_deviations=0.0))
-    found = [effect_estimates(one, COEFFICIENT)["coefficient"] for one in (fit, replace(fit, settings=settings))]
-    assert found[1]["interval_90"][0] < 0.0 <= found[0]["interval_90"][0]
-    model = toy(seed=1)
-    assert fit_hypothesis(Problem(model, stated_noise(model), settings=settings)).settings is settings
 
 
 def test_only_parameters_that_the_data_determine_are_taken_over():

@@ -106,16 +106,6 @@ def test_bounds_hold_and_a_parameter_at_its_bound_has_no_error():
     assert found.values[at] == high[at] and found.covariance()[at, at] == 0.0
 
 
-def test_known_derivatives_save_simulations():
-    here = problem(toy(SIZE, seed=3))
-    differences = FiniteDifferences(here)
-    first = fit_hypothesis(here, VISCOUS, differences=differences, refresh=True)
-    known = {p.key: column for p, column in zip(first.parameters, first.jacobian.T, strict=True)}
-    again = fit_hypothesis(here, VISCOUS, first.mapping, known, differences)
-    assert again.simulations <= 2 * len(here.runs)
-    assert again.chi2 == pytest.approx(first.chi2, abs=0.2)
-
-
 def test_what_the_data_leave_open_is_as_uncertain_as_its_bounds_say():
     found = fit_hypothesis(problem(toy(seed=0, channels=("acceleration",))), refresh=True)  # no force is read
     at = place_of(found, "slider_mass")

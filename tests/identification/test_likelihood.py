@@ -173,17 +173,6 @@ def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_stands_beside_no
     assert [one.candidate.name for one in beside.entries] == ["swing"]
 
 
-def test_what_an_effect_keeps_of_a_nuisance_goes_on_from_where_that_is_and_one_never_small_has_no_signature():
-    keeps = replace(
-        SWING,
-        coordinates=(*SWING.coordinates, Parameter("drive", 0.2, 0.0, 0.6, 0.01)),
-        initial_guesses=({"drive": 0.2},),
-    )
-    base = annealed(linear(drive=0.3))
-    (entry,) = base.signatures([keeps, replace(SWING, initial_guesses=({"size": 0.1},))]).entries
-    assert entry.shape_parameters["drive"] == pytest.approx(base.mapping["drive"])
-
-
 def test_bounds_hold_and_nothing_is_simulated_beyond_them():
     problem = swinging(drive=0.3, bounds=(0.0, 0.25))
     make, drives, pulls = problem.model.windows, [], []
@@ -259,16 +248,6 @@ def test_a_window_that_cannot_be_simulated_costs_and_does_not_end_the_fit():
     # of two runs, two channels and six samples each
     assert stage.cost - whole.stages[-1].cost == pytest.approx(24 * 10.0**2, rel=0.05)
     assert cut.values == pytest.approx(whole.values, abs=0.02)
-
-
-def test_a_window_that_other_values_break_has_no_derivatives_by_them():
-    problem = linear(drive=0.2, broken=6, broken_above=0.4)
-    whole, estimate = annealed(problem), Estimate(problem, (), {"drive": 0.4})
-    for jump in (1.0, 0.3):
-        estimate.fit_at(jump)
-    assert np.isfinite(estimate.stages[-1].hessian).all() and estimate.stages[-1].lost == 0.0
-    assert estimate.mapping["drive"] < 0.4
-    assert estimate.anneal(below=0.3).values == pytest.approx(whole.values, abs=1e-3)
 
 
 def test_a_window_begins_with_what_the_one_before_hands_on_or_if_that_is_lost_with_what_it_knew():

@@ -217,16 +217,6 @@ def test_what_looks_like_the_explanation_that_would_be_named_is_fitted_before():
     assert select_hypothesis(base, found, [viscous], limits).chosen.label == "quadratic"
 
 
-def test_so_it_is_where_the_best_explains_too_little_but_leaves_no_more_than_null_campaigns_do():
-    """The noise is known so poorly that viscous friction, which explains 94 %, would pass."""
-    base, found = screened(toy({"quadratic": {"drag_N_s2_m2": 0.1}}, seed=4))
-    viscous = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True)
-    for omnibus, label in ((1.1, ""), (1.5, "quadratic")):
-        decision = select_hypothesis(base, found, [viscous], replace(LIMITS, omnibus=omnibus))
-        assert decision.chosen.label == (label or decision.base.label)
-        assert (decision.best_known is None) == bool(label)
-
-
 # Other ends
 
 

@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 from jointgap.core.candidates import Candidate, Parameter
-from jointgap.identification.baseline import other_numerics, recalibrate
+from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_singles
-from jointgap.identification.initial_fit import fit_screened
 from jointgap.identification.model_selection import (
     refit_and_decide,
     second_effect_gain,
     select_hypothesis,
-    shortlist_singles,
     swap_one_effect,
     two_effect_thresholds,
 )
@@ -148,20 +146,6 @@ def test_an_effect_that_is_on_no_list_gets_no_name():
 
 
 # Where numerics disagree or the motion jumps
-
-
-def test_another_choice_of_numerics_is_no_second_effect():
-    """What changes with the width of friction at rest is about as much as a second effect may then have to gain."""
-    base, signatures, limits = analysed(toy({"coulomb": {"force_N": 30.0}}, seed=1))
-    singles = shortlist_singles(signatures, limits)
-    fits = [fit_screened(base.problem, base.differences, signatures, one) for one in singles]
-    best = min(fits, key=lambda one: one.chi2)
-    assert best.label == "coulomb"
-    changed = np.sum(other_numerics(base.problem, best) ** 2)
-    second = two_effect_thresholds(base, fits, limits)
-    assert second.omnibus == pytest.approx(limits.omnibus + second.max_gain_threshold / best.residual.size)
-    assert 0.5 * changed < second.max_gain_threshold <= changed
-    assert limits.max_gain_threshold < second.max_gain_threshold
 
 
 def test_thresholds_hold_their_rate_and_know_of_other_numerics():

@@ -1,16 +1,14 @@
 """No hypothesis ends above what it holds, and none wins by a valley that the base could lie in too."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jointgap.identification.fit import compress_rows, fit_hypothesis
+from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_singles
 from jointgap.identification.initial_fit import (
     chi2_without_effects,
-    lowest_of_each,
     not_above_its_parts,
     with_effects_absent,
     without_other_effects,
@@ -37,14 +35,6 @@ def dragging():
     """The base of a toy in which a drag is hidden, which may ring."""
     model = toy(DRAG, seed=3)
     return screened(replace(model, candidates=(RINGING, VISCOUS)))[0]
-
-
-def test_of_each_hypothesis_the_lowest_fit_counts_in_whatever_order_its_effects_stand():
-    def fit(chi2, *labels):
-        return SimpleNamespace(hypothesis=tuple(map(candidate_of, labels)), chi2=chi2)
-
-    higher, lower, single = fit(3.0, "spring", "viscous"), fit(2.0, "viscous", "spring"), fit(4.0, "spring")
-    assert lowest_of_each([single, higher, lower]) == [lower, single]
 
 
 @each("label, amplitude", [("viscous", "damping_N_s_m"), ("added_mass", "mass_kg"), ("harmonic_force", "sine_N")])
@@ -123,16 +113,6 @@ def test_what_the_base_would_leave_in_a_fits_valley_is_what_it_leaves_where_resi
     for label in ("viscous", "constant_force", "added_mass"):
         found = fit_hypothesis(base.problem, (candidate_of(label),), refresh=True)
         assert chi2_without_effects(base.problem, found) == pytest.approx(base.base.chi2, rel=1e-3)
-
-
-def test_fits_from_a_file_hold_their_derivatives_in_fewer_rows_and_that_is_enough(dragging):
-    base = dragging
-    found = fit_hypothesis(base.problem, (VISCOUS,), differences=base.differences)
-    stored = replace(found, jacobian=compress_rows(found.jacobian)[0])
-    without = chi2_without_effects(base.problem, found)
-    assert chi2_without_effects(base.problem, stored) == pytest.approx(without)
-    poor = replace(stored, values=0.9 * stored.values, residual=2.0 * base.base.residual)
-    assert not_above_its_parts(base.problem, base.differences, poor, [base.base]).chi2 < base.base.chi2
 
 
 def test_an_effect_that_won_by_its_nuisances_better_valley_is_not_named():
