@@ -9,6 +9,7 @@ from jointgap.core.candidates import Parameter
 from jointgap.core.errors import SimulationError
 from jointgap.identification import baseline
 from jointgap.identification.baseline import (
+    fit_over_ensembles,
     leading_over_ensembles,
     regressed_over_ensemble,
     with_intervals,
@@ -190,3 +191,14 @@ def test_those_that_are_regressed_failed_or_explain_nothing_stay_as_they_are_and
     worse = replace(base, residual=1.1 * base.residual)
     assert leading_over_ensembles(problem, base, [worse]) == (base, [worse])
     assert problem.simulations == before
+
+
+def test_regressions_go_on_as_long_as_they_help(monkeypatch):
+    problem = Chaotic(9)
+    fit = problem.fit()
+    for factors, best in (((0.9, 0.8, 0.1), 1), ((0.995, 0.1), 0), ((0.9, 0.95, 0.1), 0)):
+        found = [replace(fit, residual=factor * fit.residual) for factor in factors]
+        left = iter(found)
+        monkeypatch.setattr(baseline, "regressed_over_ensemble", lambda *_, left=left: next(left))
+        assert fit_over_ensembles(problem, fit, 0.0) is found[best]
+    assert fit_over_ensembles(problem, fit, fit.chi2) is fit

@@ -173,6 +173,18 @@ def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_stands_beside_no
     assert [one.candidate.name for one in beside.entries] == ["swing"]
 
 
+def test_a_model_without_nuisances_has_signatures_too():
+    order = Parameter("order", 2.0, tried=(2.0, 3.0))
+    own = replace(SWING, steady_counterpart="wobble", coordinates=(*SWING.coordinates, order))
+    own = replace(own, initial_guesses=({"order": 2.0},))
+    problem = measured(Oscillator(()), {"drive": 0.3}, {"swing": {"size": 0.03}})
+    make = problem.model.windows
+    problem.model.windows = lambda run, values, effects=(): make(run, {"drive": 0.3} | values, effects)
+    found = annealed(problem).signatures([WOBBLE, own])
+    assert found.jacobian.shape == (problem.size, 0)
+    assert [one.candidate.name for one in found.entries][:2] == ["wobble", "swing"]
+
+
 def test_bounds_hold_and_nothing_is_simulated_beyond_them():
     problem = swinging(drive=0.3, bounds=(0.0, 0.25))
     make, drives, pulls = problem.model.windows, [], []
@@ -270,6 +282,18 @@ def test_windows_hold_some_readings_for_each_number_of_a_state_and_are_four_to_s
         assert Estimate(problem, ()).find_states(1.0) == 3.0  # the deviance of a reading of all runs
         assert problem.model.per_turn == count
         assert [(jump, turns) for _, _, jump, turns in problem.model.filtered] == [(1.0, math.inf)] * 2
+
+
+def test_where_the_motion_that_began_long_before_costs_less_windows_go_on_from_it(hidden, monkeypatch):
+    problem, _, true = hidden
+    known = true.fit().states
+    monkeypatch.setattr(Windows, "settled", lambda self, states: replace(states, slow=known[self.run].copy()))
+    estimate = Estimate(problem, (SWING,), true.mapping, vary=())
+    estimate.begin_at({run: slow + 2.0 for run, slow in known.items()})
+    assert estimate._settled(0.001)
+    assert all(np.array_equal(estimate._slow[run], known[run]) for run in problem.runs)
+    estimate._motions = estimate._simulate(estimate.values, estimate._slow)
+    assert not estimate._settled(0.001)
 
 
 # Rivals

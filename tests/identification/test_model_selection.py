@@ -265,6 +265,35 @@ def test_two_effects_of_which_neither_is_sufficient_are_found_beside_each_other(
     assert len({labels_of(fit.hypothesis) for fit in found}) == len(found) == len(seconds)
 
 
+def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no_pair_holds_what_failed_alone():
+    base, signatures, limits = analysed(toy(TWO, seed=3))
+    alone, _ = fit_singles(base, signatures, limits)
+    lost = [replace(fit, status=FAILED) if fit.label == "spring" else fit for fit in alone]
+
+    def search(alone, **changed):
+        """Labels of the effects that are found, and how many runs that took."""
+        settings = replace(DEFAULT_SETTINGS, selection=replace(DEFAULT_SETTINGS.selection, **changed))
+        problem = Problem(base.problem.model, stated_noise(base.problem.model), settings=settings)
+        found, _ = fit_pairs(replace(base, problem=problem), signatures, limits, alone)
+        return {label for fit in found for label in labels_of(fit.hypothesis)}, problem.simulations
+
+    (labels, usual), (_, few) = search(alone), search(alone, max_simulations=0)
+    assert "spring" in labels and "spring" not in search(lost)[0]
+    assert few < 0.5 * usual
+
+
+def test_where_a_pair_is_worth_a_fit_windows_are_asked_for_one_effect_that_does_alone_what_two_do(monkeypatch):
+    base, signatures, limits = analysed(toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3))
+    alone, _ = fit_singles(base, signatures, limits)
+    pair, beside = (replace(alone[0], residual=factor * alone[0].residual) for factor in (1.0, 0.9))
+    monkeypatch.setattr(hypothesis_fits, "_pairs_of_best", lambda *_: [("a pair", "its signatures")])
+    monkeypatch.setattr(hypothesis_fits, "_fit_each", lambda *_: ([pair], [2.0]))
+    monkeypatch.setattr(hypothesis_fits, "search_in_windows", lambda *_: [beside])
+    for doubted in (True, False):  # of one hypothesis the lowest counts
+        (found,), seconds = fit_pairs(base, signatures, limits, alone, doubted=doubted)
+        assert found is (pair if doubted else beside) and len(seconds) == 1
+
+
 def test_where_joints_are_loose_the_first_part_searches_for_all_in_windows_but_for_no_sizes_on_doubted_data():
     problem = linear(hidden={"swing": {"size": 0.3}, "wobble": {"size": 0.3}}, candidates=(SWING, WOBBLE, STIFFER))
     base = recalibrate(problem.model, noise_of(problem))
