@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.fit import compress_rows, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_singles
 from jointgap.identification.initial_fit import (
     chi2_without_effects,
@@ -134,3 +134,13 @@ def test_an_effect_that_is_there_keeps_the_base_where_it_is():
     found = fit_hypothesis(base.problem, (VISCOUS,), differences=base.differences)
     decision = select_hypothesis(base, signatures, [found], LIMITS)
     assert decision.verdict == "named" and decision.base is base.base
+
+
+def test_fits_from_a_file_hold_their_derivatives_in_fewer_rows_and_that_is_enough(dragging):
+    base = dragging
+    found = fit_hypothesis(base.problem, (VISCOUS,), differences=base.differences)
+    stored = replace(found, jacobian=compress_rows(found.jacobian)[0])
+    without = chi2_without_effects(base.problem, found)
+    assert chi2_without_effects(base.problem, stored) == pytest.approx(without)
+    poor = replace(stored, values=0.9 * stored.values, residual=2.0 * base.base.residual)
+    assert not_above_its_parts(base.problem, base.differences, poor, [base.base]).chi2 < base.base.chi2

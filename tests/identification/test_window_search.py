@@ -266,3 +266,9 @@ def test_nothing_is_tried_where_a_candidate_has_no_windows():
     assert {damping for _, damping in tried(problem)} == {0.1}
     problem.model.windowed = lambda effects: False
     assert search(problem) == [] and problem.model.filtered == []
+
+
+def test_a_size_that_cannot_be_simulated_is_no_start():
+    problem = springs(4.0, settings=windows(tried_sizes=1, fitted_sizes=1))
+    search(failing(problem, lambda effects: abs(effects["spring"]["size"] - SIZES[4]) < 1e-9))
+    assert begun(problem) in ([(3, 0.0)], [(5, 0.0)])
