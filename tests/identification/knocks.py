@@ -7,21 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jointgap.core.candidates import Candidate, Effects, Parameter, Series
-from tests.identification.toy import Toy, coloured, toy
+from jointgap.core.candidates import Effects, Parameter
+from tests.identification.toy import Toy, candidate_of, coloured, toy
 
 CLEARANCE = Parameter("clearance", 1.0, 0.9, 1.1, 0.005, "mm")
-LOOSER = Candidate(
-    "looser",
-    "slider",
-    (Parameter("change_mm", 0.0, -0.95, 5.0, 0.05),),
-    ("change_mm",),
-    is_perturbation=True,
-    replaces={"clearance": "change_mm"},
-    search_range=(-0.5, 2.0),
-)
-"""Not among the candidates of the toy with knocks: another clearance than the nuisance's range allows."""
-
 WIDTH = 0.02  # rad
 BLOW = 3.0  # times the acceleration's own standard deviation
 LATER = 4.0  # rad per mm: over the range of the clearance, blows move by 46 deg
@@ -36,10 +25,9 @@ class Knocking(Toy):
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
         """What the sensors read."""
-        others = [(one, at) for one, at in effects if one is not LOOSER]
-        read = dict(super().simulate(run, values, others, numerics))
+        read = dict(super().simulate(run, values, effects, numerics))
         angle = next(series for series in self.series if series.run == run).angle
-        late = LATER * (values["clearance"] - 1.0 + sum(at["change_mm"] for one, at in effects if one is LOOSER))
+        late = LATER * (values["clearance"] - 1.0)
         late += BY_SPRING * sum(at["stiffness_N_m"] for one, at in effects if one.name == "spring")
         for place, sign in ((1.0, 1.0), (2.5, -1.0), (4.5, 1.0)):
             off = np.angle(np.exp(1j * (angle - place - late)))
@@ -55,17 +43,13 @@ def knocking(
     """The toy with knocks, and data measured on it in which `effects` act and the clearance is `clearance` [mm]."""
     plain = toy(samples=360, planned=True)
     model = Knocking(plain.series, (*plain.nuisances, CLEARANCE), plain.candidates, plain.speeds)
-    by_label = {candidate.label: candidate for candidate in plain.candidates}
-    acting = [(by_label[label], at) for label, at in (effects or {}).items()]
+    acting = [(candidate_of(label), at) for label, at in (effects or {}).items()]
     rng, measured = np.random.default_rng(seed), []
     for run in plain.speeds:
         values = {p.name: p.nominal for p in model.nuisances if p.run in (None, run)} | {"clearance": clearance}
         clean = model.simulate(run, values, acting)
-        measured += [_measured(one, clean[one.channel], rng) for one in model.series if one.run == run]
+        for one in (series for series in model.series if series.run == run):
+            sd = 0.02 * float(np.std(clean[one.channel]))
+            value = clean[one.channel] + sd * coloured(one.angle.size, 0.0, rng)
+            measured.append(replace(one, value=value, stated_noise=np.full(one.angle.size, sd)))
     return replace(model, series=tuple(measured))
-
-
-def _measured(series: Series, clean: np.ndarray, rng: np.random.Generator) -> Series:
-    sd = 0.02 * float(np.std(clean))
-    value = clean + sd * coloured(clean.size, 0.0, rng)
-    return replace(series, value=value, stated_noise=np.full(clean.size, sd))

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.core.candidates import Candidate, FoundStates, Parameter, Series
-from jointgap.core.errors import SimulationError
 from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from tests.identification.toy import coloured
@@ -62,10 +61,7 @@ class Oscillator:
     nuisances: Sequence[Parameter]
     series: Sequence[Series] = ()
     broken: int = -1  # a window that cannot be simulated
-    broken_above: float = -math.inf  # drive, above which
-    failing: Sequence[str] = ()  # effects with which one trajectory cannot be simulated
     windowed: Callable[[dict], bool] = lambda effects: True  # whether there are windows, by the effects' values
-    rest: float = 0.0  # angles and rates that the filter finds
     deviance: Callable[[dict], float] = lambda effects: 0.0  # for each reading, that a filter is to find with effects
     name: str = "oscillator"
     candidates: Sequence[Candidate] = (SWING, WOBBLE, PULL)
@@ -78,8 +74,6 @@ class Oscillator:
         return Windows(self, run, values, own) if self.windowed(own) else None
 
     def simulate(self, run, values, effects=(), numerics=0):
-        if failing := [candidate.name for candidate, _ in effects if candidate.name in self.failing]:
-            raise SimulationError(f"no trajectory with {failing[0]}")
         one = Windows(self, run, values, {candidate.name: at for candidate, at in effects})
         motion = one.motion(one.times, np.zeros(1), np.array([START[run]]))
         return {"angle": motion[:, 0] + values.get("zero", 0.0), "rate": motion[:, 1]}
@@ -126,7 +120,7 @@ class Windows:
         """States at rest: nothing is known of them."""
         self.model.per_turn = per_turn
         self.model.filtered.append((self.values, self.effects, jump, turns))
-        states = self.known(np.full((round(TURNS * per_turn), 2), self.model.rest), per_turn)
+        states = self.known(np.zeros((round(TURNS * per_turn), 2)), per_turn)
         return FoundStates(states, self.model.deviance(self.effects), 1.0)
 
     def _lasting(self, t):
@@ -151,8 +145,7 @@ class Windows:
 
     def simulate(self, states):
         window = self.window_of(self.times, states)
-        breaks = self.values["drive"] > self.model.broken_above
-        done = (np.arange(len(states.slow)) != self.model.broken) | (not breaks)
+        done = np.arange(len(states.slow)) != self.model.broken
         motion = self.motion(self.times, states.edges[window], states.slow[window])
         motion[~done[window]] = np.nan
         ends = np.where(done[:, None], self.motion(states.edges[1:], states.edges[:-1], states.slow), np.nan)
@@ -186,3 +179,12 @@ def measured(
     model.series = series
     noise = {one.key: Noise(np.full(one.value.size, SD), (memory,) if memory else ()) for one in series}
     return Problem(model, noise, settings=settings)
+
+
+def windows(**changed) -> IdentificationSettings:
+    """Usual settings but for some of windows."""
+    return replace(DEFAULT_SETTINGS, windows=replace(DEFAULT_SETTINGS.windows, **changed))
+
+
+def noise_of(problem: Problem) -> dict[tuple[str, str], Noise]:
+    return {part.series.key: part.noise for part in problem.parts}

@@ -11,6 +11,7 @@ from jointgap.identification.confirmation import Confirmed
 from jointgap.identification.evidence import certain_effects, final_verdict, reduced_chi2, row_of, weigh_fit
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.verdict import Decision, Thresholds
+from tests.catalogue import each
 
 SAMPLES = 1000
 NOISE = SAMPLES - 1.0
@@ -22,6 +23,7 @@ def effect(name, *more, low=-np.inf, high=np.inf, **attributes):
 
 
 BOTH = Parameter("joint_friction", 0.1, 0.0, 0.2)
+LIMITS = Thresholds(0.01, 1.05, 12.0)
 COULOMB, SPRING = effect("coulomb"), effect("spring")
 MASS = effect("mass", replaces={"slider_mass": "size"})
 PIN = effect("pin", BOTH, replaces={"joint_friction": "size"})
@@ -43,84 +45,69 @@ def objection(*effects, bounds=None, order_in_words=lambda _: "", **more):
     return row_of(fitted(NOISE, *effects, **more), bounds or {}, order_in_words=order_in_words).objection
 
 
-# Effects that are not there
+# Effects that are not there, and parameters within their ranges
 
 
-def test_an_effect_of_no_size_is_none():
-    assert objection(COULOMB, values=[0.0]) == "coulomb is fitted with no size"
-    assert objection(COULOMB, SPRING, values=[1.0, 0.0]) == "spring is fitted with no size"
-    assert objection(COULOMB) == ""
+def test_an_effect_is_not_there_without_a_size_or_whose_interval_holds_zero_or_that_is_drawn_to_its_bound():
+    def check(effect, values, is_there, slope=1e6):
+        found = objection(*effect, values=values, slope=slope)
+        assert (found == "") == is_there, found
+        assert is_there or effect[-1].label in found
+
+    def length(is_perturbation):
+        return (effect("length", low=-0.5, high=0.5, is_perturbation=is_perturbation),)
+
+    each(
+        check,
+        [
+            ((COULOMB,), [1.0], True),
+            ((COULOMB,), [0.0], False),
+            ((COULOMB, SPRING), [1.0, 0.0], False),
+            ((COULOMB,), [1.646], True, 1.0),  # of a standard error of 1: its 90 % interval
+            ((COULOMB,), [1.644], False, 1.0),
+            (length(False), [0.5], False),
+            (length(False), [0.499], True),
+            (length(False), [-0.5], False),
+            (length(False), [-0.499], True),
+            (length(True), [-0.5], True),  # nothing is left of what was known
+            (length(True), [0.5], False),
+            ((effect("drag", Parameter("exponent", 2.0, 1.0, 3.0)),), [1.0, 3.0], True),  # shapes may end at bounds
+        ],
+    )
 
 
-@pytest.mark.parametrize(("value", "is_there"), [(1.646, True), (1.644, False)])
-def test_nor_one_whose_90_percent_interval_holds_zero(value, is_there):
-    found = objection(COULOMB, values=[value], slope=1.0)  # a standard error of 1
-    assert found == ("" if is_there else "coulomb may as well be absent: the interval of its size holds 0")
-
-
-@pytest.mark.parametrize(
-    ("value", "is_perturbation", "is_there"),
-    [
-        (0.5, False, False),
-        (0.499, False, True),
-        (-0.5, False, False),
-        (-0.499, False, True),
-        (-0.5, True, True),  # nothing is left of what was known
-        (0.5, True, False),
-    ],
-)
-def test_nor_one_drawn_to_the_bound_of_its_size(value, is_perturbation, is_there):
-    found = objection(effect("length", low=-0.5, high=0.5, is_perturbation=is_perturbation), values=[value])
-    assert found == ("" if is_there else "length is drawn to the bound of size: what it explains is something else")
-
-
-def test_shapes_may_end_at_bounds():
-    assert objection(effect("drag", Parameter("exponent", 2.0, 1.0, 3.0)), values=[1.0, 3.0]) == ""
-
-
-@pytest.mark.parametrize("order", ["order 1 of the crank in run slow", ""])
-@pytest.mark.parametrize("beside", [(), (COULOMB,)])
-def test_nor_one_that_swings_at_an_order_of_a_crank(beside, order):
+def test_nor_one_that_swings_at_an_order_of_a_crank():
     swing = effect("swing", Parameter("frequency_Hz", 5.0), steady_counterpart="push")
-    values, asked = [1.0] * len(beside) + [1.0, 5.04], []
-    found = objection(*beside, swing, values=values, order_in_words=lambda hertz: asked.append(hertz) or order)
-    assert (found, asked) == (f"swing swings at 5.04 Hz, which is {order}" if order else "", [5.04])
+    for order in ("order 1 of the crank in run slow", ""):
+        for beside in ((), (COULOMB,)):
+            found = objection(
+                *beside, swing, values=[1.0] * len(beside) + [1.0, 5.04], order_in_words={5.04: order}.__getitem__
+            )
+            assert (found == "") == (order == "") and order in found
 
 
-# Parameters within their ranges
+def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range():
+    def check(effects, values, bounds, named, slope=1e6):
+        found = objection(*effects, values=values, slope=slope, bounds=bounds)
+        assert (found == "") == (not named) and all(name in found for name in named), found
 
-
-@pytest.mark.parametrize(
-    ("value", "is_effect"), [(0.51, True), (0.49, False), (1e-4, False), (-0.09, False), (-0.11, True)]
-)
-def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range(value, is_effect):
-    found = objection(MASS, values=[value], bounds={"slider_mass": (1.0, 0.9, 1.5)})
-    assert found == ("" if is_effect else "mass is slider_mass within its range: a parameter, no effect")
-
-
-@pytest.mark.parametrize(("value", "is_effect"), [(0.51, True), (0.49, False), (-0.51, True), (-0.49, False)])
-def test_a_further_size_of_such_an_effect_counts_from_two_standard_errors_on(value, is_effect):
-    slope = [1.0, 100.0, 4.0]  # standard errors of 0.01 and 0.25
-    found = objection(LENGTHS, values=[0.05, value], slope=slope, bounds={"length": (1.0, 0.9, 1.1)})
-    assert (found == "") == is_effect
-
-
-def test_an_effect_that_replaces_two_nuisances_names_both():
+    mass, length, errors = {"slider_mass": (1.0, 0.9, 1.5)}, {"length": (1.0, 0.9, 1.1)}, [1.0, 100.0, 4.0]
     two = replace(LENGTHS, replaces={"crank_length": "a", "rod_length": "b"})
-    found = objection(two, values=[0.05], bounds=dict.fromkeys(two.replaces, (1.0, 0.9, 1.1)))
-    assert found == "lengths is crank_length and rod_length within its range: a parameter, no effect"
-
-
-def test_an_effect_that_leaves_the_rest_of_a_shared_nuisance_to_be_fitted_is_one_within_the_range_too():
-    bounds = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
-    assert objection(PIN, values=[0.05, 0.1], bounds=bounds) == ""
-    assert objection(PIN, MASS, values=[0.05, 0.1, 0.05], bounds=bounds).startswith("mass is slider_mass within")
-
-
-def test_a_failed_fit_is_not_looked_into():
-    found = row_of(fitted(10.0, MASS, values=[0.0], status=FAILED, reason="it stopped"), {})
-    assert (found.admissible, found.remark, found.misfit) == (False, "it stopped", np.inf)
-    assert reduced_chi2(found.fit) == np.inf
+    pins = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
+    each(
+        check,
+        [
+            *(((MASS,), [value], mass, ["slider_mass"]) for value in (0.49, 1e-4, -0.09)),
+            *(((MASS,), [value], mass, []) for value in (0.51, -0.11)),
+            # a further size counts from two standard errors of 0.25 on
+            *(((LENGTHS,), [0.05, value], length, [], errors) for value in (0.51, -0.51)),
+            *(((LENGTHS,), [0.05, value], length, ["length"], errors) for value in (0.49, -0.49)),
+            ((two,), [0.05], dict.fromkeys(two.replaces, (1.0, 0.9, 1.1)), ["crank_length", "rod_length"]),
+            # the rest of a shared nuisance is left to be fitted
+            ((PIN,), [0.05, 0.1], pins, []),
+            ((PIN, MASS), [0.05, 0.1, 0.05], pins, ["mass is slider_mass"]),
+        ],
+    )
 
 
 # The row of a fit
@@ -128,12 +115,15 @@ def test_a_failed_fit_is_not_looked_into():
 
 def test_a_row_has_the_numbers_of_the_fit_and_what_it_is_weighed_by():
     base, fit = fitted(2000.0), fitted(1000.0, COULOMB, SPRING)
-    row = weigh_fit(base, fit, Thresholds(0.01, 1.05, 12.0))
+    row = weigh_fit(base, fit, LIMITS)
     assert (row.fit, row.label, row.misfit) == (fit, "coulomb + spring", pytest.approx(1000.0 / 997.0))
     assert (row.bic, row.delta_bic) == (pytest.approx(fit.bic), pytest.approx(base.bic - fit.bic))
     assert (row.passes, row.admissible, row.is_rough) == (True, True, False)
     assert reduced_chi2(fit) == row.misfit
-    assert not weigh_fit(base, fitted(1000.0, COULOMB, values=[0.0]), Thresholds(0.01, 1.05, 12.0), {}).admissible
+    assert not weigh_fit(base, fitted(1000.0, COULOMB, values=[0.0]), LIMITS, {}).admissible
+    failed = row_of(fitted(10.0, MASS, values=[0.0], status=FAILED, reason="it stopped"), {})
+    assert (failed.admissible, failed.remark, failed.misfit) == (False, "it stopped", np.inf)
+    assert reduced_chi2(failed.fit) == np.inf
 
 
 def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
@@ -145,14 +135,9 @@ def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
 
 
 def test_motion_depends_roughly_on_a_joint_that_became_loose_not_on_one_that_was():
-    ranges = {"search_range": (0.1, 2.0)}
-    assert row_of(fitted(NOISE, effect("loose", low=0.0, **ranges))).is_rough
+    loose = effect("loose", low=0.0, search_range=(0.1, 2.0))
     looser = effect("looser", low=-1.0, high=2.0, is_perturbation=True, search_range=(-0.5, 2.0))
-    assert not row_of(fitted(NOISE, looser)).is_rough
-
-
-def test_a_replaced_nuisance_still_counts_in_the_bic():
-    assert fitted(100.0, MASS).bic - fitted(100.0, COULOMB).bic == pytest.approx(np.log(SAMPLES))
+    assert [row_of(fitted(NOISE, one)).is_rough for one in (loose, looser)] == [True, False]
 
 
 def test_what_all_explanations_hold_is_certain_and_what_one_as_near_does_without_is_not():
@@ -187,52 +172,43 @@ def together(*parts):
     return Confirmed(pd.concat([part.residuals for part in parts]), parts[0].gaps, variation)
 
 
-def test_the_channel_with_the_largest_rest_counts_however_many_are_met():
+def test_the_channel_with_the_largest_rest_counts_however_many_are_met_and_runs_by_the_root_mean_square():
     found = together(confirmed(4.0, 0.5), *(confirmed(1.0, 2.0, f"other_{number}") for number in range(9))).held_out
     assert (found.fitted, found.held_out) == ((4.0, "crank torque"), (2.0, "other 0"))
     assert (found.gap, found.test.outcome) == (0.5, "falls")
-
-
-def test_runs_count_by_the_root_mean_square_of_their_rests():
     found = together(confirmed(1.0, run="a"), confirmed(4.0, run="b")).held_out
     assert found.fitted == (pytest.approx(np.sqrt((1 + 16) / 2)), "crank torque")
 
 
-def test_noise_is_the_largest_part_of_what_a_channel_varies_by():
+def test_noise_is_the_largest_part_of_what_a_channel_varies_by_a_crank_angle_by_no_more_than_a_turn():
     found = together(confirmed(), confirmed(channel="slider_x", variation=1.25)).held_out
     assert found.noise == (pytest.approx(0.8), "slider x")
-
-
-def test_a_crank_angle_varies_by_no_more_than_a_turn_however_long_it_ran():
     angle = np.linspace(0.0, 60 * 2 * np.pi, 5000)
     series = Series("run", "crank_angle", "rad", angle, angle, angle, angle > 0)
     assert series.variation(angle) == pytest.approx(2 * np.pi / np.sqrt(12))
     assert replace(series, unit="m").variation(angle) == pytest.approx(angle.std())
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "outcome"),
-    [(0.01, 0.02, "falls"), (-0.02, -0.01, "rises"), (-0.01, 0.02, "stays"), (-0.01, 0.5, "cannot_tell")],
-)
-def test_the_gap_falls_or_rises_by_more_than_noise_leaves_open_or_stays_where_it_should_fall(low, high, outcome):
-    found = confirmed()
-    found = replace(found, gaps=found.gaps.assign(fall_low=low, fall_high=high, fall_expected=0.5))
-    assert (found.test.outcome, found.test.before, found.test.after) == (outcome, 2.0, 1.0)
+def test_the_gap_falls_or_rises_by_more_than_noise_leaves_open_or_stays_where_it_should_fall():
+    def check(low, high, outcome):
+        found = confirmed()
+        found = replace(found, gaps=found.gaps.assign(fall_low=low, fall_high=high, fall_expected=0.5))
+        assert (found.test.outcome, found.test.before, found.test.after) == (outcome, 2.0, 1.0)
+
+    each(
+        check,
+        [(0.01, 0.02, "falls"), (-0.02, -0.01, "rises"), (-0.01, 0.02, "stays"), (-0.01, 0.5, "cannot_tell")],
+    )
 
 
 def test_of_held_out_runs_one_of_which_cannot_be_simulated_the_one_that_speaks_against_counts():
     held = confirmed()
     lost = held.gaps[held.gaps["role"] == "confirm"].assign(after=np.nan)
-    rises = lost.query("run == 'confirm' and channel == 'all'").assign(
-        run="b", after=2.2, fall_low=-1.0, fall_high=-0.5
-    )
-    falls = rises.assign(run="c", after=1.0, fall_low=1.0, fall_high=2.0)
-    for rows, outcome in (
-        ([falls], "falls"),
-        ([falls, rises], "rises"),
-        ([rises, falls], "rises"),
-        ([], "not_simulated"),
-    ):
+    one = lost.query("run == 'confirm' and channel == 'all'")
+    rises = one.assign(run="b", after=2.2, fall_low=-1.0, fall_high=-0.5)
+    falls = one.assign(run="c", after=1.0, fall_low=1.0, fall_high=2.0)
+    expected = (([falls], "falls"), ([falls, rises], "rises"), ([rises, falls], "rises"), ([], "not_simulated"))
+    for rows, outcome in expected:
         assert replace(held, gaps=pd.concat([lost, *rows])).test.outcome == outcome
     assert replace(held, gaps=held.gaps.query("role == 'identify'")).test.outcome == "nothing_held_out"
 
@@ -240,32 +216,25 @@ def test_of_held_out_runs_one_of_which_cannot_be_simulated_the_one_that_speaks_a
 # With held-out data heard
 
 
-BASE = fitted(4.0 * SAMPLES)
+BASE, FRICTION = fitted(4.0 * SAMPLES), fitted(990.0, COULOMB)
+NAMED = Decision("named", FRICTION, BASE)
 
 
-def test_a_name_that_the_held_out_data_bear_out_stands_as_it_is():
-    found = Decision("named", fitted(990.0, COULOMB), BASE)
-    assert final_verdict(found, confirmed()) is found
+def test_a_name_that_the_held_out_data_bear_out_stands_and_channels_in_doubt_are_no_evidence():
+    assert final_verdict(NAMED, confirmed()) is NAMED
+    assert "torque" in final_verdict(NAMED, confirmed(), ["torque"]).because
 
 
-@pytest.mark.parametrize(("gap", "scale"), [(0.9, 1.0), (1.4, 1.4)])
-def test_errors_of_what_is_named_grow_with_the_gap_that_is_left_of_held_out_data(gap, scale):
-    found = final_verdict(Decision("named", fitted(990.0, COULOMB), BASE), confirmed(confirm=gap)).chosen
-    assert found.scale == pytest.approx(scale)
+def test_errors_grow_with_the_gap_that_is_left_of_held_out_data():
     rest = Decision("named_with_remaining_misfit", fitted(4.0 * (SAMPLES - 2), COULOMB), fitted(9e4))
-    assert final_verdict(rest, confirmed(confirm=gap)).chosen.scale == pytest.approx(2.0)
-
-
-def test_so_do_those_of_what_is_best_known_and_equivalent_and_of_the_base_where_nothing_is_proposed():
-    withheld = final_verdict(Decision("named", fitted(990.0, COULOMB), BASE), confirmed(confirm=4.0))
+    for gap, scale in ((0.9, 1.0), (1.4, 1.4)):
+        assert final_verdict(NAMED, confirmed(confirm=gap)).chosen.scale == pytest.approx(scale)
+        assert final_verdict(rest, confirmed(confirm=gap)).chosen.scale == pytest.approx(2.0)
+    # so do those of what is best known and equivalent, and of the base where nothing is proposed
+    withheld = final_verdict(NAMED, confirmed(confirm=4.0))
     assert (withheld.verdict, withheld.chosen, withheld.best_known.gap_left) == ("unexplained", BASE, 4.0)
-    rivals = Decision("ambiguous", BASE, BASE, [fitted(990.0, COULOMB), fitted(991.0, SPRING)])
+    rivals = Decision("ambiguous", BASE, BASE, [FRICTION, fitted(991.0, SPRING)])
     heard = final_verdict(rivals, confirmed(confirm=1.4))
     assert ([fit.gap_left for fit in heard.equivalent], heard.chosen.gap_left) == ([1.4, 1.4], 1.0)
     alone = final_verdict(Decision("parameters_only", BASE, BASE), confirmed(confirm=1.4))
     assert (alone.chosen.gap_left, alone.best_known) == (1.4, None)
-
-
-def test_channels_in_doubt_are_no_evidence():
-    found = final_verdict(Decision("named", fitted(990.0, COULOMB), BASE), confirmed(), ["torque"])
-    assert found.because.startswith("what torque reads contradicts")

@@ -1,7 +1,6 @@
 """Of a law that was found, the data say which shapes of its family they allow."""
 
 from dataclasses import replace
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +8,7 @@ import pytest
 
 from jointgap.core.candidates import LawFamily
 from jointgap.identification import law_family, model_selection
-from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.law_family import (
     FamilyInterval,
     ShapeProfile,
@@ -23,23 +20,27 @@ from jointgap.identification.law_family import (
 from jointgap.identification.likelihood import fitted
 from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import simulate_signatures
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.identification.thresholds import thresholds
 from jointgap.identification.verdict import Decision
 from tests.identification.oscillator import SPRING, linear
-from tests.identification.toy import FALLING_SPEED, RINGING, Toy, candidate_of, stated_noise, toy
+from tests.identification.toy import FALLING_SPEED, RINGING, Toy, analysed, candidate_of, searched, stated_noise, toy
+from tests.rows import each
 
 pytestmark = pytest.mark.integration
 
 QUADRATIC = candidate_of("quadratic")
 (DRAG,) = QUADRATIC.families
-RISE = 6.635  # 99 % quantile of chi2 with one degree of freedom
-RISE_90 = 2.706  # quantile of chi2 with one degree of freedom
+RISE, RISE_90 = 6.635, 2.706  # 99 % and 90 % quantile of chi2 with one degree of freedom
+ONE = {"quadratic": {"drag_N_s2_m2": 1.0}}
 
 
 def drag(size: float, exponent: float):
     return lambda x, v, angle, time: -size * np.abs(v) ** exponent * np.sign(v)
+
+
+def fitted_to(model: Toy, *labels: str):
+    """The fit of these effects."""
+    return fit_hypothesis(Problem(model, stated_noise(model)), tuple(map(candidate_of, labels)), refresh=True)
 
 
 def profile(model: Toy) -> ShapeProfile:
@@ -50,40 +51,22 @@ def profile(model: Toy) -> ShapeProfile:
 
 def asked(model: Toy, other=lambda decision: decision) -> tuple[Decision, tuple[FamilyInterval, ...]]:
     """What is decided, and what that comes to (`other` than it) once families are asked for."""
-    base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    fits, _ = fit_singles(base, signatures, limits)
-    fits = [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
+    base, signatures, limits = analysed(model)
+    fits = searched(base, signatures, limits)
     return with_families(base, other(select_hypothesis(base, signatures, fits, limits)), limits)
 
 
-@pytest.mark.parametrize(
-    ("model", "verdict"),
-    [
-        (toy(nuisances={"slider_mass": 0.515}, seed=4), "parameters_only"),
-        (toy(hidden=lambda x, v, angle, time: 2.0 * np.sign(np.sin(3.0 * angle)), seed=3), "unexplained"),
-    ],
-    ids=["parameters-only", "unexplained"],
-)
-def test_parameters_are_stated_with_all_that_intervals_ask_for_where_nothing_else_is_missing(
-    model, verdict, monkeypatch
-):
-    stated = []
-    monkeypatch.setattr(model_selection, "with_intervals", lambda problem, fit, *rest: stated.append(fit.label) or fit)
-    decision, _ = asked(model)
-    assert decision.verdict == verdict
-    assert ("base" in stated) == (verdict == "parameters_only")
+def outcome(decision):
+    return decision.verdict, decision.chosen.label
 
 
-@pytest.mark.parametrize("exponent", [0.6, 2.0, 3.3, 5.0])
-def test_the_interval_holds_the_exponent_that_the_data_were_made_with(exponent):
-    low, high = profile(toy(hidden=drag(2.0, exponent), seed=3)).interval(RISE)
-    assert low <= exponent <= high
-    assert high - low < 1.0
+# The interval of a shape
 
 
-def test_intervals_of_90_and_99_percent_hold_the_exponent_that_often():
+def test_the_interval_holds_the_exponent_that_the_data_were_made_with_as_often_as_it_says():
+    for exponent in (0.6, 2.0, 5.0):
+        low, high = profile(toy(hidden=drag(2.0, exponent), seed=3)).interval(RISE)
+        assert low <= exponent <= high < low + 1.0
     profiles = [profile(toy(hidden=drag(0.1, 3.0), seed=seed)) for seed in range(100)]
     for rise, least, most in ((RISE_90, 80, 97), (RISE, 95, 100)):  # what all but 0.1 % of 100 draws at these rates do
         ends = [one.interval(rise) for one in profiles]
@@ -102,62 +85,57 @@ def test_where_joints_are_loose_each_shape_is_fitted_in_windows_from_the_states_
     assert profile.interval(RISE) == pytest.approx(ends, abs=0.2 * error)
 
 
-@pytest.mark.parametrize(("away", "held"), [(2.5, True), (2.8, True), (3.1, False)])
+@each("away, held", [(2.5, True), (2.8, True), (3.1, False)])
 def test_more_excludes_the_effects_own_shape_where_something_of_the_law_is_idle_there(away, held):
     shapes = np.linspace(0.0, 6.0, 601)
     parabola = ShapeProfile(shapes, 100.0 + (shapes - 2.0 - away) ** 2)
     low, high = shape_interval(parabola, replace(DRAG, idle_at_own=1), 0.99)
+    plain = 2.0 + away - np.sqrt(RISE)
     assert high == pytest.approx(min(2.0 + away + np.sqrt(RISE), 6.0), abs=0.01)
     assert (low <= DRAG.own) == held
-    assert low == pytest.approx(DRAG.own if held and away > np.sqrt(RISE) else 2.0 + away - np.sqrt(RISE), abs=0.01)
-    assert shape_interval(parabola, DRAG, 0.99)[0] == pytest.approx(2.0 + away - np.sqrt(RISE), abs=0.01)
+    assert low == pytest.approx(DRAG.own if held and away > np.sqrt(RISE) else plain, abs=0.01)
+    assert shape_interval(parabola, DRAG, 0.99)[0] == pytest.approx(plain, abs=0.01)
 
 
-def test_half_of_a_parabola_has_the_ends_that_it_has_on_paper():
-    shapes = np.arange(0.0, 6.001, 0.01)
-    found = ShapeProfile(shapes, 100.0 + (shapes - 5.5) ** 2)
-    assert found.interval(RISE_90) == pytest.approx((5.5 - np.sqrt(RISE_90), 6.0), abs=1e-3)
+# Laws of a family
 
 
-def test_a_law_of_the_list_that_shows_well_is_named_alone():
-    decision, (family,) = asked(toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3))
-    assert (decision.verdict, decision.chosen.label) == ("named", "quadratic")
-    assert family.fits and family.alone
-    assert family.low < 2.0 < family.high
-
-
-def test_a_law_of_the_list_that_hardly_shows_is_named_as_its_family():
+def test_a_law_of_the_list_that_shows_well_is_named_alone_and_one_that_hardly_shows_as_its_family():
+    decision, (family,) = asked(toy(ONE, seed=3))
+    assert outcome(decision) == ("named", "quadratic")
+    assert family.fits and family.alone and family.low < 2.0 < family.high
     decision, (family,) = asked(toy({"quadratic": {"drag_N_s2_m2": 0.012}}, seed=3, candidates=["quadratic"]))
-    assert (decision.verdict, decision.chosen.label) == ("named", "quadratic")
-    assert family.fits and not family.alone
-    assert family.high >= 3.0 or family.low <= 1.0
+    assert outcome(decision) == ("named", "quadratic")
+    assert family.fits and not family.alone and (family.high >= 3.0 or family.low <= 1.0)
 
 
-@pytest.mark.parametrize(("size", "exponent"), [(0.05, 3.0), (2.0, 3.0), (0.3, 5.0)])
+@each("size, exponent", [(0.05, 3.0), (0.3, 5.0)])
 def test_a_law_off_the_list_is_named_as_its_family_which_holds_it(size, exponent):
     decision, (family,) = asked(toy(hidden=drag(size, exponent), seed=5))
-    assert (decision.verdict, decision.chosen.label) == ("named", "power_drag")
-    assert not family.fits and not family.alone
-    assert family.low <= exponent <= family.high
+    assert outcome(decision) == ("named", "power_drag")
+    assert not family.fits and not family.alone and family.low <= exponent <= family.high
     assert decision.chosen.mapping["power_drag.exponent"] == family.value
     assert decision.ranking[0].fit is decision.chosen
 
 
-def test_what_took_up_a_wrong_exponent_beside_the_law_is_left_out():
+@each(
+    "verdict, labels",
+    [
+        ("named", ("quadratic", "sensor_bias:torque")),  # which took up a wrong exponent beside the law
+        ("named_with_remaining_misfit", ("spring", "constant_force")),
+    ],
+)
+def test_what_was_found_without_the_law_of_a_family_gives_way_to_it(verdict, labels):
     model = toy(hidden=drag(2.0, 3.0), seed=5)
-
-    def with_bias(decision: Decision) -> Decision:
-        problem = Problem(model, stated_noise(model))
-        pair = fit_hypothesis(problem, (QUADRATIC, candidate_of("sensor_bias:torque")), refresh=True)
-        return replace(decision, verdict="named", chosen=pair, best_known=None)
-
-    decision, _ = asked(model, with_bias)
-    assert decision.chosen.label == "power_drag"
+    found = fitted_to(model, *labels)
+    decision, (family,) = asked(model, lambda said: replace(said, verdict=verdict, chosen=found, best_known=None))
+    assert outcome(decision) == ("named", "power_drag")
+    assert family.low <= 3.0 <= family.high
 
 
 def test_an_effect_of_two_families_that_fits_in_both_has_what_the_data_leave_of_each():
     decision, families = asked(toy({"coulomb": {"force_N": 3.0}}, seed=3))
-    assert (decision.verdict, decision.chosen.label) == ("named", "coulomb")
+    assert outcome(decision) == ("named", "coulomb")
     assert [family.law for family in families] == ["power_drag", "falling_friction"]
     assert all(family.fits and family.alone and family.low <= 0.0 <= family.high for family in families)
 
@@ -167,24 +145,11 @@ def test_a_law_of_one_of_two_families_takes_the_place_of_the_effect_that_is_in_b
         return -3.0 * (0.6 + 0.4 * np.exp(-np.abs(v) / FALLING_SPEED)) * np.tanh(v / 0.01)
 
     decision, (family,) = asked(toy(hidden=hidden, seed=3))
-    assert (decision.verdict, decision.chosen.label) == ("named", "falling_friction")
+    assert outcome(decision) == ("named", "falling_friction")
     assert 0.0 < family.low <= 0.4 <= family.high < 1.0
 
 
-def test_what_leaves_more_than_noise_gives_way_to_a_law_of_a_family_that_does_not():
-    model = toy(hidden=drag(2.0, 3.0), seed=5)
-
-    def of_others(decision: Decision) -> Decision:
-        problem = Problem(model, stated_noise(model))
-        pair = fit_hypothesis(problem, (candidate_of("spring"), candidate_of("constant_force")), refresh=True)
-        return replace(decision, verdict="named_with_remaining_misfit", chosen=pair, best_known=None)
-
-    decision, (family,) = asked(model, of_others)
-    assert (decision.verdict, decision.chosen.label) == ("named", "power_drag")
-    assert family.low <= 3.0 <= family.high
-
-
-@pytest.mark.parametrize(("ahead", "named"), [(30.0, ["falling_friction"]), (3.0, ["falling_friction", "power_drag"])])
+@each("ahead, named", [(30.0, ["falling_friction"]), (3.0, ["falling_friction", "power_drag"])])
 def test_of_several_laws_that_leave_noise_alone_the_best_is_named_and_equally_good_ones_are_ambiguous(
     ahead, named, monkeypatch
 ):
@@ -212,52 +177,51 @@ def test_of_several_laws_that_leave_noise_alone_the_best_is_named_and_equally_go
     assert decision.verdict == ("named" if len(named) == 1 else "ambiguous")
 
 
-def test_equals_that_have_two_laws_of_a_family_are_not_of_one():
-    def fit(*labels):
-        return SimpleNamespace(hypothesis=tuple(map(candidate_of, labels)))
-
-    model = toy()
-    is_one_family = partial(law_family._is_one_family, Problem(model, stated_noise(model)))
-    assert is_one_family([fit("quadratic", "spring"), fit("spring", "viscous")])
-    assert not is_one_family([fit("quadratic", "coulomb"), fit("viscous", "coulomb")])
-    assert not is_one_family([fit("viscous"), fit("quadratic", "coulomb")])
-    assert is_one_family([fit("viscous"), fit("coulomb")])
-    assert not is_one_family([fit("viscous"), fit("spring")])
+# Equals
 
 
 def test_equals_of_one_family_are_its_name_and_others_stay_equal(monkeypatch):
-    model = toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3)
+    model = toy(ONE, seed=3)
 
     def equal(*labels: str):
-        problem = Problem(model, stated_noise(model))
-        fits = [fit_hypothesis(problem, (candidate_of(label),), refresh=True) for label in labels]
-        return lambda decision: replace(decision, verdict="ambiguous", chosen=decision.base, equivalent=fits)
+        fits = [fitted_to(model, label) for label in labels]
+        return asked(model, lambda said: replace(said, verdict="ambiguous", chosen=said.base, equivalent=fits))
 
-    decision, (family,) = asked(model, equal("quadratic", "viscous"))
-    assert (decision.verdict, decision.chosen.label, decision.equivalent) == ("named", "quadratic", [])
+    decision, (family,) = equal("quadratic", "viscous")
+    assert (*outcome(decision), decision.equivalent) == ("named", "quadratic", [])
     assert family.low <= 1.0 and family.high >= 2.0 and not family.alone
-    decision, families = asked(model, equal("quadratic", "spring"))
+    decision, families = equal("quadratic", "spring")
     assert (decision.verdict, families) == ("ambiguous", ())
     monkeypatch.setattr(law_family, "profile_shape", lambda *of: None)  # a motion that cannot be simulated
-    decision, families = asked(model, equal("quadratic", "viscous"))
+    decision, families = equal("quadratic", "viscous")
     assert (decision.verdict, families) == ("ambiguous", ())
+
+
+# Nothing asked
 
 
 def test_a_family_of_which_two_laws_stand_beside_each_other_is_not_asked():
-    decision, families = asked(toy({"coulomb": {"force_N": 1.0}, "quadratic": {"drag_N_s2_m2": 1.0}}, seed=3))
+    decision, families = asked(toy({"coulomb": {"force_N": 1.0}, **ONE}, seed=3))
     assert {candidate.label for candidate in decision.chosen.hypothesis} == {"coulomb", "quadratic"}
     assert [family.law for family in families] == ["falling_friction"]
 
 
-def test_nothing_is_asked_where_nothing_is_found():
-    decision, families = asked(toy(seed=3))
-    assert decision.verdict in ("no_disagreement", "parameters_only")
-    assert families == ()
+def test_nothing_is_asked_where_nothing_is_found_but_parameters_are_stated_with_all_that_intervals_ask_for(monkeypatch):
+    stated = []
+    monkeypatch.setattr(model_selection, "with_intervals", lambda problem, fit, *rest: stated.append(fit.label) or fit)
+    for model, verdict in (
+        (toy(nuisances={"slider_mass": 0.515}, seed=4), "parameters_only"),
+        (toy(hidden=lambda x, v, angle, time: 2.0 * np.sign(np.sin(3.0 * angle)), seed=3), "unexplained"),
+    ):
+        stated.clear()
+        decision, families = asked(model)
+        assert (decision.verdict, families) == (verdict, ())
+        assert ("base" in stated) == (verdict == "parameters_only")
 
 
 def test_no_shape_is_asked_beside_an_effect_on_which_motion_depends_roughly():
-    def beside(decision):
-        return replace(decision, chosen=replace(decision.chosen, hypothesis=(*decision.chosen.hypothesis, RINGING)))
+    def beside(said):
+        return replace(said, chosen=replace(said.chosen, hypothesis=(*said.chosen.hypothesis, RINGING)))
 
-    decision, families = asked(toy({"quadratic": {"drag_N_s2_m2": 1.0}}, seed=3), beside)
-    assert (decision.verdict, decision.chosen.label, families) == ("named", "quadratic + ringing", ())
+    decision, families = asked(toy(ONE, seed=3), beside)
+    assert (*outcome(decision), families) == ("named", "quadratic + ringing", ())

@@ -11,6 +11,7 @@ from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.force_law import find_force_law, law_of, term_of
 from jointgap.identification.problem import Problem
 from jointgap.identification.verdict import Thresholds
+from tests.catalogue import each
 from tests.identification.toy import Toy, stated_noise, toy
 
 TERMS = {
@@ -34,9 +35,6 @@ def term(text: str) -> Candidate:
     return Candidate(f"discovered_slider_force[{text}]", "slider", (coefficient,), ("coefficient",))
 
 
-LIBRARY = tuple(term(text) for text in TERMS)
-
-
 @dataclass(frozen=True)
 class WithTerms(Toy):
     """The toy with the library's terms as forces on its slide."""
@@ -53,98 +51,60 @@ class WithTerms(Toy):
         return replace(plain, hidden=hidden if found else None).simulate(run, values, (), numerics)
 
 
-def measured(hidden, seed=1, **changed):
-    """Problem and fitted base of a toy in which the force `hidden` (x, v, angle) acts."""
-    data = toy(hidden=lambda x, v, angle, time: hidden(x, v, angle), seed=seed, **changed)
-    model = WithTerms(data.series, data.nuisances, data.candidates, data.speeds)
+def found(hidden, seed=1, more=None, library=TERMS):
+    """The law of a toy in which the force `hidden` (x, v) acts, from a library and `more` laws, which come first."""
+    laws = {**(more or {}), **TERMS}
+    data = toy(hidden=lambda x, v, angle, time: hidden(x, v), seed=seed)
+    model = WithTerms(data.series, data.nuisances, data.candidates, data.speeds, laws=laws)
     problem = Problem(model, stated_noise(model))
-    return problem, fit_hypothesis(problem, refresh=True)
+    return find_force_law(
+        problem, fit_hypothesis(problem, refresh=True), tuple(map(term, [*(more or {}), *library])), LIMITS
+    )
 
 
-def coefficient_errors(found) -> dict[str, float]:
-    covariance = found.fit.covariance()
-    keys = [p.key for p in found.fit.parameters]
-    return {name: covariance[keys.index(key), keys.index(key)] ** 0.5 for name, key in found.law.keys.items()}
+def cubic(x, v):
+    return -0.3 * v**3
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_cubic_resistance_is_found_and_told_from_a_quadratic_one(seed):
-    problem, base = measured(lambda x, v, angle: -0.3 * v**3, seed)
-    found = find_force_law(problem, base, LIBRARY, LIMITS)
-    assert found.accepted, found.because
-    assert (found.law.effect, found.law.site, found.law.formula) == ("discovered_slider_force", "slider", "c1*v^3")
-    assert found.law.coefficients["c1"] == pytest.approx(-0.3, abs=4 * coefficient_errors(found)["c1"])
-    assert not found.rivals
+def test_the_terms_that_act_are_found_with_their_coefficients():
+    def check(hidden, truth, seed):
+        law = found(hidden, seed)
+        assert law.accepted and not law.rivals, law.because
+        assert (law.law.effect, law.law.site) == ("discovered_slider_force", "slider")
+        assert {law.law.terms[name] for name in law.law.terms} == truth.keys()
+        errors, keys = np.sqrt(np.diag(law.fit.covariance())), [p.key for p in law.fit.parameters]
+        for name, text in law.law.terms.items():
+            error = errors[keys.index(law.law.keys[name])]
+            assert law.law.coefficients[name] == pytest.approx(truth[text], abs=4 * error)
+
+    two = (lambda x, v: -0.4 * v**3 + 2.0 * x * v), {"v^3": -0.4, "x*v": 2.0}, 1
+    each(check, [*((cubic, {"v^3": -0.3}, seed) for seed in (1, 2, 3)), two])
 
 
-def test_two_terms_are_found_where_two_act():
-    problem, base = measured(lambda x, v, angle: -0.4 * v**3 + 2.0 * x * v)
-    found = find_force_law(problem, base, LIBRARY, LIMITS)
-    assert found.accepted, found.because
-    assert {term_of(c) for c in found.fit.hypothesis} == {"v^3", "x*v"}
-    truth = {"v^3": -0.4, "x*v": 2.0}
-    errors = coefficient_errors(found)
-    for name, text in found.law.terms.items():
-        assert found.law.coefficients[name] == pytest.approx(truth[text], abs=4 * errors[name])
-
-
-def test_where_nothing_is_hidden_no_law_is_accepted():
-    problem, base = measured(lambda x, v, angle: 0.0 * x)
-    found = find_force_law(problem, base, LIBRARY, LIMITS)
-    assert not found.accepted
-    assert "chance" in found.because
-
-
-def test_a_force_that_no_sum_of_two_terms_comes_near_is_not_put_into_a_formula():
-    problem, base = measured(lambda x, v, angle: 1.5 * np.cos(7 * angle))
-    found = find_force_law(problem, base, LIBRARY, LIMITS)
-    assert not found.accepted
-    assert "only" in found.because or "chance" in found.because
-
-
-def test_a_law_that_only_comes_near_is_not_accepted():
-    problem, base = measured(lambda x, v, angle: -0.2 * v**7)
+def test_no_law_is_accepted_where_nothing_is_hidden_or_no_sum_of_two_terms_is_it():
     assert "v^7" not in TERMS
-    found = find_force_law(problem, base, LIBRARY, LIMITS)
-    assert not found.accepted
-    assert "only" in found.because
+    hidden = (lambda x, v: 0.0 * x), (lambda x, v: 1.5 * np.cos(70 * x)), (lambda x, v: -0.2 * v**7)
+    laws = [found(each) for each in hidden]
+    assert [law.accepted for law in laws] == [False] * 3
+    assert "chance" in laws[0].because and "only" in laws[2].because
+    nothing = found(cubic, library=())
+    assert nothing.fit is None and nothing.law is None and not nothing.accepted
 
 
-def test_a_term_that_cannot_be_simulated_is_reported_and_the_others_go_on():
-    problem, base = measured(lambda x, v, angle: -0.3 * v**3)
-    laws = {**TERMS, "bad": lambda x, v, angle: np.full_like(x, np.nan)}
-    problem = Problem(replace(problem.model, laws=laws), stated_noise(problem.model))
-    found = find_force_law(problem, base, (term("bad"), *LIBRARY), LIMITS)
-    assert "discovered_slider_force[bad]" in found.failed
-    assert found.law.formula == "c1*v^3"
-
-
-def test_without_any_term_that_can_be_simulated_there_is_no_law():
-    problem, base = measured(lambda x, v, angle: -0.3 * v**3)
-    found = find_force_law(problem, base, (), LIMITS)
-    assert found.fit is None and found.law is None and not found.accepted
+def test_a_term_that_cannot_be_simulated_is_reported_and_the_same_force_in_another_form_is_no_rival():
+    more = {"bad": lambda x, v, angle: np.full_like(x, np.nan), "v*v*v": TERMS["v^3"]}
+    law = found(cubic, more=more)
+    assert "discovered_slider_force[bad]" in law.failed
+    assert law.accepted and not law.rivals
+    assert {one.label for one in (law.fit, *law.others)} >= {term(text).label for text in ("v^3", "v*v*v")}
 
 
 def test_a_law_reads_as_a_formula_and_in_words():
-    pair = (term("v^3"), term("x*v"))
-    values = {f"{pair[0].label}.coefficient": -3.21, f"{pair[1].label}.coefficient": 40.0}
-    law = law_of(pair, values)
-    assert law.formula == "c1*v^3 + c2*x*v"
-    assert law.words == "slider force = -3.21*v^3 + 40*x*v"
-    assert law.coefficients == {"c1": -3.21, "c2": 40.0}
-
-
-def test_a_steady_force_and_a_falling_term_read_as_people_write_them():
-    pair = (term("1"), term("x"))
-    law = law_of(pair, {f"{pair[0].label}.coefficient": 2.0, f"{pair[1].label}.coefficient": -5.0})
-    assert law.formula == "c1 + c2*x"
-    assert law.words == "slider force = 2 - 5*x"
-
-
-def test_the_same_force_in_another_form_is_no_rival():
-    problem, base = measured(lambda x, v, angle: -0.3 * v**3)
-    laws = {**TERMS, "v*v*v": TERMS["v^3"]}
-    problem = Problem(replace(problem.model, laws=laws), stated_noise(problem.model))
-    found = find_force_law(problem, base, (*LIBRARY, term("v*v*v")), LIMITS)
-    assert found.accepted and not found.rivals
-    assert {one.label for one in (found.fit, *found.others)} >= {term(text).label for text in ("v^3", "v*v*v")}
+    for terms, values, formula, words in (
+        (("v^3", "x*v"), (-3.21, 40.0), "c1*v^3 + c2*x*v", "slider force = -3.21*v^3 + 40*x*v"),
+        (("1", "x"), (2.0, -5.0), "c1 + c2*x", "slider force = 2 - 5*x"),
+    ):
+        pair = tuple(map(term, terms))
+        law = law_of(pair, {f"{one.label}.coefficient": value for one, value in zip(pair, values, strict=True)})
+        assert (law.formula, law.words) == (formula, words)
+        assert law.coefficients == dict(zip(("c1", "c2"), values, strict=True))

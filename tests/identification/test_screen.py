@@ -16,23 +16,96 @@ from jointgap.identification.screening import (
     orders_of_cranks,
     simulate_signatures,
 )
+from tests.catalogue import each
 from tests.identification.toy import RINGING, stated_noise, toy
+
+NO_NUISANCES = (), np.empty(0)
+
+
+def based(model):
+    problem = Problem(model, stated_noise(model))
+    differences = FiniteDifferences(problem)
+    return problem, differences, fit_hypothesis(problem, differences=differences, refresh=True)
 
 
 def screened(effects, **how):
-    model = toy(effects, **how)
-    problem = Problem(model, stated_noise(model))
-    differences = FiniteDifferences(problem)
-    base = fit_hypothesis(problem, differences=differences, refresh=True)
+    problem, differences, base = based(toy(effects, **how))
     return problem, differences, base, simulate_signatures(problem, base, differences)
+
+
+def singles(signatures, *beside):
+    return SignatureRegression(signatures, *beside).singles()
+
+
+def fit_of(problem, differences, signatures, screened):
+    derivatives = signatures.derivatives(screened.signatures)
+    return fit_hypothesis(problem, screened.hypothesis, screened.start, derivatives, differences)
+
+
+def made_up(residual, columns, **more):
+    """A regression on signatures ``one``, ``two`` ... without nuisances."""
+    one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",), **more)
+    entries = [
+        Signature(replace(one, name=name), {}, column, residual, ("slow",))
+        for name, column in zip(("one", "two", "three"), columns, strict=False)
+    ]
+    return SignatureRegression(Signatures(*NO_NUISANCES, np.empty((residual.size, 0)), residual, entries, {}))
+
+
+def test_the_hidden_effect_is_first_and_what_signatures_foretell_of_it_is_what_a_fit_finds():
+    """Sizes act linearly here, so both must agree."""
+
+    def check(label, key, size):
+        problem, differences, _, signatures = screened({label: {key: size}}, seed=1)
+        first = singles(signatures)[0]
+        assert first.label == label
+        found = fit_of(problem, differences, signatures, first)
+        assert (first.chi2, first.bic) == pytest.approx((found.chi2, found.bic), abs=0.5)
+        assert first.start[f"{label}.{key}"] == pytest.approx(found.mapping[f"{label}.{key}"], rel=1e-2)
+
+    each(
+        check,
+        [
+            ("viscous", "damping_N_s_m", 0.1),
+            ("spring", "stiffness_N_m", 1.0),
+            ("sensor_bias:torque", "bias", 0.01),
+            ("sensor_lag:torque", "lag_s", 1e-3),
+        ],
+    )
+
+
+def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows_but_not_at_an_order_of_a_crank():
+    for frequency, off_order in ((6.37, True), (1.01 * 16.0 / (2 * np.pi), False)):
+        effect = {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": frequency}}
+        problem, *_, signatures = screened(effect, seed=4)
+        tried = np.array([one.shape_parameters["frequency_Hz"] for one in signatures.of("harmonic_force")])
+        assert (min(abs(tried - frequency)) < 0.1) == off_order
+        assert not off_order or singles(signatures)[0].label == "harmonic_force"
+        assert tried.size and not any(map(orders_of_cranks(problem.parts, problem.settings.screening), tried))
+    model = toy(speeds={"slow": 2 * np.pi * 5.0, "fast": 2 * np.pi * 14.0}, held_out=())
+    problem = Problem(model, stated_noise(model))
+    order = orders_of_cranks(problem.parts, problem.settings.screening)
+    near = {5.04: "order 1 of the crank in run slow", 7.2: "order 0.5 of the crank in run fast", 6.1: "", 10.2: ""}
+    assert {frequency: order(frequency) for frequency in near} == near
+
+
+def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal():
+    model = toy({"added_mass": {"mass_kg": 0.05}}, seed=5)
+    problem, differences, base = based(model)
+    mass = next(p for p in model.nuisances if p.name == "slider_mass")
+    assert base.mapping["slider_mass"] != pytest.approx(mass.nominal, rel=1e-3)
+    (one,) = simulate_signatures(problem, base, differences).of("added_mass")
+    at = base.mapping | {"slider_mass": mass.nominal}
+    np.testing.assert_allclose(one.origin, problem.residual(at), atol=1e-9)
+    heavier = problem.residual(at | {"slider_mass": mass.nominal + 0.1})
+    np.testing.assert_allclose(one.origin + 0.1 * one.columns[:, 0], heavier, atol=1e-6)
 
 
 def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_nominal():
     """Residuals linear in two nuisances, which the fit has elsewhere than the base."""
     rng = np.random.default_rng(0)
     slopes, at_nominal = rng.standard_normal((20, 2)), rng.standard_normal(20)
-    nuisances = tuple(Parameter(name, 0.0) for name in ("crank_length", "rod_length"))
-    sizes = ("crank_m", "rod_m")
+    nuisances, sizes = tuple(Parameter(name, 0.0) for name in ("crank_length", "rod_length")), ("crank_m", "rod_m")
     replaces = {p.name: size for p, size in zip(nuisances, sizes, strict=True)}
     lengths = Candidate("lengths", "rod", tuple(Parameter(key, 0.0) for key in sizes), sizes, replaces=replaces)
     base, fitted = np.array([0.1, -0.2]), np.array([0.3, 0.4])
@@ -43,167 +116,62 @@ def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_n
     np.testing.assert_allclose(beside.origin, at_nominal)
 
 
-@pytest.mark.parametrize(
-    "effects",
-    [
-        {"viscous": {"damping_N_s_m": 0.1}},
-        {"spring": {"stiffness_N_m": 1.0}},
-        {"sensor_bias:torque": {"bias": 0.01}},
-        {"sensor_lag:torque": {"lag_s": 1e-3}},
-        {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": 5.3}},
-    ],
-    ids=lambda effects: next(iter(effects)),
-)
-def test_the_hidden_effect_is_first(effects):
-    *_, signatures = screened(effects, seed=1)
-    assert SignatureRegression(signatures).singles()[0].label == next(iter(effects))
-
-
-def test_what_signatures_foretell_is_what_a_fit_finds():
-    """Sizes act linearly here, so both must agree."""
-    problem, differences, _, signatures = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
-    first = SignatureRegression(signatures).singles()[0]
-    found = fit_hypothesis(
-        problem, first.hypothesis, first.start, signatures.derivatives(first.signatures), differences
-    )
-    assert first.chi2 == pytest.approx(found.chi2, abs=0.5)
-    assert first.bic == pytest.approx(found.bic, abs=0.5)
-    assert found.mapping["viscous.damping_N_s_m"] == pytest.approx(first.start["viscous.damping_N_s_m"], rel=1e-2)
-
-
-def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal():
-    model = toy({"added_mass": {"mass_kg": 0.05}}, seed=5)
-    problem = Problem(model, stated_noise(model))
-    differences = FiniteDifferences(problem)
-    base = fit_hypothesis(problem, differences=differences, refresh=True)
-    mass = next(p for p in model.nuisances if p.name == "slider_mass")
-    assert base.mapping["slider_mass"] != pytest.approx(mass.nominal, rel=1e-3)
-    (one,) = simulate_signatures(problem, base, differences).of("added_mass")
-    at = base.mapping | {"slider_mass": mass.nominal}
-    np.testing.assert_allclose(one.origin, problem.residual(at), atol=1e-9)
-    heavier = problem.residual(at | {"slider_mass": mass.nominal + 0.1})
-    np.testing.assert_allclose(one.origin + 0.1 * one.columns[:, 0], heavier, atol=1e-6)
-
-
 def test_resistance_cannot_push():
     """A force that pushes along is not explained by a negative friction."""
     *_, signatures = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
-    by_label = {one.label: one for one in SignatureRegression(signatures).singles()}
+    by_label = {one.label: one for one in singles(signatures)}
     assert by_label["viscous"].start["viscous.damping_N_s_m"] == 0.0
     assert by_label["viscous"].chi2 == pytest.approx(by_label["coulomb"].chi2)
 
 
-def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
-    *_, signatures = screened({"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.0, "frequency_Hz": 6.37}}, seed=4)
-    tried = [one.shape_parameters["frequency_Hz"] for one in signatures.of("harmonic_force")]
-    assert min(abs(np.array(tried) - 6.37)) < 0.1
-
-
-def test_beside_one_of_two_hidden_effects_the_other_is_first():
-    problem, differences, _, signatures = screened(
-        {"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5
-    )
-    coulomb = next(one for one in SignatureRegression(signatures).singles() if one.label == "coulomb")
-    found = fit_hypothesis(
-        problem, coulomb.hypothesis, coulomb.start, signatures.derivatives(coulomb.signatures), differences
-    )
-    partners = SignatureRegression(signatures.about(found), found.hypothesis).singles()
-    assert partners[0].label == "coulomb + spring"
-    assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
-    assert "coulomb + coulomb" not in {one.label for one in partners}
-
-
-def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
-    model = toy(seed=0)
-    problem = Problem(model, stated_noise(model))
-    differences = FiniteDifferences(problem)
-    base = fit_hypothesis(problem, differences=differences)
-    real = model.simulate
-
-    def failing(run, values, effects=(), numerics=0):
-        if any(candidate.name == "spring" for candidate, _ in effects):
-            raise problem_with_springs
-        return real(run, values, effects, numerics)
-
-    from jointgap.core.errors import SimulationError
-
-    problem_with_springs = SimulationError("the spring breaks")
-    object.__setattr__(model, "simulate", failing)
-    signatures = simulate_signatures(problem, base, differences)
-    assert signatures.failed == {"spring": "the spring breaks"}
-    assert "viscous" in {one.candidate.label for one in signatures.entries}
-
-
-def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
-    *_, signatures = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
-    spaces = SignatureSubspaces(signatures)
-    by_label = {one.candidate.label: (one.candidate,) for one in signatures.entries}
-    both = (*by_label["viscous"], *by_label["coulomb"])
-    assert spaces.is_special_case(by_label["viscous"], both)
-    assert not spaces.is_special_case(by_label["quadratic"], both)
-    assert not spaces.is_special_case(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more
-
-
-def test_an_effect_that_could_not_be_simulated_about_the_base_is_like_none():
-    *_, signatures = screened({}, seed=6)
-    (first, *rest) = signatures.entries
-    lost = (first.candidate,)
-    spaces = SignatureSubspaces(
-        replace(signatures, entries=[one for one in rest if one.candidate.label != lost[0].label])
-    )
-    assert spaces.nearest(lost)[1] == 0.0
-    assert not spaces.is_special_case(lost, (rest[-1].candidate,))
-
-
-def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if_together_they_do():
-    """Residuals linear in three amplitudes; the signatures of the first two are nearly opposite."""
-    rng = np.random.default_rng(0)
-    first, apart, third, noise = rng.standard_normal((4, 400, 1))
-    columns = (first, 0.2 * apart - first, third)
-    residual = 10.0 * (columns[0] + columns[1])[:, 0] + 0.1 * noise[:, 0]
-    one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",))
-    entries = [
-        Signature(replace(one, name=name), {}, column, residual, ("slow",))
-        for name, column in zip(("one", "two", "three"), columns, strict=True)
-    ]
-    regression = SignatureRegression(Signatures((), np.empty(0), np.empty((400, 0)), residual, entries, {}))
-    assert all(single.chi2 > 0.9 * residual @ residual for single in regression.singles())
-    best, *others = regression.pairs()
-    assert (best.label, len(others)) == ("one + two", 2)
-    assert best.chi2 < 0.01 * residual @ residual
-    assert best.start == pytest.approx({"one.size": -10.0, "two.size": -10.0}, rel=0.1)
-
-
-def test_no_pair_is_made_of_two_effects_that_replace_one_nuisance():
-    one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",), replaces={"mass": "size"})
-    column, residual = np.ones((9, 1)), np.ones(9)
-    entries = [Signature(replace(one, name=name), {}, column, residual, ("slow",)) for name in ("one", "two")]
-    assert SignatureRegression(Signatures((), np.empty(0), np.empty((9, 0)), residual, entries, {})).pairs() == []
-
-
 def test_what_no_slope_leads_to_is_screened_on_request_alone():
     model = replace(toy(), candidates=(RINGING,))
-    problem = Problem(model, stated_noise(model))
-    differences = FiniteDifferences(problem)
-    base = fit_hypothesis(problem, differences=differences)
+    problem, differences, base = based(model)
     assert simulate_signatures(problem, base, differences).entries == []
     (found,) = simulate_signatures(problem, base, differences, model.candidates).entries
     assert found.is_secant
 
 
-@pytest.mark.parametrize(
-    ("frequency", "order"),
-    [(5.04, "order 1 of the crank in run slow"), (7.2, "order 0.5 of the crank in run fast"), (6.1, ""), (10.2, "")],
-)
-def test_a_frequency_near_an_order_or_half_an_order_of_a_crank_is_that_order(frequency, order):
-    model = toy(speeds={"slow": 2 * np.pi * 5.0, "fast": 2 * np.pi * 14.0}, held_out=())
-    problem = Problem(model, stated_noise(model))
-    assert orders_of_cranks(problem.parts, problem.settings.screening)(frequency) == order
+# Several effects
 
 
-def test_no_effect_of_its_own_frequency_begins_at_an_order_of_a_crank():
-    hidden = {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": 1.01 * 16.0 / (2 * np.pi)}}
-    problem, *_, signatures = screened(hidden, seed=4)
-    order = orders_of_cranks(problem.parts, problem.settings.screening)
-    tried = [one.shape_parameters["frequency_Hz"] for one in signatures.of("harmonic_force")]
-    assert tried and not any(map(order, tried))
+def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
+    *_, signatures = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
+    by_label = {one.candidate.label: (one.candidate,) for one in signatures.entries}
+    both, spaces = (*by_label["viscous"], *by_label["coulomb"]), SignatureSubspaces(signatures)
+    assert spaces.is_special_case(by_label["viscous"], both)
+    assert not spaces.is_special_case(by_label["quadratic"], both)
+    assert not spaces.is_special_case(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more
+    # what could not be simulated about the base is like none
+    lost = by_label["viscous"]
+    spaces = SignatureSubspaces(
+        replace(signatures, entries=[one for one in signatures.entries if one.candidate is not lost[0]])
+    )
+    assert spaces.nearest(lost)[1] == 0.0
+    assert not spaces.is_special_case(lost, by_label["spring"])
+
+
+def test_beside_one_of_two_hidden_effects_the_other_is_first():
+    effects = {"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}
+    problem, differences, _, signatures = screened(effects, seed=5)
+    coulomb = next(one for one in singles(signatures) if one.label == "coulomb")
+    found = fit_of(problem, differences, signatures, coulomb)
+    partners = singles(signatures.about(found), found.hypothesis)
+    assert partners[0].label == "coulomb + spring"
+    assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
+    assert "coulomb + coulomb" not in {one.label for one in partners}
+
+
+def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if_together_they_do():
+    """Residuals linear in three amplitudes; the signatures of the first two are nearly opposite."""
+    first, apart, third, noise = np.random.default_rng(0).standard_normal((4, 400, 1))
+    columns = (first, 0.2 * apart - first, third)
+    residual = 10.0 * (columns[0] + columns[1])[:, 0] + 0.1 * noise[:, 0]
+    regression = made_up(residual, columns)
+    assert all(single.chi2 > 0.9 * residual @ residual for single in regression.singles())
+    best, *others = regression.pairs()
+    assert (best.label, len(others)) == ("one + two", 2)
+    assert best.chi2 < 0.01 * residual @ residual
+    assert best.start == pytest.approx({"one.size": -10.0, "two.size": -10.0}, rel=0.1)
+    # no pair is made of two effects that replace one nuisance
+    assert made_up(np.ones(9), [np.ones((9, 1))] * 2, replaces={"mass": "size"}).pairs() == []

@@ -13,7 +13,13 @@ import numpy as np
 
 from jointgap.core.candidates import Candidate, Effects, LawFamily, Parameter, Series
 from jointgap.core.errors import SimulationError
+from jointgap.identification.baseline import Baseline, other_numerics, recalibrate
+from jointgap.identification.fit import Fit
+from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.problem import Noise
+from jointgap.identification.screening import Signatures, simulate_signatures
+from jointgap.identification.thresholds import thresholds
+from jointgap.identification.verdict import Thresholds
 
 ROD_RATIO = 0.25
 FALLING_SPEED = 0.5  # m/s, over which a share of dry friction falls
@@ -199,33 +205,12 @@ def toy(
     planned: bool = False,
     hidden: Law | None = None,
 ) -> Toy:
-    """A toy and data measured on it.
+    """A toy and data measured on it, in which `effects` act (by label and coordinate), the `nuisances` named (as
+    slider_mass, speed@slow) are off nominal, and a force `hidden` acts that is on nobody's list.
 
-    Parameters
-    ----------
-    effects : mapping of label to mapping of coordinate to value
-        What acts in truth.
-    nuisances : mapping of key to float
-        True values; nominal where not named. Keys: slider_mass, crank_length, speed@run.
-    noise : float
-        Standard deviation as a share of the channel's own in that run.
-    seed : int
-    speeds : mapping of run to rad/s
-    held_out : sequence of str
-        Runs that take no part in fitting.
-    channels : sequence of str
-    candidates : sequence of str, optional
-        Labels of the effects that the analyst knows; all by default.
-    autocorrelation : float
-        Of the noise, from one sample to the next (a first-order process).
-    samples, cycles : number
-        Samples per cycle; cycles per run.
-    stated : bool
-        Whether the user states the noise.
-    planned : bool
-        Whether nothing has been measured yet (all values NaN).
-    hidden : function, optional
-        A force that is on nobody's list; it acts in truth alone.
+    `noise` is a share of a channel's own standard deviation and remembers `autocorrelation` of its last sample; it may
+    be `stated`. Each of the `cycles` of a run has so many `samples`. The analyst knows `candidates` by label, all by
+    default. What is `planned` has not been measured yet: all values are NaN.
     """
     mass, length = 0.5, 0.15
     uncertain = [
@@ -271,3 +256,21 @@ def stated_noise(model: Toy, autocorrelation: float = 0.0, order: int = 0) -> di
     """The noise as stated, with the given memory over `order` samples."""
     memory = tuple(autocorrelation**lag for lag in range(1, order + 1))
     return {series.key: Noise(series.stated_noise, memory) for series in model.series}
+
+
+def screened(model: Toy) -> tuple[Baseline, Signatures]:
+    """The fitted base and signatures of its candidates."""
+    base = recalibrate(model, stated_noise(model))
+    return base, simulate_signatures(base.problem, base.base, base.differences)
+
+
+def analysed(model: Toy) -> tuple[Baseline, Signatures, Thresholds]:
+    """That, and the limits: all that is known before an effect is fitted."""
+    base, signatures = screened(model)
+    return base, signatures, thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+
+
+def searched(base: Baseline, signatures: Signatures, limits: Thresholds) -> list[Fit]:
+    """Fits of single effects and of pairs."""
+    fits, _ = fit_singles(base, signatures, limits)
+    return [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
