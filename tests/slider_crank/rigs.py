@@ -7,7 +7,9 @@ import numpy as np
 from jointgap.config import Simulate
 from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.config.campaign import Campaign
+from jointgap.core.candidates import Candidate
 from jointgap.dynamics.simulation import simulate
+from jointgap.rig.model import SliderCrankModel, build_model
 from jointgap.rig.recording import Measurements, Recording
 
 CHANNELS = {
@@ -83,6 +85,27 @@ def recorded(own: Campaign, dropped: int = 2, kept: int = 2, per_turn: int = 90,
             np.full(time.size, run.role == "confirm"),
         )
     return Measurements(runs)
+
+
+def rig(content: dict | None = None, channels=tuple(CHANNELS), **keys) -> SliderCrankModel:
+    """The model of a campaign with what its sensors read without noise."""
+    own = campaign(content or mechanism(), channels, **keys)
+    return build_model(own, recorded(own))
+
+
+def chosen(model: SliderCrankModel, label: str) -> Candidate:
+    """The candidate with this label."""
+    return next(one for one in model.candidates if one.label == label)
+
+
+def read(model: SliderCrankModel, *effects: tuple[str, dict], run="slow", **values: float) -> dict[str, np.ndarray]:
+    """What a model reads in a run, with effects by their labels and `values` that are not nominal."""
+    return model.simulate(run, model.nominal(run) | values, [(chosen(model, label), own) for label, own in effects])
+
+
+def seen(model: SliderCrankModel, run="slow") -> dict[str, np.ndarray]:
+    """What was read in a run, by channel."""
+    return {series.channel: series.value for series in model.series if series.run == run}
 
 
 def worst(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> float:
