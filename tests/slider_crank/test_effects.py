@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from jointgap.config import EFFECTS, Mechanism
+from jointgap.config import EFFECTS
 from jointgap.core.joints import PINS
 from jointgap.rig.model import build_model
-from jointgap.rig.simulate_run import augmented_mechanism, with_nuisances
+from jointgap.rig.simulate_run import augmented_mechanism
 from tests.rows import each
 from tests.slider_crank.rigs import campaign, chosen, mechanism, read, recorded, seen, worst
 
@@ -180,20 +180,3 @@ def test_what_pins_have_beyond_the_range_of_a_nuisance_is_an_effect_of_both_or_l
     expected = [nominal + change, 0.15 if candidate.site == "crank_pin" else nominal + change]
     assert [getattr(made.joint(pin).contact, key) for pin in PINS] == pytest.approx(expected)
     assert candidate.parameters({"change": change}) == pytest.approx({"coefficient": nominal + change})
-
-
-def test_the_file_has_the_effects_and_can_be_read_again():
-    model = build_model(campaign(mechanism(), nuisance={"slider_mass": "5 %"}))
-    explanation = tuple(chosen(model, name) for name in ("slider_spring", "gravity", "sensor_bias:crank_torque"))
-    values = {
-        "slider_mass": 0.46,
-        "speed@slow": 29.0,
-        "slider_spring.farthest_out_N_m": 50.0,
-        "slider_spring.farthest_in_N_m": 50.0,
-        "gravity.acceleration_m_s2": 9.8,
-        "sensor_bias:crank_torque.bias": 0.1,
-    }
-    made = augmented_mechanism(model.campaign.mechanism, explanation, values)
-    assert [one.name for one in made.effects] == ["slider_spring", "gravity"]
-    assert Mechanism.model_validate(made.model_dump()) == made
-    assert with_nuisances(made, {}) == made

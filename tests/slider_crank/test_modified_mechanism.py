@@ -7,6 +7,7 @@ import pytest
 from jointgap.config import EFFECTS, Mechanism
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import PINS
+from jointgap.rig.model import build_model
 from jointgap.rig.simulate_run import (
     augmented_mechanism,
     friction_speed,
@@ -15,9 +16,10 @@ from jointgap.rig.simulate_run import (
     with_effects,
     with_nuisances,
 )
+from tests.catalogue import each as of_all
 from tests.catalogue import refused
 from tests.rows import each
-from tests.slider_crank.rigs import mechanism
+from tests.slider_crank.rigs import campaign, mechanism
 
 JOINTS = ("crank_pivot", *PINS)
 
@@ -35,31 +37,13 @@ def with_contacts(steel=None, pin=None, **content):
     return Mechanism.model_validate(content)
 
 
-def effect(name, *sizes, site="slider", others=(), run=None, **more):
-    """An effect as a fit varies it: its sizes, and other coordinates."""
-    coordinates = (*(Parameter(size, 0.0, run=run) for size in sizes), *(Parameter(other, 1.0) for other in others))
-    return Candidate(name, site, coordinates, tuple(f"{size}@{run}" if run else size for size in sizes), **more)
-
-
-def _friction(values):
-    return {"coefficient": 0.1 + values["change"]}
-
-
-def _polar(values):
-    return {"unbalance_kg_m": math.hypot(values["cosine"], values["sine"]), "angle_rad": 0.3}
-
-
-def _harmonic(values):
-    return {"force_N": 5.0, "frequency_Hz": values["frequency_Hz"], "phase_rad": 0.2}
-
-
-PIN_FRICTION = {"others": ("joint_friction",), "has_site": True, "parameters": _friction}
-COULOMB = effect("slider_coulomb_friction", "force_N")
-BIAS = effect("sensor_bias", "bias", site="crank_torque", sensor=True, has_site=True)
-IN_CRANK_PIN, IN_PISTON_PIN = (effect("pin_friction", "change", site=pin, **PIN_FRICTION) for pin in PINS)
-UNBALANCE = effect("crank_unbalance", "cosine", "sine", site="crank", parameters=_polar)
-HARMONIC = effect("harmonic_force", "cosine", "sine", others=("frequency_Hz",), run="slow", parameters=_harmonic)
-ROD = effect("rod_flexibility", "compliance_s2", site="rod")
+@pytest.fixture(scope="module")
+def candidates():
+    """What a fit can vary, by label."""
+    own = campaign(mechanism(PINS), speeds=(30.0, 31.0), nuisance={"joint_friction": [0.0, 0.3]})
+    terms = [f"discovered_{law}" for law in ("slider_force", "slider_force[v^3]", "crank_torque[w]", "slider_force[x]")]
+    terms = [Candidate(term, "slider", (Parameter("size", 0.0),), ("size",)) for term in terms]
+    return {one.label: one for one in [*build_model(own).candidates, *terms]}
 
 
 def dumped(effects):
@@ -117,68 +101,63 @@ def test_the_damping_of_a_lasting_contact_is_a_logarithm_of_its_own_for_each_loo
     assert lasting_damping(with_contacts({"memory": "published"})) == lasting_damping(with_contacts(penalty)) == {}
 
 
-def test_effects_are_added_after_those_that_are_there_and_faults_of_sensors_are_no_part():
+def test_an_effect_of_no_size_is_left_out_unless_it_stands_for_something_there(candidates):
+    def stays(label, values, *expected):
+        found = with_effects(made(), [(candidates[label], values)]).effects
+        assert [getattr(found[0].parameters, expected[0])] == [pytest.approx(expected[1])] if expected else not found
+
+    force = {"frequency_Hz": 7.0}
+    cases = [
+        ("slider_coulomb_friction", {"force_N": 0.0}),
+        ("sensor_bias:crank_torque", {"bias": 1.0}),  # a fault of a sensor is no part of the mechanism
+        ("crank_unbalance", {"cosine": 0.0, "sine": 0.0}),
+        ("crank_unbalance", {"cosine": 0.0, "sine": 0.02}, "unbalance_kg_m", 0.02),
+        ("pin_friction:crank_pin", {"change": 0.0}, "coefficient", 0.1),
+        ("harmonic_force", force | {"cosine": 0.0, "sine": 0.0}),  # a shape alone is no size
+        ("harmonic_force", force | {"cosine@slow": 3.0, "sine@slow": 4.0}, "force_N", 5.0),
+    ]
+    of_all(stays, cases)
+
+
+def test_effects_are_added_after_those_there_and_terms_of_one_law_are_one_effect(candidates):
+    sizes = {
+        "discovered_slider_force[v^3]": {"size": -2.0},
+        "discovered_crank_torque[w]": {"size": 0.5},
+        "pin_friction:piston_pin": {"change": 0.1},
+        "discovered_slider_force[x]": {"size": 3.0},
+    }
     own = made(effects=[{"name": "gravity", "parameters": {}}])
-    changed = with_effects(own, [(BIAS, {"bias": 1.0}), (COULOMB, {"force_N": 5.0}), (IN_PISTON_PIN, {"change": 0.1})])
+    changed = with_effects(own, [(candidates[label], values) for label, values in sizes.items()])
+    formula = {"formula": "c1*(v^3) + c2*(x)", "coefficients": {"c1": -2.0, "c2": 3.0}}
     assert changed.effects[0] == own.effects[0]
     assert dumped(changed.effects[1:]) == [
-        {"name": "slider_coulomb_friction", "parameters": {"force_N": 5.0}},
         {"name": "pin_friction", "site": "piston_pin", "parameters": {"coefficient": pytest.approx(0.2)}},
+        {"name": "discovered_slider_force", "parameters": formula},
+        {"name": "discovered_crank_torque", "parameters": {"formula": "c1*(w)", "coefficients": {"c1": 0.5}}},
     ]
     assert changed.model_copy(update={"effects": own.effects}) == own
 
 
-@each(
-    "one, values, stays",
-    [
-        (COULOMB, {"force_N": 0.0}, None),
-        (UNBALANCE, {"cosine": 0.0, "sine": 0.0}, None),
-        (UNBALANCE, {"cosine": 0.0, "sine": 0.02}, ("unbalance_kg_m", 0.02)),
-        (IN_CRANK_PIN, {"change": 0.0}, ("coefficient", 0.1)),  # stands for what is there
-        (HARMONIC, {"cosine": 0.0, "sine": 0.0, "frequency_Hz": 7.0}, None),  # a shape alone is no size
-        (HARMONIC, {"cosine@slow": 3.0, "sine@slow": 4.0, "frequency_Hz": 7.0}, ("force_N", 5.0)),
-    ],
-)
-def test_an_effect_of_no_size_is_left_out_unless_it_stands_for_something_there(one, values, stays):
-    found = with_effects(made(), [(one, values)]).effects
-    assert [getattr(there.parameters, stays[0]) for there in found] == [pytest.approx(stays[1])] if stays else not found
-
-
-def test_terms_of_one_law_are_one_effect_and_those_of_another_a_second_one():
-    sizes = {
-        "discovered_slider_force[v^3]": -2.0,
-        "discovered_crank_torque[w]": 0.5,
-        "discovered_slider_force[sin(theta)]": 3.0,
-    }
-    terms = [(effect(name, "size"), {"size": size}) for name, size in sizes.items()]
-    force, torque = dumped(with_effects(made(), terms).effects)
-    assert force == {
-        "name": "discovered_slider_force",
-        "parameters": {"formula": "c1*(v^3) + c2*(sin(theta))", "coefficients": {"c1": -2.0, "c2": 3.0}},
-    }
-    assert torque["parameters"] == {"formula": "c1*(w)", "coefficients": {"c1": 0.5}}
-
-
-def test_what_makes_no_mechanism_is_refused_with_the_name_of_the_effect_or_the_datum():
+def test_what_makes_no_mechanism_is_refused_with_the_name_of_the_effect_or_the_datum(candidates):
     cases = [
-        (effect("discovered_slider_force", "size"), {"size": 1.0}, "has no term ~ discovered_slider_force[v^3]"),
-        (COULOMB, {"force_N": -5.0}, "slider_coulomb_friction: parameters.force_N"),
+        ("discovered_slider_force", {"size": 1.0}, "has no term ~ discovered_slider_force[v^3]"),
+        ("slider_coulomb_friction", {"force_N": -5.0}, "slider_coulomb_friction: parameters.force_N"),
     ]
-    refused(lambda one, values: with_effects(made(), [(one, values)]), cases)
+    refused(lambda label, values: with_effects(made(), [(candidates[label], values)]), cases)
     refused(lambda values: augmented_mechanism(made(), (), values), [({"slider_mass": -1.0}, "what was found ~ mass")])
 
 
-def test_a_rod_that_is_too_stiff_to_simulate_is_simulated_at_the_limit_with_its_share():
-    stiff = {"compliance_s2": 1e-12}
+def test_a_rod_that_is_too_stiff_to_simulate_is_simulated_at_the_limit_with_its_share(candidates):
+    rod, stiff = candidates["rod_flexibility"], {"compliance_s2": 1e-12}
     nearest, share = EFFECTS["rod_flexibility"].simulated(stiff)
-    others = [(COULOMB, {"force_N": 5.0}), (BIAS, {"bias": 1.0})]
-    limited, exact, part = simulated_effects([(ROD, stiff), *others, (ROD, stiff)])
-    assert limited == [(ROD, nearest), *others, (ROD, nearest)]
+    others = [(candidates["slider_coulomb_friction"], {"force_N": 5.0})]
+    limited, exact, part = simulated_effects([(rod, stiff), *others, (rod, stiff)])
+    assert limited == [(rod, nearest), *others, (rod, nearest)]
     assert exact == others and part == share**2 and 0.0 < share < 1.0
     assert simulated_effects(others) == (others, others, 1.0)
 
 
-def test_a_fit_writes_its_nuisances_its_effects_and_what_they_replaced_and_nothing_of_single_runs():
+def test_a_fit_writes_its_nuisances_its_effects_and_what_they_replaced_and_nothing_of_single_runs(candidates):
     values = {
         "slider_mass": 0.5,
         "speed@slow": 29.0,
@@ -189,9 +168,11 @@ def test_a_fit_writes_its_nuisances_its_effects_and_what_they_replaced_and_nothi
         "sensor_bias:crank_torque.bias": 1.0,
     }
     assert augmented_mechanism(made(), (), values) == with_nuisances(made(), {"slider_mass": 0.5})
-    changed = augmented_mechanism(made(PINS), (IN_CRANK_PIN, COULOMB, BIAS), values)
+    labels = ("pin_friction:crank_pin", "slider_coulomb_friction", "sensor_bias:crank_torque")
+    changed = augmented_mechanism(made(PINS), tuple(map(candidates.get, labels)), values)
     assert (changed.slider.mass, changed.rod.mass) == (0.5, made().rod.mass)
     assert changed.joint("piston_pin").contact.friction == 0.15
     assert [one.name for one in changed.effects] == ["pin_friction", "slider_coulomb_friction"]
     assert changed.effect("pin_friction").coefficient == pytest.approx(0.2)
     assert changed.effect("slider_coulomb_friction").force_N == 5.0
+    assert Mechanism.model_validate(changed.model_dump()) == changed

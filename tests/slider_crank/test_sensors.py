@@ -8,7 +8,7 @@ import pytest
 from jointgap.rig import sensors
 from jointgap.rig.model import build_model
 from tests.rows import each
-from tests.slider_crank.rigs import campaign, chosen, mechanism, read, rig, worst
+from tests.slider_crank.rigs import campaign, mechanism, read, rig, worst
 
 CORNER, INTERVAL = 20.0, 1e-4
 TIME = np.arange(40_000) * INTERVAL
@@ -117,13 +117,3 @@ def test_a_sensor_with_a_lag_or_a_causal_filter_reads_late_and_one_without_delay
     velocity = np.gradient(true, model.series[0].time)[5:-5]
     shift = (true - read(model, *([fault] if fault else []))["slider_position"])[5:-5]
     assert shift @ velocity / (velocity @ velocity) == pytest.approx(delay, rel=0.05, abs=2e-6)
-
-
-def test_an_encoder_may_be_late_or_ahead_also_where_the_delay_replaces_a_nuisance():
-    """So that what a fit has of the nuisance is within reach of the effect."""
-    keys = {"drive": "measured_angle", "sensors": {"crank_angle": {"resolution": 1e-5}}}
-    free, bound = (
-        chosen(rig(nuisance=nuisance, **keys), "encoder_lag").coordinates[0]
-        for nuisance in ({}, {"encoder_lag": "2 ms"})
-    )
-    assert (bound.low, bound.high) == (free.low, free.high) == (-free.high, free.high)

@@ -1,0 +1,41 @@
+"""Windows of a chaotic motion, each from a state of its trajectory, read what it does."""
+
+import math
+
+import numpy as np
+
+from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.joints import clearances
+from jointgap.dynamics.simulation import integrate_to_angles, start_state
+from jointgap.dynamics.windows import Carried, loose_joints, resting, rows_of, simulate_windows
+from tests.config.mechanisms import mechanism
+from tests.dynamics.cases import ALL, options
+
+TOLERANCE = 1e-10  # m
+SPEED, SETTLED, PER_TURN, TURNS, SAMPLES = 20.0, 6, 16, 2, 120
+
+
+def test_windows_that_begin_in_states_of_a_trajectory_of_a_loose_crank_pivot_read_what_it_does(worst):
+    loose = {name: {"loose": name == "crank_pivot"} for name in ALL}
+    p = parameters(mechanism(joints=loose).applied(), options(speed=SPEED, tolerance=TOLERANCE))
+    edges = math.tau * (SETTLED + np.arange(TURNS * PER_TURN + 1) / PER_TURN)
+    angles = math.tau * (SETTLED + np.arange(TURNS * SAMPLES) / SAMPLES)
+    every, places = np.unique(np.concatenate([[0.0], edges, angles]), return_inverse=True)
+    motion = integrate_to_angles(p, start_state(p), every, TOLERANCE)
+    true = motion.part(places[edges.size + 1 :]).observed(p)
+    slow, carried = np.zeros((edges.size - 1, 2)), resting(p, edges.size - 1)
+    (joint,) = loose_joints(p)
+    for k, row in enumerate(places[1 : edges.size]):
+        x, y, vx, vy = clearances(motion.states[row], motion.auxiliary_states[row])[joint]
+        slow[k] = math.atan2(y, x), (x * vy - y * vx) / (x * x + y * y) / SPEED
+        carried.modes[k] = motion.modes[row]
+    for _ in range(3):  # what a window carries beside its state, it has from the one before
+        found, ends, after, done = simulate_windows(p, rows_of(p, edges, angles), slow, carried, TOLERANCE)
+        assert done.all()
+        carried = Carried(*(np.concatenate([first[:1], then[:-1]]) for first, then in zip(carried, after, strict=True)))
+    for channel, bound in {"slider_position": 1e-6, "crank_torque": 5e-3, "frame_force_x": 5e-3}.items():
+        off = np.sqrt(np.mean((found[channel] - true[channel]) ** 2)) / np.std(true[channel])
+        worst(f"windows of a crank pivot: {channel}", off, bound)
+    jumps = ends[:-1] - slow[1:]
+    jumps[:, 0] -= math.tau * np.round(jumps[:, 0] / math.tau)
+    worst("windows of a crank pivot: jumps of angle and rate", np.abs(jumps).max(), 5e-3)
