@@ -97,7 +97,7 @@ def test_a_motor_runs_up_as_lagranges_equation_says(worst):
 
     def slope(_, z):
         angle, speed = z
-        still, moved = (Closed(made, np.array([angle]), speed, one).virtual_work_torque()[0] for one in (0.0, 1.0))
+        still, moved = Closed(made, np.full(2, angle), speed, np.array([0.0, 1.0])).virtual_work_torque()
         inertia = moved - still + MOTOR["inertia"] + 0.02 * made.crank.length
         line = MOTOR["stall_torque"] * (1 - speed / MOTOR["no_load_speed"])
         weight = 0.02 * made.gravity[1] * np.cos(angle + 2.0)

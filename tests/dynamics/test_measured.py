@@ -140,7 +140,7 @@ def test_smoothing_does_not_flatten_what_repeats_in_every_turn():
 @each("unsteadiness, mean_speed", [(0.0, 8.0), (0.6, 80.0), (0.95, 8.0)])
 def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_crank_turns(unsteadiness, mean_speed):
     """The speed falls and rises by `unsteadiness` of its mean within each turn, and drifts over the record."""
-    per_turn, turns = 120, 12
+    per_turn, turns = 120, 6
     time = np.arange(per_turn * turns) * (TURN / mean_speed / per_turn)
 
     def crank(t):

@@ -12,13 +12,9 @@ from jointgap.config.load import load_campaign
 from jointgap.dynamics.simulation import simulate
 from jointgap.rig.model import SliderCrankModel, build_model
 from jointgap.rig.read_files import read_measurements
+from tests.dynamics.cases import BODIES
 
-MECHANISM = {
-    "crank": {"length": 0.15, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},
-    "rod": {"length": 0.564, "mass": 0.773, "inertia": 2.482e-2, "mass_centre": 0.282},
-    "slider": {"mass": 0.4482},
-    "joints": {"crank_pin": "ideal", "piston_pin": "ideal"},
-}
+MECHANISM = BODIES | {"joints": {"crank_pin": "ideal", "piston_pin": "ideal"}}
 
 
 def samples(*hidden: dict, mechanism=MECHANISM, **options) -> pd.DataFrame:

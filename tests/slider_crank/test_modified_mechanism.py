@@ -115,6 +115,7 @@ def test_an_effect_of_no_size_is_left_out_unless_it_stands_for_something_there(c
         ("pin_friction:crank_pin", {"change": 0.0}, "coefficient", 0.1),
         ("harmonic_force", force | {"cosine": 0.0, "sine": 0.0}),  # a shape alone is no size
         ("harmonic_force", force | {"cosine@slow": 3.0, "sine@slow": 4.0}, "force_N", 5.0),
+        ("harmonic_force", force | {"cosine": 3.0, "sine": 4.0}, "force_N", 5.0),
     ]
     of_all(stays, cases)
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 from jointgap.config import Simulate
 from jointgap.config.scenario import MotorDrive
@@ -13,11 +14,10 @@ from jointgap.dynamics.simulation import simulate
 from jointgap.identification.noise import estimate_noise, noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.rig.model import build_model
-from jointgap.rig.recording import Measurements
 from tests.identification.toy import toy
 from tests.rows import each
 from tests.slider_crank.campaigns import model_of, samples, written
-from tests.slider_crank.rigs import campaign, mechanism, recorded
+from tests.slider_crank.rigs import campaign, mechanism, recorded, seen
 
 SHARE = 0.01  # of a channel's standard deviation: noise
 
@@ -57,56 +57,41 @@ def test_ringing_between_the_samples_of_a_loose_pin_is_no_noise(loose_pin, chann
 
 
 def test_each_channel_of_loggers_that_were_joined_has_its_own_rate_noise_and_memory():
-    channels = ("time", "crank_angle", "slider_acceleration", "crank_torque")
-    own = campaign(mechanism(), channels)
-    rng, runs = np.random.default_rng(5), recorded(own, kept=8, per_turn=180).runs
-    for run, one in runs.items():
-        read = {name: value.copy() for name, value in one.channels.items()}
-        torque = read["crank_torque"][::4].copy()
-        memory = np.zeros(torque.size)
-        for i, step in enumerate(rng.standard_normal(torque.size)):
-            memory[i] = 0.7 * memory[i - 1] + np.sqrt(1 - 0.7**2) * step
-        read["crank_torque"][:] = np.nan
-        read["crank_torque"][::4] = torque + 0.2 * memory
-        read["slider_acceleration"] += rng.standard_normal(one.time.size)
-        angle = np.where(np.arange(one.time.size) % 2, np.nan, one.crank_angle)
-        angle += np.deg2rad(0.05) * rng.standard_normal(angle.size)
-        runs[run] = replace(one, channels=read, crank_angle=angle)
-    model = build_model(own, Measurements(runs))
+    own = campaign(mechanism(), ("time", "crank_angle", "slider_acceleration", "crank_torque"))
+    rng, measurements = np.random.default_rng(5), recorded(own, kept=8, per_turn=180)
+    loggers = {  # every so many rows, sd and memory of the noise
+        "crank_torque": (4, 0.2, 0.7),
+        "slider_acceleration": (1, 1.0, 0.0),
+        "crank_angle": (2, np.deg2rad(0.05), 0.0),
+    }
+    for one in measurements.runs.values():
+        for name, (rows, sd, memory) in loggers.items():
+            values, noise = (one.channels | {"crank_angle": one.crank_angle})[name], rng.standard_normal(one.time.size)
+            values += sd * np.repeat(lfilter([np.sqrt(1 - memory**2)], [1, -memory], noise[::rows]), rows)[: noise.size]
+            values[np.arange(noise.size) % rows > 0] = np.nan
+    model = build_model(own, measurements)
     noise = noise_of_model(model)
     for (_, channel), found in noise.items():
-        rows, sd = {"crank_torque": (4, 0.2), "slider_acceleration": (1, 1.0)}.get(channel, (2, np.deg2rad(0.05)))
+        rows, sd, memory = loggers[channel]
         assert found.sd.size == (8 * 180 + rows) // rows
         assert found.sd[0] == pytest.approx(sd, rel=0.15)
-        assert (found.autocorrelation or (0.0,))[0] == pytest.approx(
-            0.7 if channel == "crank_torque" else 0.0, abs=0.15
-        )
+        assert (found.autocorrelation or (0.0,))[0] == pytest.approx(memory, abs=0.15)
     problem = Problem(model, noise)
     assert problem.gap(problem.residual({p.key: p.nominal for p in problem.nuisances})) == pytest.approx(1.0, abs=0.06)
 
 
-def at_own_rows(missing=slice(0), **keys):
-    """The model of runs whose torque is read at every third time."""
-    own = campaign(mechanism(), ("time", "crank_angle", "crank_torque"), **keys)
-    rng, runs = np.random.default_rng(5), recorded(own, kept=4, per_turn=90).runs
-    for one in runs.values():
+@each("missing, count", [(slice(0), 121), (slice(60, 90), 111)])
+def test_errors_of_a_driving_angle_are_told_and_gaps_stay_at_the_own_rows_of_each_channel(missing, count):
+    own = campaign(mechanism(), ("time", "crank_angle", "crank_torque"), drive="measured_angle")
+    rng, measurements = np.random.default_rng(5), recorded(own, kept=4, per_turn=90)
+    for one in measurements.runs.values():
         one.channels["crank_torque"][np.arange(one.time.size) % 3 > 0] = np.nan
         one.channels["crank_torque"][missing] = np.nan
         one.crank_angle[:] += np.deg2rad(0.05) * rng.standard_normal(one.time.size)
-    model = build_model(own, Measurements(runs))
-    return model, next(s for s in model.series if s.key == ("slow", "crank_torque")).value
-
-
-def test_errors_of_a_driving_angle_are_told_at_the_own_rows_of_each_channel():
-    model, value = at_own_rows(drive="measured_angle")
-    assert value.size == np.isfinite(value).sum() == 121
-    assert model.drive_errors("slow", model.nominal("slow"))["crank_torque"].shape[0] == 121
-
-
-def test_gaps_of_a_channel_at_its_own_rate_stay_gaps():
-    _, value = at_own_rows(missing=slice(60, 90))
-    known = np.isfinite(value)
-    assert known.sum() == 111 and known[:20].all() and not known[20:].all()
+    model = build_model(own, measurements)
+    known = np.isfinite(seen(model)["crank_torque"])
+    assert known.sum() == count and known[:20].all() and known.all() == (count == 121)
+    assert model.drive_errors("slow", model.nominal("slow"))["crank_torque"].shape[0] == known.size
 
 
 def test_the_noise_of_a_motor_rig_is_found_although_the_weight_is_not_in_its_model(tmp_path):

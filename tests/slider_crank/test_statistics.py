@@ -9,8 +9,7 @@ from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements, Recording
 from jointgap.rig.sampling import sample_grid
 from jointgap.rig.simulate_run import channels_read
-from jointgap.rig.statistics import BINS, ChaoticRun, CycleStatistics, cycle_variance, measured_statistics, persistence
-from tests.rows import each
+from jointgap.rig.statistics import BINS, CycleStatistics, cycle_variance, persistence
 from tests.slider_crank.rigs import campaign, mechanism, read, seen
 
 TURN = 2 * np.pi
@@ -75,20 +74,15 @@ def test_noise_is_told_from_what_bins_spread_beyond_the_simulation():
     assert found == pytest.approx(0.1, rel=0.1)
 
 
-def with_flat_courses(k=(0.3, 2.0)):
-    """Statistics of two channels whose median courses are zero, with nothing to predict one bin from another."""
-    none = [(np.empty(0, dtype=int), np.empty(0))] * (2 * 2 * BINS)
-    return CycleStatistics(("position", "force"), np.array([0.0, TURN]), np.zeros((2, 2)), np.array(k), none)
-
-
 def test_a_deviation_stands_in_its_own_bin_of_its_own_channel_and_kind():
-    own = with_flat_courses()
+    none = [(np.empty(0, dtype=int), np.empty(0))] * (2 * 2 * BINS)  # predicts one bin from another
+    flat = np.zeros((2, 2))
+    own = CycleStatistics(("position", "force"), np.array([0.0, TURN]), flat, np.array([0.3, 2.0]), none)
     angle = 5 * TURN + angles(2) + 0.5 * TURN / 96  # four samples a bin, two cycles
-    values = [np.zeros(angle.size) for _ in range(2)]
-    values[0][8:12] = [0.4, 0.4, -0.1, -0.1]  # bin 2 of the first cycle
-    values[1][96 + 20 : 96 + 24] = -3.0  # bin 5 of the second cycle
-    rows = own.cycles(angle, values)
-    assert rows.shape == (2, 4 * BINS)
+    values = np.zeros((2, angle.size))
+    values[0, 8:12] = [0.4, 0.4, -0.1, -0.1]  # bin 2 of the first cycle
+    values[1, 96 + 20 : 96 + 24] = -3.0  # bin 5 of the second cycle
+    rows = own.cycles(angle, list(values))
     large, small = 0.3 * np.tanh(0.4 / 0.3), 0.3 * np.tanh(0.1 / 0.3)
     expected = np.zeros((2, 4 * BINS))
     expected[0, 2], expected[0, BINS + 2] = (large - small) / 2, (large + small) / 2
@@ -97,26 +91,6 @@ def test_a_deviation_stands_in_its_own_bin_of_its_own_channel_and_kind():
     parts = own.split(rows[1])
     assert list(parts) == ["position mean", "position spread", "force mean", "force spread"]
     assert parts["force mean"][5] == -2.0 * np.tanh(1.5) and not parts["position mean"].any()
-
-
-@each("cycles", [2, 5])
-def test_errors_of_measured_statistics_are_those_of_a_mean_of_cycles_and_of_the_simulation(cycles):
-    own, count = with_flat_courses(k=(1e9, 1e9)), 2 * 2 * BINS
-    random = np.random.default_rng(0)
-    simulated, persistent, error = random.uniform(1.0, 2.0, (3, count))
-    chaotic = ChaoticRun(None, own, simulated, persistent, 3, error, {})
-    angle = angles(cycles) + 0.5 * TURN / 96
-    measured = {name: random.normal(size=angle.size) for name in own.channels}
-    rows = own.cycles(angle, list(measured.values()))
-    variance = simulated.copy()
-    if cycles >= 3:  # as much as 60 cycles counts what the simulation scatters
-        ratio = rows.var(axis=0, ddof=1) / simulated
-        variance *= (cycles * ratio + 60 * np.median(ratio)) / (cycles + 60)
-    expected = own.split(np.sqrt(persistent * variance / cycles + error**2))
-    means = own.split(rows.mean(axis=0))
-    for name, (mean, sd) in measured_statistics(chaotic, angle, measured).items():
-        assert mean == pytest.approx(means[name], rel=1e-12, abs=1e-14)
-        assert sd == pytest.approx(expected[name], rel=1e-12)
 
 
 def measured(own, cycles=30, per_turn=120):
