@@ -28,6 +28,19 @@ LUGRE = {
 }
 
 
+BODIES = {
+    "crank": {"length": CRANK, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},
+    "rod": {"length": ROD, "mass": 0.773, "inertia": 2.482e-2, "mass_centre": CENTRE},
+    "slider": {"mass": 0.4482, "offset": 0.0},
+}
+
+
+def joint(loose: bool, journal: str, radius: float, clearance: float, contact) -> dict:
+    """A joint of a mechanism file; `journal` is the body that carries it."""
+    radii = {"journal_radius": radius, "bearing_radius": radius + clearance}
+    return {"loose": loose, "journal": journal, "contact": contact, **radii}
+
+
 def effect(name: str, site: str | None = None, **parameters) -> dict:
     """An entry of a mechanism's effects."""
     return {"name": name, "parameters": parameters} | ({"site": site} if site else {})
@@ -52,24 +65,13 @@ def mechanism(
     steel = {"law": law, "friction": friction, **({} if law == "penalty" else {"restitution": restitution}), **contact}
     carriers = dict(zip(ALL, ("frame", *journals), strict=True))
     radii = dict(zip(ALL, (0.010, 0.007, 0.007), strict=True))
-    return Mechanism.model_validate(
-        {
-            "crank": {"length": CRANK, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075, **(crank or {})},
-            "rod": {"length": ROD, "mass": 0.773, "inertia": 2.482e-2, "mass_centre": CENTRE},
-            "slider": {"mass": 0.4482, "offset": offset},
-            "joints": {
-                name: {
-                    "loose": name in loose,
-                    "journal": carriers[name],
-                    "journal_radius": radii[name],
-                    "bearing_radius": radii[name] + clearance,
-                    "contact": steel,
-                }
-                for name in ALL
-            },
-            "effects": [*effects, *([{"name": "gravity"}] if gravity else [])],
-        }
-    )
+    own = {
+        "crank": BODIES["crank"] | (crank or {}),
+        "slider": BODIES["slider"] | {"offset": offset},
+        "joints": {name: joint(name in loose, carriers[name], radii[name], clearance, steel) for name in ALL},
+        "effects": [*effects, *([{"name": "gravity"}] if gravity else [])],
+    }
+    return Mechanism.model_validate(BODIES | own)
 
 
 def options(**changed) -> Simulate:

@@ -22,12 +22,16 @@ def turned(vector):
     return np.array([-vector[1], vector[0]])
 
 
+def rod_centre(moved: Motion) -> np.ndarray:
+    """Place and velocity of the rod's mass centre, (2, 2, panels, nodes)."""
+    return np.array([[moved[f"rod_{what}_{axis}"] for axis in "xy"] for what in ("position", "velocity")])
+
+
 def bodies(moved: Motion) -> list[tuple]:
     """Crank, unbalance, rod, slider: mass, position and velocity of the mass centre, inertia, angular velocity."""
     made = moved.made
     angle, speed = moved.angles, moved["crank_speed"]
-    pivot = np.array([moved.auxiliary(0), moved.auxiliary(1)])
-    pivot_rate = np.array([moved.auxiliary(4), moved.auxiliary(5)])
+    pivot, pivot_rate = (np.array([moved.auxiliary(i), moved.auxiliary(i + 1)]) for i in (0, 4))
 
     def on_crank(distance, ahead):
         arm = distance * np.array([np.cos(angle + ahead), np.sin(angle + ahead)])
@@ -39,13 +43,10 @@ def bodies(moved: Motion) -> list[tuple]:
     if unbalance := made.effect("crank_unbalance"):
         mass = unbalance.unbalance_kg_m / crank.length
         found.append((mass, *on_crank(crank.length, unbalance.angle_rad), 0.0, speed))
-    place = np.array([moved["rod_position_x"], moved["rod_position_y"]])
-    velocity = np.array([moved["rod_velocity_x"], moved["rod_velocity_y"]])
-    found.append((rod.mass, place, velocity, rod.inertia, moved["rod_angular_velocity"]))
+    found.append((rod.mass, *rod_centre(moved), rod.inertia, moved["rod_angular_velocity"]))
     place = np.array([moved["slider_position"], np.full_like(angle, slider.offset)])
     velocity = np.array([moved["slider_velocity"], np.zeros_like(angle)])
-    found.append((slider.mass, place, velocity, 0.0, np.zeros_like(angle)))
-    return found
+    return [*found, (slider.mass, place, velocity, 0.0, np.zeros_like(angle))]
 
 
 def bending(moved: Motion) -> dict[str, np.ndarray]:
@@ -54,16 +55,13 @@ def bending(moved: Motion) -> dict[str, np.ndarray]:
     """
     effect, rod = moved.made.effect("rod_flexibility"), moved.made.rod
     if not effect:
-        nothing = dict.fromkeys(
-            ("kinetic", "strain", "potential", "spin", "loss", "moment"), np.zeros_like(moved.angles)
-        )
-        return nothing | {"momentum": np.zeros((2, *moved.angles.shape))}
+        names = ("kinetic", "strain", "potential", "spin", "loss", "moment")
+        return dict.fromkeys(names, np.zeros_like(moved.angles)) | {"momentum": np.zeros((2, *moved.angles.shape))}
     m, beyond = rod.mass, 0.5 * rod.length - rod.mass_centre
     q, rate, turn = moved.auxiliary(3), moved.auxiliary(7), moved["rod_angular_velocity"]
     along = np.array([np.cos(moved["rod_angle"]), np.sin(moved["rod_angle"])])
     across = turned(along)
-    place = np.array([moved["rod_position_x"], moved["rod_position_y"]])
-    velocity = np.array([moved["rod_velocity_x"], moved["rod_velocity_y"]])
+    place, velocity = rod_centre(moved)
     forward, sideways = (velocity * along).sum(0), (velocity * across).sum(0) + turn * beyond
     kinetic = m * (0.25 * rate**2 + 0.25 * (q * turn) ** 2 + SHARE * (rate * sideways - q * turn * forward))
     momentum = m * SHARE * (rate * across - q * turn * along)
@@ -137,9 +135,8 @@ def crank_losses(moved: Motion) -> np.ndarray:
 def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Elastic energy [J] of a joint and power [W] that it turns into heat."""
     joint, rod, crank = getattr(moved.p, name), moved["rod_angular_velocity"], moved["crank_speed"]
-    body, partner = {"crank_pin": (rod, crank), "piston_pin": (rod, 0.0 * rod), "crank_pivot": (crank, 0.0 * crank)}[
-        name
-    ]
+    pairs = {"crank_pin": (rod, crank), "piston_pin": (rod, 0.0 * rod), "crank_pivot": (crank, 0.0 * crank)}
+    body, partner = pairs[name]
     push, drag = moved[f"{name}_normal_force"], moved[f"{name}_friction_force"]
     if not joint.loose:
         rubbing = moved.made.effect("pin_friction", name)
@@ -150,10 +147,8 @@ def joint_powers(moved: Motion, name: str) -> tuple[np.ndarray, np.ndarray]:
     around = np.nan_to_num(r * moved[f"gamma{number}_dot"])
     depth = np.where(moved.mode(name) == 0, 0.0, np.maximum(r - joint.clearance, 0.0))
     elastic = joint.stiffness * depth**joint.exponent
-    body_arm, partner_arm = (
-        joint.side * joint.body_radius - 0.5 * depth,
-        joint.side * joint.partner_radius + 0.5 * depth,
-    )
+    body_arm = joint.side * joint.body_radius - 0.5 * depth
+    partner_arm = joint.side * joint.partner_radius + 0.5 * depth
     sliding = around + body_arm * body - partner_arm * partner
     loss = -elastic * parting
     film = moved.made.effect("lubricated_joint", name)

@@ -24,30 +24,17 @@ ROUNDS, SMOOTH = 6, 1e-12
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion sampled where Gauss' rule wants it, panel by panel.
+    """A motion sampled where Gauss' rule wants it, panel by panel."""
 
-    Attributes
-    ----------
-    made : Mechanism
-        Its effects applied.
-    angles : (panels, 16 + 2) array
-        Crank angles of each panel's start, 16 nodes and end [rad].
-    weights : (panels, 16) array
-        Of the nodes, for integrals over the time [s].
-    """
-
-    made: Mechanism
+    made: Mechanism  # its effects applied
     p: Parameters
-    angles: np.ndarray
-    weights: np.ndarray
+    angles: np.ndarray  # of each panel's start, 16 nodes and end [rad], (panels, 16 + 2)
+    weights: np.ndarray  # of the nodes, for integrals over the time [s], (panels, 16)
     run: IntegrationResult
     seen: dict[str, np.ndarray]
 
     def sampled(self, values: np.ndarray) -> np.ndarray:
         return values.reshape(self.angles.shape)
-
-    def state(self, i: int) -> np.ndarray:
-        return self.sampled(self.run.states[:, i])
 
     def auxiliary(self, i: int) -> np.ndarray:
         return self.sampled(self.run.auxiliary_states[:, i])

@@ -6,17 +6,8 @@ import numpy as np
 import pytest
 
 from jointgap.config.friction_laws import FRICTION_LAWS
-from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, SPEED, effect, mechanism
-from tests.dynamics.ledger import (
-    NUMBERS,
-    bending,
-    bodies,
-    crank_losses,
-    cross,
-    frame_moment,
-    joint_powers,
-    slider_effects,
-)
+from tests.dynamics import ledger
+from tests.dynamics.cases import ALL, LUGRE, MOTOR, PINS, effect, mechanism
 from tests.dynamics.quadrature import motion
 from tests.rows import each
 
@@ -90,17 +81,17 @@ def relative(balance, scale):
 
 
 def test_work_of_the_drive_becomes_motion_strain_and_heat(moved, worst):
-    made, bend = moved.made, bending(moved)
+    made, bend = moved.made, ledger.bending(moved)
     kinetic, height = bend["kinetic"], bend["potential"]
-    for mass, place, velocity, inertia, turn in bodies(moved):
+    for mass, place, velocity, inertia, turn in ledger.bodies(moved):
         kinetic = kinetic + 0.5 * mass * (velocity**2).sum(0) + 0.5 * inertia * turn**2
         height = height - mass * (made.gravity[:, None, None] * place).sum(0)
     stored, joint_loss = bend["strain"], np.zeros_like(kinetic)
     for name in ALL:
-        elastic, loss = joint_powers(moved, name)
+        elastic, loss = ledger.joint_powers(moved, name)
         stored, joint_loss = stored + elastic, joint_loss + loss
-    work = moved["crank_torque"] * moved["crank_speed"] + slider_effects(moved) * moved["slider_velocity"]
-    work = work + crank_losses(moved) * moved["crank_speed"] - joint_loss - bend["loss"]
+    work = moved["crank_torque"] * moved["crank_speed"] + ledger.slider_effects(moved) * moved["slider_velocity"]
+    work = work + ledger.crank_losses(moved) * moved["crank_speed"] - joint_loss - bend["loss"]
     energy = kinetic + height + stored
     if moved.p.crank_pin.friction_law != FRICTION_LAWS["lugre"].code:  # bristles give back what they have stored
         assert (joint_loss > -1e-6 * np.abs(kinetic).max()).all()
@@ -108,10 +99,10 @@ def test_work_of_the_drive_becomes_motion_strain_and_heat(moved, worst):
 
 
 def test_linear_momentum_changes_by_the_reactions_of_frame_and_guide(moved, worst):
-    made, momentum, total = moved.made, bending(moved)["momentum"], 0.0
-    for mass, _, velocity, _, _ in bodies(moved):
+    made, momentum, total = moved.made, ledger.bending(moved)["momentum"], 0.0
+    for mass, _, velocity, _, _ in ledger.bodies(moved):
         momentum, total = momentum + mass * velocity, total + mass
-    pushed = total * made.gravity[0] - moved["frame_force_x"] + slider_effects(moved)
+    pushed = total * made.gravity[0] - moved["frame_force_x"] + ledger.slider_effects(moved)
     lifted = total * made.gravity[1] - moved["frame_force_y"] + moved["guide_force"]
     for i, force in enumerate((pushed, lifted)):
         change = momentum[i, :, -1] - momentum[i, 0, 0] - moved.integral(force)
@@ -119,30 +110,22 @@ def test_linear_momentum_changes_by_the_reactions_of_frame_and_guide(moved, wors
 
 
 def test_angular_momentum_changes_by_drive_guide_frame_and_weight(moved, worst):
-    made, bend = moved.made, bending(moved)
+    made, bend = moved.made, ledger.bending(moved)
     spin, moment = bend["spin"], bend["moment"]
-    for mass, place, velocity, inertia, turn in bodies(moved):
-        spin = spin + mass * cross(place, velocity) + inertia * turn
-        moment = moment + mass * cross(place, made.gravity)
-    moment = moment + moved["crank_torque"] + crank_losses(moved) + frame_moment(moved)
+    for mass, place, velocity, inertia, turn in ledger.bodies(moved):
+        spin = spin + mass * ledger.cross(place, velocity) + inertia * turn
+        moment = moment + mass * ledger.cross(place, made.gravity)
+    moment = moment + moved["crank_torque"] + ledger.crank_losses(moved) + ledger.frame_moment(moved)
     moment = moment + moved["slider_position"] * moved["guide_force"] + moved["guide_moment"]
-    moment = moment - made.slider.offset * slider_effects(moved)
+    moment = moment - made.slider.offset * ledger.slider_effects(moved)
     worst("angular momentum", relative(spin[:, -1] - spin[0, 0] - moved.integral(moment), spin), BOUND)
 
 
 @each("joint", ALL)
 def test_derivatives_of_the_clearance_are_derivatives(moved, worst, joint):
-    away = moved[f"r{NUMBERS[joint]}"].min(axis=1) > 1e-4  # at the centre directions turn at any rate
+    away = moved[f"r{ledger.NUMBERS[joint]}"].min(axis=1) > 1e-4  # at the centre directions turn at any rate
     for symbol in ("r", "gamma") if getattr(moved.p, joint).loose else ():
-        seen = [moved[f"{symbol}{NUMBERS[joint]}{dots}"] for dots in ("", "_dot", "_ddot")]
+        seen = [moved[f"{symbol}{ledger.NUMBERS[joint]}{dots}"] for dots in ("", "_dot", "_ddot")]
         for quantity, rate in pairwise(seen):
             change = quantity[:, -1] - quantity[:, 0] - moved.steps(rate)
             worst("derivatives of a clearance vector", relative(change[away], quantity[away]), 1e-7)
-
-
-def test_the_motor_gives_what_its_line_says(worst):
-    moved = motion(mechanism(loose=()), revolutions=0.5, panels_per_revolution=60, drive=MOTOR)
-    line = MOTOR["stall_torque"] * (1 - moved["crank_speed"] / MOTOR["no_load_speed"])
-    shaft = line - MOTOR["inertia"] * moved["crank_acceleration"]
-    worst("motor torque", relative(moved["crank_torque"] - shaft, line), 1e-13)
-    assert np.ptp(moved["crank_speed"]) > 0.01 * SPEED

@@ -14,13 +14,6 @@ from jointgap.dynamics.numba_cache import cache_folder, compiled, compiled_by_on
 HOLD = "import fcntl, sys; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(1, flush=True); input()"
 
 
-def folders(base, ages):
-    for number, age in enumerate(ages):
-        folder = base / f"{number:016x}"
-        folder.mkdir()
-        os.utime(folder, (time.time() - age, time.time() - age))
-
-
 def test_every_way_of_calling_shares_one_cache(tmp_path, monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     beside = tmp_path / "beside"
@@ -32,13 +25,13 @@ def test_every_way_of_calling_shares_one_cache(tmp_path, monkeypatch):
 
 
 def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_the_last_day(tmp_path):
-    day = 24 * 3600
-    folders(tmp_path, [60, 3600, *(days * day for days in range(2, 9))])
-    (tmp_path / "not-a-digest").mkdir()
-    os.utime(tmp_path / "not-a-digest", (0, 0))
+    now, day = time.time(), 24 * 3600
+    ages = {f"{i:016x}": age for i, age in enumerate([60, 3600, *(days * day for days in range(2, 9))])}
+    for name, age in (ages | {"not-a-digest": now}).items():
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (now - age, now - age))
     remove_old_folders(tmp_path)
-    kept = {f"{number:016x}" for number in range(5)} | {"not-a-digest"}
-    assert {folder.name for folder in tmp_path.iterdir()} == kept
+    assert {folder.name for folder in tmp_path.iterdir()} == {*list(ages)[:5], "not-a-digest"}
 
 
 def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path):
@@ -49,9 +42,7 @@ def test_the_lock_of_a_process_that_was_killed_is_free(tmp_path):
     holder.kill()
     holder.communicate()
     assert compiled_by_one(str, lock)(1) == "1"
-
-
-def test_without_a_place_for_the_lock_the_work_goes_on(tmp_path):
+    # without a place for the lock the work goes on
     assert compiled_by_one(str, tmp_path / "absent" / "f.lock")(1) == "1"
 
 

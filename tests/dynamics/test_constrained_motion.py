@@ -6,24 +6,18 @@ from jointgap.dynamics.simulation import simulate
 from tests.dynamics.cases import CENTRE, CRANK, MOTOR, PINS, ROD, SPEED, effect, mechanism, options
 from tests.rows import each
 
-PIN_FRICTION, GUIDE_FRICTION, COULOMB = 0.3, 0.2, 4.0
-COUNTERWEIGHT = {"mass_centre": -0.02, "mass_centre_across": 0.03}
+WEIGHED = {"mass_centre": -0.02, "mass_centre_across": 0.03}
+COULOMB = effect("slider_coulomb_friction", force_N=4.0)
+IN_GUIDE = effect("slider_load_friction", coefficient=0.2)
+IN_PINS = [effect("pin_friction", pin, coefficient=0.3) for pin in PINS]
 MIXES = (
-    (("crank_pin",), {}, {}),
-    (("piston_pin",), {"slider": True}, {}),
-    (("crank_pivot",), {"crank": COUNTERWEIGHT}, {}),
-    (("crank_pivot", "crank_pin"), {"crank": COUNTERWEIGHT}, {"drive": MOTOR}),
-    (("crank_pivot", "piston_pin"), {"rubbing": True}, {}),
-    ((), {"rubbing": True}, {"drive": MOTOR}),
+    (("crank_pin",), [], {}, {}),
+    (("piston_pin",), [COULOMB], {}, {}),
+    (("crank_pivot",), [], WEIGHED, {}),
+    (("crank_pivot", "crank_pin"), [], WEIGHED, {"drive": MOTOR}),
+    (("crank_pivot", "piston_pin"), [IN_PINS[0], IN_GUIDE], {}, {}),
+    ((), [*IN_PINS, IN_GUIDE], {}, {"drive": MOTOR}),
 )
-
-
-def made(loose, slider=False, rubbing=False, crank=None):
-    effects = [effect("slider_coulomb_friction", force_N=COULOMB)] if slider else []
-    if rubbing:
-        effects = [effect("pin_friction", pin, coefficient=PIN_FRICTION) for pin in PINS if pin not in loose]
-        effects.append(effect("slider_load_friction", coefficient=GUIDE_FRICTION))
-    return mechanism(*effects, loose=loose, offset=0.03, gravity=True, crank=crank)
 
 
 def point(rows, unknown, lever):
@@ -34,7 +28,7 @@ def point(rows, unknown, lever):
     return jacobian
 
 
-def solved(mechanism, loose, t, motor, slider=False, rubbing=False, crank=None):
+def solved(mechanism, loose, t, motor):
     """Accelerations (n, 8) of crank, rod (x, y, angle each) and slider (x, y), and the constraints' forces by name."""
     crank, rod, piston = mechanism.crank, mechanism.rod, mechanism.slider
     n = len(t)
@@ -48,11 +42,11 @@ def solved(mechanism, loose, t, motor, slider=False, rubbing=False, crank=None):
     masses = np.array([crank.mass, crank.mass, inertia, rod.mass, rod.mass, rod.inertia, piston.mass, piston.mass])
     push = np.zeros((n, 8))
     push[:, [0, 1]], push[:, [3, 4]], push[:, [6, 7]] = (body.mass * mechanism.gravity for body in (crank, rod, piston))
-    v = t.slider_velocity.to_numpy()
-    if slider:
-        push[:, 6] -= COULOMB * np.tanh(v / 0.01)
-    if rubbing:
-        push[:, 6] -= GUIDE_FRICTION * np.abs(t.guide_force) * np.tanh(v / 0.01)
+    against = -np.tanh(t.slider_velocity.to_numpy() / 0.01)
+    if coulomb := mechanism.effect("slider_coulomb_friction"):
+        push[:, 6] += coulomb.force_N * against
+    if guide := mechanism.effect("slider_load_friction"):
+        push[:, 6] += guide.coefficient * np.abs(t.guide_force) * against
     if motor:
         push[:, 2] += MOTOR["stall_torque"] * (1 - w[:, 0] / MOTOR["no_load_speed"])
     slides = np.zeros((n, 2, 8))
@@ -63,11 +57,9 @@ def solved(mechanism, loose, t, motor, slider=False, rubbing=False, crank=None):
         "crank_pin": (of_rod - of_crank, turn**2 * near - w**2 * to_pin),
         "piston_pin": (point(n, 3, far) - slides, turn**2 * far),
     }
-    rows, right, names = [np.eye(8)[None, [7]].repeat(n, 0)], [np.zeros((n, 1))], ["guide"]
-    if not motor:
-        rows.append(np.eye(8)[None, [2]].repeat(n, 0))
-        right.append(np.zeros((n, 1)))
-        names.append("drive")
+    held = {"guide": 7} if motor else {"guide": 7, "drive": 2}
+    rows, names = [np.eye(8)[None, [*held.values()]].repeat(n, 0)], [*held]
+    right = [np.zeros((n, len(held)))]
     for name, (jacobian, centripetal) in ends.items():
         force = t[[f"{name}_force_x", f"{name}_force_y"]].to_numpy()
         if name in loose:
@@ -76,9 +68,9 @@ def solved(mechanism, loose, t, motor, slider=False, rubbing=False, crank=None):
         rows.append(jacobian)
         right.append(centripetal)
         names += [f"{name}_force_x", f"{name}_force_y"]
-        if rubbing and name in PINS:
+        if rubbing := mechanism.effect("pin_friction", name):
             relative = turn[:, 0] - (w[:, 0] if name == "crank_pin" else 0.0)
-            moment = -PIN_FRICTION * 0.007 * np.hypot(*force.T) * np.tanh(relative / 0.1)
+            moment = -rubbing.coefficient * 0.007 * np.hypot(*force.T) * np.tanh(relative / 0.1)
             push[:, 5] += moment
             push[:, 2] -= moment if name == "crank_pin" else 0.0
     jacobian, right = np.concatenate(rows, 1), np.concatenate(right, 1)
@@ -90,11 +82,13 @@ def solved(mechanism, loose, t, motor, slider=False, rubbing=False, crank=None):
     return found[:, :8], dict(zip(names, found[:, 8:].T, strict=True))
 
 
-@each("loose, more, drive", MIXES)
-def test_accelerations_and_reactions_are_those_of_the_constrained_equations_of_motion(loose, more, drive, worst):
-    one = made(loose, **more)
-    t = simulate(one, options(samples_per_revolution=90, tolerance=1e-10, **drive)).samples
-    a, forces = solved(one.applied(), loose, t, bool(drive), **more)
+@each("loose, effects, crank, drive", MIXES)
+def test_accelerations_and_reactions_are_those_of_the_constrained_equations_of_motion(
+    loose, effects, crank, drive, worst
+):
+    made = mechanism(*effects, loose=loose, offset=0.03, gravity=True, crank=crank)
+    t = simulate(made, options(samples_per_revolution=90, tolerance=1e-10, **drive)).samples
+    a, forces = solved(made.applied(), loose, t, bool(drive))
     seen = {"rod_acceleration_x": 3, "rod_acceleration_y": 4, "rod_angular_acceleration": 5, "slider_acceleration": 6}
     expected = {name: a[:, column] for name, column in seen.items()}
     expected |= {"crank_acceleration": a[:, 2]} if drive else {}

@@ -34,15 +34,13 @@ def test_a_formula_without_a_value_on_the_way_ends_in_an_error():
     assert slider == pytest.approx(0.6, abs=3e-3)  # within the clearances of where the root ends
 
 
-def test_a_stalled_motor_is_told_with_advice():
+def test_a_motor_that_stalls_or_that_friction_holds_is_told_with_advice(monkeypatch):
     weak = {"kind": "motor", "stall_torque": 0.5, "no_load_speed": 100.0}
     for loose in ((), ALL):
         made = mechanism(effect("slider_constant_force", force_N=-500.0), loose=loose)
         with pytest.raises(SimulationError, match=f"stalls.*{WHERE}.*more torque"):
             simulate(made, options(drive=weak, start_angle=3.3, revolutions=2))
-
-
-def test_a_motor_that_friction_holds_is_told_though_smooth_friction_lets_the_crank_creep(monkeypatch):
+    # smooth friction lets the crank creep
     monkeypatch.setattr(sys.modules[integrate_to_angles.__module__], "STEPS_PER_REVOLUTION", 2000)
     weak = {"kind": "motor", "stall_torque": 0.001, "no_load_speed": 150.0, "inertia": 0.05}
     held = mechanism(effect("slider_coulomb_friction", force_N=50.0))

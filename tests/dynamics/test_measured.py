@@ -14,7 +14,9 @@ from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed
 from tests.rows import each
 
-RATIO, STEP = 0.02, np.radians(0.1)
+RATIO, STEP, TURN = 0.02, np.radians(0.1), 2 * np.pi
+IDEAL = mechanism(loose=())
+NOISE = np.random.default_rng(1).normal(scale=1e-3, size=2001)
 
 
 def known(time):
@@ -24,124 +26,103 @@ def known(time):
     return angle, SPEED + RATIO * rate * np.cos(rate * time), -RATIO * rate**2 * np.sin(rate * time)
 
 
-def measured(folder, angle_of=lambda angle: angle, unit=1.0, count=2001, revolutions=2, **keys):
+def along(folder, times, angles, revolutions, start=0.0, **keys):
+    """Options for a run along a table of angles."""
+    pd.DataFrame({"t": times, "theta": angles}).to_csv(folder / "angle.csv", index=False)
+    drive = {"kind": "measured", "file": str(folder / "angle.csv"), "time": "t", "angle": "theta", **keys}
+    return options(drive=drive, start_angle=start, revolutions=revolutions, samples_per_revolution=360)
+
+
+def measured(folder, angle_of=lambda angle: angle, count=2001, **keys):
     """Options for a run along the table of `known` angles as an instrument shows them."""
-    time = np.linspace(0.0, 0.1 * (revolutions + 0.5), count)
-    path = folder / "angle.csv"
-    pd.DataFrame({"t": time + 7.0, "theta": angle_of(known(time)[0]) * unit}).to_csv(path, index=False)
-    drive = {"kind": "measured", "file": str(path), "time": "t", "angle": "theta", **keys}
-    return options(drive=drive, start_angle=0.5, revolutions=revolutions)
+    time = np.linspace(0.0, 0.25, count)
+    return along(folder, time + 7.0, angle_of(known(time)[0]), 2, 0.5, **keys)
 
 
-def deviations(samples):
-    """Largest deviations of angle [rad], speed and acceleration from the known ones at the samples' times."""
+def in_steps(angle):
+    return np.degrees(STEP * np.round(angle / STEP)) % 360
+
+
+@each(
+    "name, angle_of, keys, bounds",
+    [
+        ("clean", lambda angle: angle, {}, (1e-9, 1e-6, 1e-3)),
+        ("0.1 deg steps", in_steps, {"angle_unit": "deg", "resolution": STEP}, (0.5 * STEP, 2e-3, 0.2)),
+        ("1e-3 rad noise", lambda angle: angle + NOISE, {}, (1e-3, 1e-2, np.inf)),
+    ],
+)
+def test_an_angle_is_recovered_with_its_derivatives_within_its_steps_or_noise(
+    tmp_path, worst, name, angle_of, keys, bounds
+):
+    samples = simulate(IDEAL, measured(tmp_path, angle_of, **keys)).samples
     fine = np.linspace(0.0, 0.01, 100001)
-    start = np.interp(0.5, known(fine)[0], fine)
-    exact = known(samples.time.to_numpy() + start)
-    seen = samples.crank_angle, samples.crank_speed, samples.crank_acceleration
-    inside = slice(10, -10)
-    off = [np.abs(np.asarray(one) - value)[inside].max() for one, value in zip(seen, exact, strict=True)]
-    return off[0], off[1] / SPEED, off[2] / np.abs(exact[2]).max()
-
-
-def test_a_clean_angle_is_recovered_with_its_derivatives(tmp_path, worst):
-    samples = simulate(mechanism(loose=()), measured(tmp_path)).samples
-    angle, speed, acceleration = deviations(samples)
-    worst("measured angle, clean: angle [rad]", angle, 1e-9)
-    worst("measured angle, clean: speed", speed, 1e-6)
-    worst("measured angle, clean: acceleration", acceleration, 1e-3)
-    exact = Closed(mechanism(), *(samples[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration")))
+    exact = known(samples.time.to_numpy() + np.interp(0.5, known(fine)[0], fine))
+    columns, scales = ("angle", "speed", "acceleration"), (1.0, SPEED, np.abs(exact[2]).max())
+    for column, value, scale, bound in zip(columns, exact, scales, bounds, strict=True):
+        off = np.abs(samples[f"crank_{column}"] - value)[10:-10].max() / scale
+        worst(f"measured angle, {name}: {column}", off, bound)
+    exact = Closed(mechanism(), *(samples[f"crank_{column}"].to_numpy() for column in columns))
     off = np.abs(samples.crank_torque - exact.virtual_work_torque()).max() / np.abs(samples.crank_torque).max()
     worst("measured angle: torque by virtual work", off, 1e-13)
 
 
-def test_an_angle_in_steps_or_with_noise_of_unknown_size_is_recovered_within_these(tmp_path, worst):
-    stepped = measured(
-        tmp_path, lambda angle: np.degrees(STEP * np.round(angle / STEP)) % 360, angle_unit="deg", resolution=STEP
-    )
-    angle, speed, acceleration = deviations(simulate(mechanism(loose=()), stepped).samples)
-    worst("measured angle, 0.1 deg steps: angle [rad]", angle, 0.5 * STEP)
-    worst("measured angle, 0.1 deg steps: speed", speed, 2e-3)
-    worst("measured angle, 0.1 deg steps: acceleration", acceleration, 0.2)
-    noise = np.random.default_rng(1).normal(scale=1e-3, size=2001)
-    angle, speed, _ = deviations(simulate(mechanism(loose=()), measured(tmp_path, lambda a: a + noise)).samples)
-    worst("measured angle, 1e-3 rad noise: angle [rad]", angle, 1e-3)
-    worst("measured angle, 1e-3 rad noise: speed", speed, 1e-2)
-
-
-def steady(folder, angle, **keys):
-    """Options for four revolutions along `angle` (n,), sampled over ten seconds."""
-    pd.DataFrame({"time": np.linspace(0.0, 10.0, angle.size), "crank_angle": angle}).to_csv(
-        folder / "a.csv", index=False
-    )
-    drive = {"kind": "measured", "file": str(folder / "a.csv"), **keys}
-    return options(drive=drive, revolutions=4, samples_per_revolution=36)
-
-
 def test_samples_beyond_a_record_are_refused(tmp_path):
-    p = parameters(mechanism(loose=()), steady(tmp_path, np.pi * np.linspace(0, 10, 4001), resolution=STEP))
+    time = np.linspace(0.0, 10.0, 4001)
+    p = parameters(IDEAL, along(tmp_path, time, np.pi * time, 4, resolution=STEP))
     with pytest.raises(InputError, match=r"as far as 1800.1 deg at 10.0005\d* s, the samples to 1980 deg"):
         integrate_to_angles(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
 
 
 def test_noise_at_the_ends_costs_no_revolution(tmp_path):
     """The record holds four turns, from the start angle to the start angle."""
-    exact = np.linspace(0.0, 8 * np.pi, 2001)
-    noise = np.random.default_rng(0).normal(scale=1e-3, size=exact.size)
+    exact, time = np.linspace(0.0, 4 * TURN, 2001), np.linspace(0.0, 10.0, 2001)
     rounded, floored = STEP * np.round(exact / STEP + 0.3), STEP * np.floor(exact / STEP)
-    for angle, resolution in ((exact + noise, None), (rounded, STEP), (floored, STEP)):
-        samples = simulate(mechanism(loose=()), steady(tmp_path, angle, resolution=resolution)).samples
+    for angle, resolution in ((exact + NOISE, None), (rounded, STEP), (floored, STEP)):
+        samples = simulate(IDEAL, along(tmp_path, time, angle, 4, resolution=resolution)).samples
         assert samples.time.iloc[-1] == pytest.approx(10.0, abs=4e-3)
 
 
 def test_angles_run_on_over_turns_wherever_they_fall_back():
-    exact = np.linspace(0.1, 30.0, 301)
-    for turns in (1, 2):
-        np.testing.assert_allclose(running_on(exact % (2 * np.pi * turns)), exact, atol=1e-12)
-    np.testing.assert_allclose(running_on((exact + np.pi) % (2 * np.pi) - np.pi), exact, atol=1e-12)
-    np.testing.assert_array_equal(running_on(exact[::60]), exact[::60])
-    to_and_fro = np.array([6.2, 6.3, 6.27, 6.29, 6.4])
-    np.testing.assert_allclose(running_on(to_and_fro % (2 * np.pi)), to_and_fro, atol=1e-12)
+    exact, to_and_fro = np.linspace(0.1, 30.0, 301), np.array([6.2, 6.3, 6.27, 6.29, 6.4])
+    for read, true in (
+        (exact % TURN, exact),
+        (exact % (2 * TURN), exact),
+        ((exact + np.pi) % TURN - np.pi, exact),
+        (exact[::60], exact[::60]),
+        (to_and_fro % TURN, to_and_fro),
+    ):
+        np.testing.assert_allclose(running_on(read), true, atol=1e-12)
 
 
-def with_value(column, row, value):
-    return lambda table: table.astype(object).assign(**{column: table[column].mask(table.index == row, value)})
+def with_value(row, value):
+    return lambda table: table.astype(object).assign(t=table.t.mask(table.index == row, value))
 
 
-def backwards(table):
-    return table.assign(theta=-table.theta % (2 * np.pi))
-
-
-def standing(table):
-    return table.assign(theta=table.theta.mask(table.index < 99, 0.2))
-
-
-def coarse(table):
-    return table[::50].iloc[:41].assign(theta=table.theta * 10)
+def as_it_is(table):
+    return table
 
 
 @each(
     "change, says, keys",
     [
-        (with_value("t", 4, np.nan), "angle.csv, column t, row 5: 'nan' is not a finite number", {}),
-        (with_value("t", 4, 0.0), "column t, row 5: time 0 s does not rise", {}),
+        (with_value(4, np.nan), "angle.csv, column t, row 5: 'nan' is not a finite number", {}),
+        (with_value(4, 0.0), "column t, row 5: time 0 s does not rise", {}),
         (lambda table: table.rename(columns={"theta": "thetas"}), "no column 'theta'.*thetas", {}),
         (lambda table: table[:5], "5 samples are too few", {}),
-        (backwards, "the crank turns clockwise", {}),
-        (standing, "stands still or turns", {}),
+        (lambda table: table.assign(theta=-table.theta % TURN), "the crank turns clockwise", {}),
+        (lambda table: table.assign(theta=table.theta.mask(table.index < 99, 0.2)), "stands still or turns", {}),
         (lambda table: table[:1000], "holds 1 whole revolutions, .*asks for 2", {}),
-        (coarse, "steps by .* than half a turn", {}),
-        (lambda table: table, "time and angle both name column 't'", {"angle": "t"}),
-        (lambda table: table, "resolution: 180 deg is more than a quarter turn", {"resolution": np.pi}),
-        (lambda table: table, "16999 pieces, more than 16384", {"count": 17000}),
+        (lambda table: table[::50].iloc[:41].assign(theta=table.theta * 10), "steps by .* than half a turn", {}),
+        (as_it_is, "time and angle both name column 't'", {"angle": "t"}),
+        (as_it_is, "resolution: 180 deg is more than a quarter turn", {"resolution": np.pi}),
+        (as_it_is, "16999 pieces, more than 16384", {"count": 17000}),
     ],
 )
 def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(tmp_path, change, says, keys):
-    chosen = measured(tmp_path, **keys)
-    path = tmp_path / "angle.csv"
+    chosen, path = measured(tmp_path, **keys), tmp_path / "angle.csv"
     change(pd.read_csv(path)).to_csv(path, index=False)
     with pytest.raises(InputError, match=says):
-        simulate(mechanism(loose=()), chosen)
+        simulate(IDEAL, chosen)
 
 
 def test_smoothing_does_not_flatten_what_repeats_in_every_turn():
@@ -159,8 +140,8 @@ def test_smoothing_does_not_flatten_what_repeats_in_every_turn():
 @each("unsteadiness, mean_speed", [(0.0, 8.0), (0.6, 80.0), (0.95, 8.0)])
 def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_crank_turns(unsteadiness, mean_speed):
     """The speed falls and rises by `unsteadiness` of its mean within each turn, and drifts over the record."""
-    per_turn, turns = 120, 12
-    time = np.arange(per_turn * turns) * (2 * np.pi / mean_speed / per_turn)
+    per_turn, turns = 120, 6
+    time = np.arange(per_turn * turns) * (TURN / mean_speed / per_turn)
 
     def crank(t):
         steady = mean_speed * t + 0.3 * np.sin(0.05 * mean_speed * t)
@@ -176,26 +157,21 @@ def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_cran
 
 
 def test_contacts_are_judged_at_the_speed_of_the_measured_angle(tmp_path):
-    rubber = listed(contacts={"steel": {"youngs_modulus": "10 MPa"}})  # firm enough at 10 rad/s, the speed of `slow`
-    given, slow = measured(tmp_path), options(speed=10.0)
-    parameters(rubber, slow)
+    rubber = listed(contacts={"steel": {"youngs_modulus": "10 MPa"}})  # firm enough at 10 rad/s
+    parameters(rubber, options(speed=10.0))
     with pytest.raises(InputError, match=r"youngs_modulus 1e\+07 Pa is too soft.* inertia at 599\.6 rpm"):
-        parameters(rubber, given)
+        parameters(rubber, measured(tmp_path))
 
 
-RATE, TURNS, PER_TURN, ERROR = 30.0, 5, 30, 1e-3
-
-
-def ahead(unsteady: float) -> tuple[np.ndarray, np.ndarray]:
-    """Times and true angles of a crank that runs ahead, by so many rad, in its first two orders and once in a while."""
-    time = np.arange(TURNS * PER_TURN) * (2 * np.pi / RATE / PER_TURN)
-    phase = RATE * time
-    return time, 0.4 + phase + unsteady * (np.sin(phase) + 0.3 * np.cos(2 * phase) + 0.5 * np.sin(phase / 3.7))
+PER_TURN, ERROR = 30, 1e-3
 
 
 @each("unsteady, stepped", [(0.05, False), (0.0, True)])
 def test_errors_are_as_large_as_those_of_drawn_noise(unsteady, stepped):
-    time, true = ahead(unsteady)
+    """Of a crank that runs ahead, by so many rad, in its first two orders and once in a while."""
+    time = np.arange(5 * PER_TURN) * (TURN / 30.0 / PER_TURN)
+    phase = 30.0 * time
+    true = 0.4 + phase + unsteady * (np.sin(phase) + 0.3 * np.cos(2 * phase) + 0.5 * np.sin(phase / 3.7))
     rng, inside = np.random.default_rng(0), slice(PER_TURN // 2, -PER_TURN // 2)
     resolution = np.sqrt(12.0) * ERROR if stepped else None  # a quintic for white noise of that size
     drawn, told = [], []
@@ -206,6 +182,5 @@ def test_errors_are_as_large_as_those_of_drawn_noise(unsteady, stepped):
         if draw < 3:
             errors = AngleErrors(time, angle, smooth, stepped, eye_array(time.size, format="csr"), None)
             told.append([np.mean(errors(time, derivative)[inside] ** 2) * errors.count for derivative in range(3)])
-    for derivative in range(3):
-        spread = np.sqrt(np.mean(np.var([each[derivative] for each in drawn], axis=0)))
-        assert np.sqrt(np.mean(told, axis=0)[derivative]) == pytest.approx(spread, rel=0.3)
+    spread = np.sqrt(np.var(drawn, axis=0).mean(axis=-1))
+    assert np.sqrt(np.mean(told, axis=0)) == pytest.approx(spread, rel=0.3)

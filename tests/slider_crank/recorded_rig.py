@@ -6,12 +6,12 @@ uneven times, stamps that are off by 0.7 ms, an encoder with steps, a zero of it
 sensor with noise and a zero of its own, rows that are missing. There is no torque.
 """
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import yaml
 
 from jointgap.config.load import load_campaign
@@ -20,48 +20,29 @@ from jointgap.core.candidates import Series
 
 @dataclass(frozen=True)
 class Rig:
-    """What is true of the rig; lengths [m], times [s].
-
-    Attributes
-    ----------
-    crank, rod, offset : float
-        Lengths, and how far the slide lies beside the crank's pivot.
-    zeros_deg : tuple of float
-        What the encoder reads too much in each run [deg].
-    position_zeros : tuple of float
-        What the slider's sensor reads too much in each run.
-    lag : float
-        By which the encoder reads late.
-    jitter : float
-        Standard deviation of the time stamps.
-    step_deg : float
-        Of the encoder [deg].
-    noise : float
-        Standard deviation of the slider's sensor.
-    rpm : tuple of float
-        Mean speed of each run; the last run is held out.
-    unsteady : float
-        Amplitude of the speed within a turn, as a share of its mean.
-    seconds, rate : float
-        Length of a record, and samples a second.
-    gaps : int
-        Cells that are empty in each of the channels but time.
-    """
+    """What is true of the rig; lengths [m], times [s]."""
 
     crank: float = 0.0506
     rod: float = 0.1492
-    offset: float = 0.0032
-    zeros_deg: tuple[float, ...] = (-1.6, 0.4, 4.1, 2.2, -0.7, 1.3)
+    offset: float = 0.0032  # of the slide beside the crank's pivot
+    zeros_deg: tuple[float, ...] = (-1.6, 0.4, 4.1, 2.2, -0.7, 1.3)  # what the encoder reads too much in each run
     position_zeros: tuple[float, ...] = (0.0121, 0.0121, 0.0118, 0.0121, 0.0119, 0.0121)
-    lag: float = 6e-3
-    jitter: float = 0.7e-3
-    step_deg: float = 0.09
-    noise: float = 6e-5
-    rpm: tuple[float, ...] = (55.0, 68.0, 80.0, 95.0, 110.0, 75.0)
-    unsteady: float = 0.12
+    lag: float = 6e-3  # by which the encoder reads late
+    jitter: float = 0.7e-3  # standard deviation of the time stamps
+    step_deg: float = 0.09  # of the encoder
+    noise: float = 6e-5  # of the slider's sensor
+    rpm: tuple[float, ...] = (55.0, 68.0, 80.0, 95.0, 110.0, 75.0)  # of each run, the last of which is held out
+    unsteady: float = 0.12  # amplitude of the speed within a turn, as a share of its mean
     seconds: float = 14.0
-    rate: float = 50.0
-    gaps: int = 0
+    rate: float = 50.0  # samples a second
+    gaps: int = 0  # empty cells of each channel but time
+
+    @property
+    def truth(self) -> list[dict[str, float]]:
+        """Nuisances of each run as they are, but for the lag."""
+        own = {"slider_offset": self.offset, "crank_length": self.crank, "rod_length": self.rod}
+        zeros = zip(self.zeros_deg, self.position_zeros, strict=True)
+        return [{"encoder_zero": math.radians(one), "slider_position_zero": other} | own for one, other in zeros]
 
     def angle(self, run: int, time: np.ndarray) -> np.ndarray:
         """True crank angle (n,) [rad] at times (n,)."""
@@ -102,13 +83,7 @@ def write(folder: Path, rig: Rig, over: dict | None = None, seed: int = 0) -> Pa
     runs = []
     for run, rpm in enumerate(rig.rpm):
         columns = rig.record(run, seed)
-        with (folder / f"r{run}.csv").open("w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(columns)
-            writer.writerows(
-                ["" if math.isnan(value) else f"{value:.9g}" for value in row]
-                for row in zip(*columns.values(), strict=True)
-            )
+        pd.DataFrame(columns).to_csv(folder / f"r{run}.csv", index=False, float_format="%.9g")
         role = "confirm" if run == len(rig.rpm) - 1 else "identify"
         runs.append({"id": f"r{run}", "file": f"r{run}.csv", "speed": f"{rpm} rpm", "role": role})
     content = {

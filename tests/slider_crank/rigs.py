@@ -2,62 +2,40 @@
 simulation.
 """
 
+from copy import deepcopy
+
 import numpy as np
 
 from jointgap.config import Simulate
 from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.config.campaign import Campaign
+from jointgap.core.candidates import Candidate
 from jointgap.dynamics.simulation import simulate
+from jointgap.rig.model import SliderCrankModel, build_model
 from jointgap.rig.recording import Measurements, Recording
+from tests.dynamics.cases import BODIES, joint
 
-CHANNELS = {
-    "time": {"column": "t", "unit": "s"},
-    "crank_angle": {"column": "theta", "unit": "rad"},
-    "crank_speed": {"column": "w", "unit": "rad/s"},
-    "slider_position": {"column": "x", "unit": "m"},
-    "slider_acceleration": {"column": "a", "unit": "m/s^2"},
-    "rod_acceleration_y": {"column": "ay", "unit": "m/s^2"},
-    "crank_torque": {"column": "m", "unit": "N*m"},
-    "guide_force": {"column": "n", "unit": "N"},
-    "frame_force_y": {"column": "fy", "unit": "N"},
-}
+CHANNELS = (
+    "time crank_angle crank_speed slider_position slider_acceleration rod_acceleration_y crank_torque guide_force "
+    "frame_force_y"
+).split()
 
 
 def mechanism(loose: tuple[str, ...] = (), friction: float = 0.1, effects=(), **changes) -> dict:
     """A mechanism file's content: every joint has data, `loose` ones 0.5 mm of clearance."""
     carriers = {"crank_pivot": "crank", "crank_pin": "crank", "piston_pin": "slider"}
-    joints = {
-        name: {
-            "loose": name in loose,
-            "journal": carrier,
-            "journal_radius": 7e-3,
-            "bearing_radius": 7.5e-3,
-            "contact": "steel",
-        }
-        for name, carrier in carriers.items()
-    }
-    return {
-        "crank": {"length": 0.15, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},
-        "rod": {"length": 0.564, "mass": 0.773, "inertia": 2.482e-2, "mass_centre": 0.282},
-        "slider": {"mass": 0.4482, "offset": 0.0},
-        "joints": joints,
-        "contacts": {"steel": {"restitution": 0.46, "friction": friction}},
-        "effects": list(effects),
-    } | changes
+    joints = {name: joint(name in loose, carrier, 7e-3, 0.5e-3, "steel") for name, carrier in carriers.items()}
+    contacts = {"steel": {"restitution": 0.46, "friction": friction}}
+    return deepcopy(BODIES) | {"joints": joints, "contacts": contacts, "effects": list(effects)} | changes
 
 
-def campaign(content: dict, channels=tuple(CHANNELS), speeds=(30.0, 45.0), **keys) -> Campaign:
-    """A campaign with a run for fitting and one held out."""
-    run = keys.pop("run", {})
+def campaign(content: dict, channels=CHANNELS, speeds=(30.0, 45.0), run=None, sensors=None, **keys) -> Campaign:
+    """A campaign with a run for fitting and one held out; `run` are keys of both, `sensors` of channels."""
     runs = [
-        {"id": name, "file": f"{name}.csv", "speed": speed, "role": role} | run
+        {"id": name, "file": f"{name}.csv", "speed": speed, "role": role} | (run or {})
         for name, speed, role in zip(("slow", "fast"), speeds, ("identify", "confirm"), strict=True)
     ]
-    own = {
-        name: CHANNELS.get(name, {"column": name, "unit": UNITS[name]}) | keys.get("sensors", {}).get(name, {})
-        for name in channels
-    }
-    keys.pop("sensors", None)
+    own = {name: {"column": name, "unit": UNITS[name]} | (sensors or {}).get(name, {}) for name in channels}
     return Campaign.model_validate({"name": "rig", "mechanism": content, "runs": runs, "channels": own} | keys)
 
 
@@ -83,6 +61,27 @@ def recorded(own: Campaign, dropped: int = 2, kept: int = 2, per_turn: int = 90,
             np.full(time.size, run.role == "confirm"),
         )
     return Measurements(runs)
+
+
+def rig(content: dict | None = None, channels=CHANNELS, **keys) -> SliderCrankModel:
+    """The model of a campaign with what its sensors read without noise."""
+    own = campaign(content or mechanism(), channels, **keys)
+    return build_model(own, recorded(own))
+
+
+def chosen(model: SliderCrankModel, label: str) -> Candidate:
+    """The candidate with this label."""
+    return next(one for one in model.candidates if one.label == label)
+
+
+def read(model: SliderCrankModel, *effects: tuple[str, dict], run="slow", **values: float) -> dict[str, np.ndarray]:
+    """What a model reads in a run, with effects by their labels and `values` that are not nominal."""
+    return model.simulate(run, model.nominal(run) | values, [(chosen(model, label), own) for label, own in effects])
+
+
+def seen(model: SliderCrankModel, run="slow") -> dict[str, np.ndarray]:
+    """What was read in a run, by channel."""
+    return {series.channel: series.value for series in model.series if series.run == run}
 
 
 def worst(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> float:

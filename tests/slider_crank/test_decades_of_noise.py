@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from jointgap.identification.baseline import probed_differences
 from jointgap.identification.confirmation import fit_run_parameters
@@ -11,7 +10,8 @@ from jointgap.identification.fit import CONVERGED, fit_hypothesis
 from jointgap.identification.problem import Noise, Problem
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
-from tests.slider_crank.rigs import campaign, mechanism, recorded
+from tests.rows import each
+from tests.slider_crank.rigs import campaign, chosen, mechanism, recorded
 
 CHANNELS = ("time", "slider_acceleration", "crank_torque", "guide_force")
 TRUTH = {"slider_mass": 0.4623, "crank_length": 0.1503}  # kg, m; nominal 0.4482 and 0.15
@@ -25,7 +25,7 @@ def measured(noise):
     own = campaign(mechanism(), CHANNELS, nuisance=nuisance, run={"first_angle": 0.0})
     recordings = recorded(own, dropped=0, per_turn=45).runs
     model, random, noises = build_model(own, Measurements(recordings)), np.random.default_rng(3), {}
-    (friction,) = (candidate for candidate in model.candidates if candidate.name == "slider_coulomb_friction")
+    friction = chosen(model, "slider_coulomb_friction")
     acting = [(friction, {"force_N": FRICTION})]
     for run, recording in recordings.items():
         read = model.simulate(run, model.nominal(run) | TRUTH | {"speed": SPEEDS[run]}, acting)
@@ -37,7 +37,7 @@ def measured(noise):
     return build_model(own, Measurements(recordings)), (friction,), noises
 
 
-@pytest.mark.parametrize("decade", range(2, 9))
+@each("decade", (2, 5, 8))
 def test_fits_of_runs_for_fitting_and_of_those_held_out_end_at_the_truth(decade):
     model, hypothesis, noises = measured(10.0**-decade)
     here = Problem(model, noises)

@@ -1,34 +1,28 @@
 """A run that cannot be simulated is left out with its reason; the others make the model."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from jointgap.core.errors import InputError
 from jointgap.identification.noise import noise_of_model
 from jointgap.rig.model import build_model
-from jointgap.rig.recording import Measurements
 from tests.slider_crank.rigs import campaign, mechanism, recorded
-
-SEEN = ("time", "crank_angle", "slider_position")
 
 
 def measured(run):
-    """Two runs along their measured angle; the crank of `run` stands still for a while."""
-    own = campaign(mechanism(), SEEN, drive="measured_angle")
-    runs = dict(recorded(own, dropped=0, kept=4).runs)
-    still = runs[run]
-    angle = still.crank_angle
-    runs[run] = replace(still, crank_angle=np.minimum(angle, angle[150]) + np.maximum(angle - angle[200], 0.0))
-    return own, Measurements(runs)
+    """Two runs along their measured angle; the crank of `run` stands still from sample 150 to 200."""
+    own = campaign(mechanism(), ("time", "crank_angle", "slider_position"), drive="measured_angle")
+    measurements = recorded(own, dropped=0, kept=4)
+    angle = measurements.runs[run].crank_angle
+    angle[:] = np.minimum(angle, angle[150]) + np.maximum(angle - angle[200], 0.0)
+    return own, measurements
 
 
 def test_a_held_out_run_whose_crank_stands_still_is_left_out_with_the_time():
     own, measurements = measured("fast")
     model = build_model(own, measurements)
     assert list(model.plans) == ["slow"] == [run.id for run in model.campaign.runs]
-    assert {key for series in model.series for key in [series.run]} == {"slow"}
+    assert {series.run for series in model.series} == {"slow"}
     begin, end = measurements.runs["fast"].time[[150, 200]]
     told = model.left_out["fast"]
     assert "stands still or falls at" in told and "cut the record there" in told

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.rig.checks import angle_outliers, clipped, outliers
+from jointgap.rig.checks import angle_outliers, outliers
 from jointgap.rig.sampling import planned_grid, sample_grid
 from jointgap.rig.simulate_run import tolerance_for
 from tests.slider_crank.rigs import campaign, mechanism
@@ -18,15 +18,16 @@ def test_a_film_and_a_small_clearance_ask_for_a_smaller_tolerance():
     assert tolerance_for(dry, 1e-6) == pytest.approx(1e-4 * 5e-4)
 
 
-def test_planned_samples_are_even_in_time_and_begin_at_the_first_angle():
-    grid = planned_grid(speed=20.0, first_angle=0.3, encoded=True, revolutions=3)
-    assert grid.time.size == 3 * 120
-    assert grid.time[1] == pytest.approx(2 * math.pi / 20.0 / 120, rel=1e-14)
+def test_planned_samples_are_even_from_the_first_angle_on_beyond_their_end_and_in_between():
+    grid, step = planned_grid(speed=20.0, first_angle=0.3, encoded=True, revolutions=3), math.tau / 120
+    assert grid.time == pytest.approx(np.arange(3 * 120) * step / 20.0, rel=1e-12)
     assert grid.angle == pytest.approx(0.3 + 20.0 * grid.time, rel=1e-14)
-    assert np.array_equal(grid.read, grid.angle) and grid.encoded
-    assert (grid.first_angle, grid.speed, grid.first_reach, grid.speed_reach) == (0.3, 20.0, 0.0, 0.0)
-    unread = planned_grid(speed=20.0, first_angle=0.3, encoded=False)
-    assert np.isnan(unread.read).all() and unread.time.size == 4 * 120 and not unread.encoded
+    longer, finer, half = grid.extended(8 * math.pi), grid.refined(3), grid.first(math.pi)
+    assert np.array_equal(longer.time[: grid.time.size], grid.time)
+    assert longer.angle == pytest.approx(0.3 + np.arange(longer.angle.size) * step, rel=1e-9)
+    assert longer.angle[-1] >= 0.3 + 8 * math.pi - 1e-9
+    assert finer.angle == pytest.approx(0.3 + np.arange(finer.angle.size) * step / 3, rel=1e-9)
+    assert half.angle[-1] < 0.3 + math.pi <= half.angle[-1] + step + 1e-9
 
 
 def test_the_reach_of_speed_and_first_angle_is_ten_standard_errors_of_the_line_and_half_a_step():
@@ -41,26 +42,9 @@ def test_the_reach_of_speed_and_first_angle_is_ten_standard_errors_of_the_line_a
     assert grid.speed_reach == pytest.approx((math.sqrt(12) * 10 * sd / math.sqrt(n) + step / 2) / 2.0, rel=0.05)
 
 
-def test_samples_go_on_evenly_beyond_the_record_and_in_between():
-    grid = planned_grid(speed=10.0, first_angle=0.5, encoded=True, revolutions=1)
-    longer = grid.extended(4 * math.pi)
-    assert longer.time[: grid.time.size] == pytest.approx(grid.time, abs=0.0)
-    assert np.diff(longer.time) == pytest.approx(np.full(longer.time.size - 1, grid.time[1]), rel=1e-9)
-    assert longer.angle[-1] - longer.angle[0] >= 4 * math.pi - 1e-9
-    finer = grid.refined(3)
-    assert finer.angle[::3] == pytest.approx(grid.angle, rel=1e-14)
-    assert np.diff(finer.angle) == pytest.approx(np.full(finer.angle.size - 1, grid.angle[1] - 0.5) / 3, rel=1e-9)
-    half = grid.first(math.pi)
-    assert half.angle[-1] < 0.5 + math.pi <= half.angle[-1] + 10.0 * grid.time[1] + 1e-9
-
-
-def test_limits_of_plausibility():
-    assert clipped(np.minimum(np.sin(np.linspace(0.0, 40.0, 1000)), 0.9))
+def test_outliers_lie_beyond_the_quartiles_and_beside_the_line_between_their_neighbours():
     values = np.append(np.linspace(-1.0, 1.0, 101), [299.0, 310.0])  # quartiles about -0.5 and 0.5
     assert outliers(values).tolist() == [102]
     time = np.arange(50.0)
-    angle = 0.1 * time
-    angle[20] += 0.09
-    assert angle_outliers(time, angle).size == 0
-    angle[20] += 0.02
-    assert angle_outliers(time, angle).tolist() == [20]
+    for off, found in ((0.09, []), (0.11, [20])):
+        assert angle_outliers(time, 0.1 * time + off * (time == 20)).tolist() == found

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from jointgap.identification.noise import numerics_noise
-from jointgap.identification.problem import Noise, Problem, SharedErrors
+from jointgap.identification.problem import Noise, Problem
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
+from tests.rows import each
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 CHANNELS = ("time", "crank_angle", "slider_acceleration", "crank_torque")
@@ -25,7 +26,7 @@ def exact(resolution: float | None = None):
     return own, recorded(own, kept=4, per_turn=36)
 
 
-def read(seed: int, resolution: float | None = None, encoder: float = NOISE, share: float = SHARE):
+def read(seed: int, resolution: float | None = None, encoder: float = NOISE):
     """The model of a campaign whose sensors are noisy, and the sd of each channel's own noise, by series."""
     own, measurements = exact(resolution)
     rng, runs, sds = np.random.default_rng(seed), {}, {}
@@ -37,7 +38,7 @@ def read(seed: int, resolution: float | None = None, encoder: float = NOISE, sha
         channels = {}
         for name, value in recording.channels.items():
             sds[run, name] = SHARE * float(np.std(value))
-            channels[name] = value + share / SHARE * sds[run, name] * rng.standard_normal(value.size)
+            channels[name] = value + sds[run, name] * rng.standard_normal(value.size)
         runs[run] = replace(recording, crank_angle=angle, channels=channels)
     return build_model(own, Measurements(runs)), sds
 
@@ -48,44 +49,22 @@ def problems(model, sds, held_out: bool = False):
     return (Problem(model, noise, held_out) for noise in (alone, numerics_noise(model, {}, alone)))
 
 
-@pytest.mark.parametrize(("resolution", "encoder"), [(None, NOISE), (np.pi / 180, 0.0)], ids=["noisy", "stepped"])
+@each("resolution, encoder", [(None, NOISE), (np.pi / 180, 0.0)])
 def test_under_the_truth_chi2_is_one_per_sample_with_the_errors_of_the_drive_and_more_without(resolution, encoder):
     chi2 = []
     for seed in range(4):
         model, sds = read(seed, resolution, encoder)
         for role in (False, True):
-            chi2.append([np.mean(each.residual({}) ** 2) for each in problems(model, sds, role)])
+            chi2.append([np.mean(one.residual({}) ** 2) for one in problems(model, sds, role)])
     alone, whole = np.mean(chi2, axis=0)
     assert alone > 1.1
     assert whole == pytest.approx(1.0, abs=0.06)
-
-
-def test_what_the_errors_of_the_drive_change_is_what_noise_changes_through_smoothing_and_simulation():
-    draws, expected = [], []
-    for seed in range(16):
-        model, _ = read(seed, share=0.0)
-        found = model.simulate("slow", model.nominal("slow"))
-        draws.append({s.channel: s.value - found[s.channel] for s in model.series if s.run == "slow"})
-        if seed < 2:
-            expected.append(model.drive_errors("slow", model.nominal("slow")))
-    for channel in draws[0]:
-        told = np.mean([np.sum(each[channel] ** 2, axis=1).mean() for each in expected])
-        drawn = np.mean([each[channel] ** 2 for each in draws])
-        assert np.sqrt(told) == pytest.approx(np.sqrt(drawn), rel=0.25)
 
 
 def test_an_exact_angle_has_no_errors():
     model, sds = read(0, encoder=0.0)
     alone, whole = problems(model, sds)
     np.testing.assert_allclose(whole.residual({}), alone.residual({}), atol=1e-3)
-
-
-def test_errors_that_series_share_are_whitened_to_independent_numbers():
-    changes = np.random.default_rng(0).standard_normal((40, 3)) * [5.0, 1.0, 0.1]
-    shared = SharedErrors(changes)
-    root = np.column_stack([shared.whiten(column) for column in np.eye(40)])
-    np.testing.assert_allclose(root @ (np.eye(40) + changes @ changes.T) @ root.T, np.eye(40), atol=1e-9)
-    np.testing.assert_allclose(shared.changes @ shared.changes.T, changes @ changes.T, atol=1e-9)
 
 
 def test_errors_of_the_drive_are_whitened_after_the_noise_of_each_series():

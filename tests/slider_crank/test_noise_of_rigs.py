@@ -5,20 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
+from scipy.signal import lfilter
 
-from jointgap.config import Simulate, load_mechanism
-from jointgap.config.load import load_campaign
+from jointgap.config import Simulate
 from jointgap.config.scenario import MotorDrive
 from jointgap.core.candidates import Series
 from jointgap.dynamics.simulation import simulate
 from jointgap.identification.noise import estimate_noise, noise_of_model
 from jointgap.identification.problem import Problem
 from jointgap.rig.model import build_model
-from jointgap.rig.read_files import read_measurements
-from jointgap.rig.recording import Measurements
 from tests.identification.toy import toy
-from tests.slider_crank.rigs import campaign, mechanism, recorded
+from tests.rows import each
+from tests.slider_crank.campaigns import model_of, samples, written
+from tests.slider_crank.rigs import campaign, mechanism, recorded, seen
 
 SHARE = 0.01  # of a channel's standard deviation: noise
 
@@ -49,70 +48,50 @@ def rung(motions, channel: str, every: int, seed: int, stated: bool = False):
     return noise.estimated_sd / sd, noise.remarks
 
 
-@pytest.mark.parametrize("channel", ["crank_torque", "slider_acceleration"])
-@pytest.mark.parametrize("every", [5, 10])  # 274.6 and 137.3 samples a turn: phases do not repeat
-def test_ringing_between_the_samples_of_a_loose_pin_is_no_noise(loose_pin, channel, every):
-    assert np.mean([rung(loose_pin, channel, every, seed)[0] for seed in range(3)]) == pytest.approx(1.0, abs=0.05)
-
-
-@pytest.mark.parametrize("channel", ["crank_torque", "slider_acceleration"])
-def test_a_true_stated_noise_of_a_rig_that_rings_is_not_called_too_small(loose_pin, channel):
-    assert not rung(loose_pin, channel, 10, 0, stated=True)[1]
+@each("channel", ["crank_torque", "slider_acceleration"])
+def test_ringing_between_the_samples_of_a_loose_pin_is_no_noise(loose_pin, channel):
+    for every in (5, 10):  # 274.6 and 137.3 samples a turn: phases do not repeat
+        found = [rung(loose_pin, channel, every, seed)[0] for seed in range(3)]
+        assert np.mean(found) == pytest.approx(1.0, abs=0.05)
+    assert not rung(loose_pin, channel, 10, 0, stated=True)[1]  # a true stated noise is not called too small
 
 
 def test_each_channel_of_loggers_that_were_joined_has_its_own_rate_noise_and_memory():
-    channels = ("time", "crank_angle", "slider_acceleration", "crank_torque")
-    own = campaign(mechanism(), channels)
-    rng, runs = np.random.default_rng(5), recorded(own, kept=8, per_turn=180).runs
-    for run, one in runs.items():
-        read = {name: value.copy() for name, value in one.channels.items()}
-        torque = read["crank_torque"][::4].copy()
-        memory = np.zeros(torque.size)
-        for i, step in enumerate(rng.standard_normal(torque.size)):
-            memory[i] = 0.7 * memory[i - 1] + np.sqrt(1 - 0.7**2) * step
-        read["crank_torque"][:] = np.nan
-        read["crank_torque"][::4] = torque + 0.2 * memory
-        read["slider_acceleration"] += rng.standard_normal(one.time.size)
-        angle = np.where(np.arange(one.time.size) % 2, np.nan, one.crank_angle)
-        angle += np.deg2rad(0.05) * rng.standard_normal(angle.size)
-        runs[run] = replace(one, channels=read, crank_angle=angle)
-    model = build_model(own, Measurements(runs))
+    own = campaign(mechanism(), ("time", "crank_angle", "slider_acceleration", "crank_torque"))
+    rng, measurements = np.random.default_rng(5), recorded(own, kept=8, per_turn=180)
+    loggers = {  # every so many rows, sd and memory of the noise
+        "crank_torque": (4, 0.2, 0.7),
+        "slider_acceleration": (1, 1.0, 0.0),
+        "crank_angle": (2, np.deg2rad(0.05), 0.0),
+    }
+    for one in measurements.runs.values():
+        for name, (rows, sd, memory) in loggers.items():
+            values, noise = (one.channels | {"crank_angle": one.crank_angle})[name], rng.standard_normal(one.time.size)
+            values += sd * np.repeat(lfilter([np.sqrt(1 - memory**2)], [1, -memory], noise[::rows]), rows)[: noise.size]
+            values[np.arange(noise.size) % rows > 0] = np.nan
+    model = build_model(own, measurements)
     noise = noise_of_model(model)
     for (_, channel), found in noise.items():
-        rows, sd = {"crank_torque": (4, 0.2), "slider_acceleration": (1, 1.0)}.get(channel, (2, np.deg2rad(0.05)))
+        rows, sd, memory = loggers[channel]
         assert found.sd.size == (8 * 180 + rows) // rows
         assert found.sd[0] == pytest.approx(sd, rel=0.15)
-        assert (found.autocorrelation or (0.0,))[0] == pytest.approx(
-            0.7 if channel == "crank_torque" else 0.0, abs=0.15
-        )
+        assert (found.autocorrelation or (0.0,))[0] == pytest.approx(memory, abs=0.15)
     problem = Problem(model, noise)
     assert problem.gap(problem.residual({p.key: p.nominal for p in problem.nuisances})) == pytest.approx(1.0, abs=0.06)
 
 
-def test_errors_of_a_driving_angle_are_told_at_the_own_rows_of_each_channel():
+@each("missing, count", [(slice(0), 121), (slice(60, 90), 111)])
+def test_errors_of_a_driving_angle_are_told_and_gaps_stay_at_the_own_rows_of_each_channel(missing, count):
     own = campaign(mechanism(), ("time", "crank_angle", "crank_torque"), drive="measured_angle")
-    rng, runs = np.random.default_rng(5), recorded(own, kept=5, per_turn=90).runs
-    for one in runs.values():
+    rng, measurements = np.random.default_rng(5), recorded(own, kept=4, per_turn=90)
+    for one in measurements.runs.values():
         one.channels["crank_torque"][np.arange(one.time.size) % 3 > 0] = np.nan
+        one.channels["crank_torque"][missing] = np.nan
         one.crank_angle[:] += np.deg2rad(0.05) * rng.standard_normal(one.time.size)
-    model = build_model(own, Measurements(runs))
-    series = next(s for s in model.series if s.run == "slow")
-    assert series.value.size == np.isfinite(series.value).sum() == 151
-    assert model.drive_errors("slow", model.nominal("slow"))["crank_torque"].shape[0] == 151
-
-
-def test_gaps_of_a_channel_at_its_own_rate_stay_gaps():
-    own = campaign(mechanism(), ("time", "crank_angle", "crank_torque"))
-    runs = recorded(own, kept=4, per_turn=90).runs
-    for one in runs.values():
-        every_third = np.arange(one.time.size) % 3 == 0
-        one.channels["crank_torque"][~every_third] = np.nan
-        one.channels["crank_torque"][60:90] = np.nan
-    series = next(s for s in build_model(own, Measurements(runs)).series if s.channel == "crank_torque")
-    known = np.isfinite(series.value)
-    assert known.sum() == 111
-    assert known[:20].all()
-    assert not known[20:].all()
+    model = build_model(own, measurements)
+    known = np.isfinite(seen(model)["crank_torque"])
+    assert known.sum() == count and known[:20].all() and known.all() == (count == 121)
+    assert model.drive_errors("slow", model.nominal("slow"))["crank_torque"].shape[0] == known.size
 
 
 def test_the_noise_of_a_motor_rig_is_found_although_the_weight_is_not_in_its_model(tmp_path):
@@ -121,35 +100,22 @@ def test_the_noise_of_a_motor_rig_is_found_although_the_weight_is_not_in_its_mod
         "rod": {"length": 0.21, "mass": 0.1, "inertia": 4e-4, "mass_centre": 0.1},
         "slider": {"mass": 0.3, "offset": -0.09},
         "joints": {"crank_pivot": "ideal", "crank_pin": "ideal", "piston_pin": "ideal"},
-        "gravity_direction": "0 deg",
+        "gravity_direction": 0.0,
     }
-    (tmp_path / "true.yaml").write_text(yaml.safe_dump(content | {"effects": [{"name": "gravity"}]}))
-    (tmp_path / "model.yaml").write_text(yaml.safe_dump(content))
     drive = MotorDrive(kind="motor", stall_torque=0.9, no_load_speed=20.9, inertia=4e-3)
-    options = Simulate(speed=17.8, revolutions=20, samples_per_revolution=360, drive=drive)
-    seen = simulate(load_mechanism(tmp_path / "true.yaml"), options).samples
+    options = {"speed": 17.8, "revolutions": 20, "samples_per_revolution": 360, "drive": drive}
+    seen = samples({"name": "gravity"}, mechanism=content, **options)
     rng, time = np.random.default_rng(0), np.arange(seen["time"].iloc[0] + 2.0, seen["time"].iloc[-1], 0.02)
     angle = np.interp(time, seen["time"], seen["crank_angle"])
     position = 0.06 * np.cos(angle) + np.sqrt(0.21**2 - (-0.09 - 0.06 * np.sin(angle)) ** 2)
-    sd = {"crank_angle": np.deg2rad(0.06), "slider_position": 3e-4}
-    angle = angle + sd["crank_angle"] * rng.standard_normal(time.size)
-    position = position + sd["slider_position"] * rng.standard_normal(time.size)
-    pd.DataFrame({"t": time - time[0], "angle": angle, "x": position}).to_csv(tmp_path / "v.csv", index=False)
+    table, sd = pd.DataFrame({"time": time}), {"crank_angle": np.deg2rad(0.06), "slider_position": 3e-4}
+    for (channel, own), true in zip(sd.items(), (angle, position), strict=True):
+        table[channel] = true + own * rng.standard_normal(time.size)
     keys = {
-        "name": "motor",
-        "mechanism": "model.yaml",
         "drive": "motor",
         "motor": {"stall_torque": 1.5, "no_load_speed": 24.1, "inertia": 4e-3},
-        "runs": [{"id": "v", "file": "v.csv", "speed": 20.9, "role": "split"}],
-        "channels": {
-            "time": {"column": "t", "unit": "s"},
-            "crank_angle": {"column": "angle", "unit": "rad"},
-            "slider_position": {"column": "x", "unit": "m"},
-        },
         "nuisance": {"stall_torque": [0.3, 3.0], "no_load_speed": [18.0, 60.0], "slider_mass": "20 %"},
     }
-    (tmp_path / "campaign.yaml").write_text(yaml.safe_dump(keys))
-    own = load_campaign(tmp_path / "campaign.yaml")
-    noise = noise_of_model(build_model(own, read_measurements(own)))
+    noise = noise_of_model(model_of(written(tmp_path, {"v": (20.9, table)}, content, **keys)))
     for channel, true in sd.items():
         assert noise["v", channel].sd[0] == pytest.approx(true, rel=0.2)

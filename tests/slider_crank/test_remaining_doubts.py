@@ -12,110 +12,91 @@ from jointgap.config.load import load_campaign
 from jointgap.rig.model import build_model, remaining_doubts
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.sensors import Faults
+from tests.catalogue import each
 from tests.recordings.rig import write_rig
 from tests.recordings.test_contradictions import OVER, measured
+from tests.slider_crank.rigs import chosen
+
+OFFSET = "encoder_offset.offset_rad"
 
 
-def rig(folder, offset_deg=0.0, over=None, **factors):
-    """Model and measurements of a rig whose encoder reads `offset_deg` too much, columns times `factors`."""
-    slow, fast = (
-        frame.assign(theta=(frame.theta + offset_deg) % 360)
-        for frame in (measured(200, **factors), measured(600, **factors))
-    )
-    campaign = load_campaign(write_rig(folder, over or OVER, slow=slow, fast=fast))
+def rig(folder, over=None, **changes):
+    """Model and measurements of a rig whose columns are times factors, its encoder's zero off by `turned` degrees."""
+    tables = {run: measured(rpm, **changes) for run, rpm in (("slow", 200), ("fast", 600))}
+    if over:  # turns clockwise
+        for run, frame in tables.items():
+            turned = {column: -frame[column] for column in ("M", "guide_force", "rod_angular_velocity")}
+            tables[run] = frame.assign(theta=-frame.theta % 360, **turned)
+    campaign = load_campaign(write_rig(folder, OVER | (over or {}), **tables))
     measurements = read_measurements(campaign)
     return build_model(campaign, measurements), measurements
 
 
-def fit(model, **values):
-    """A fit with the candidates that `values`, keys of amplitudes, are of."""
-    mapping = {key.replace("__", ":").replace("_at_", "."): value for key, value in values.items()}
-    labels = {key.partition(".")[0] for key in mapping if "." in key}
-    hypothesis = tuple(candidate for candidate in model.candidates if candidate.label in labels)
-    assert len(hypothesis) == len(labels)
-    return SimpleNamespace(hypothesis=hypothesis, mapping=mapping)
+def doubts(model, measurements, *fits: dict):
+    """What stays in doubt after fits whose values are `fits`."""
+    found = []
+    for mapping in fits:
+        labels = {key.partition(".")[0] for key in mapping}
+        found.append(SimpleNamespace(hypothesis=tuple(chosen(model, one) for one in labels), mapping=mapping))
+    return remaining_doubts(model, measurements, found)
 
 
 def test_an_encoder_offset_accounts_for_the_crank_angle_if_it_is_as_large_as_the_channels_say(tmp_path):
-    model, measurements = rig(tmp_path, offset_deg=90.0)
-    right, small = (fit(model, encoder_offset_at_offset_rad=math.radians(angle)) for angle in (90.0, 20.0))
-    force = fit(model, slider_constant_force_at_force_N=5.0)
-    assert remaining_doubts(model, measurements, [right]) == ()
-    assert remaining_doubts(model, measurements, [small]) == ("crank_angle",)
-    assert remaining_doubts(model, measurements, [force]) == ("crank_angle",)
-    assert remaining_doubts(model, measurements, [right, force]) == ("crank_angle",)
+    own = rig(tmp_path, turned=90.0)
+    right, small = ({OFFSET: math.radians(angle)} for angle in (90.0, 20.0))
+    force = {"slider_constant_force.force_N": 5.0}
+    assert doubts(*own, right) == ()
+    for fits in ([small], [force], [right, force]):
+        assert doubts(*own, *fits) == ("crank_angle",)
 
 
 def test_a_turned_sign_of_the_torque_is_not_accounted_for_by_an_encoder_offset_or_a_bias(tmp_path):
-    model, measurements = rig(tmp_path, M=-1.0)
-    for own in ({"encoder_offset_at_offset_rad": 0.02}, {"sensor_bias__crank_torque_at_bias": 1.0}):
-        assert remaining_doubts(model, measurements, [fit(model, **own)]) == ("crank_torque",)
+    own = rig(tmp_path, M=-1.0)
+    for values in ({OFFSET: 0.02}, {"sensor_bias:crank_torque.bias": 1.0}):
+        assert doubts(*own, values) == ("crank_torque",)
 
 
 def test_a_gain_accounts_for_a_wrong_unit_if_it_is_that_gain(tmp_path):
-    model, measurements = rig(tmp_path, slider_acceleration=1 / 9.81)
-    right = fit(model, sensor_gain__slider_acceleration_at_gain_error=1 / 9.81 - 1.0)
-    wrong = fit(model, sensor_gain__slider_acceleration_at_gain_error=0.1)
-    assert remaining_doubts(model, measurements, [right]) == ()
-    assert remaining_doubts(model, measurements, [wrong]) == ("slider_acceleration",)
+    own = rig(tmp_path, slider_acceleration=1 / 9.81)
+    for gain, left in ((1 / 9.81 - 1.0, ()), (0.1, ("slider_acceleration",))):
+        assert doubts(*own, {"sensor_gain:slider_acceleration.gain_error": gain}) == left
 
 
 def test_the_fit_of_an_encoder_offset_begins_where_the_other_channels_say_too(tmp_path):
-    model, _ = rig(tmp_path, offset_deg=-60.0)
-    (offset,) = (candidate for candidate in model.candidates if candidate.label == "encoder_offset")
-    assert offset.initial_guesses[0] == {}
-    assert math.degrees(offset.initial_guesses[1]["offset_rad"]) == pytest.approx(-60.0, abs=2.0)
-    sound, _ = rig(tmp_path)
-    (offset,) = (candidate for candidate in sound.candidates if candidate.label == "encoder_offset")
-    assert offset.initial_guesses == ({},)
+    first, told = chosen(rig(tmp_path, turned=-60.0)[0], "encoder_offset").initial_guesses
+    assert first == {} and math.degrees(told["offset_rad"]) == pytest.approx(-60.0, abs=2.0)
+    assert chosen(rig(tmp_path)[0], "encoder_offset").initial_guesses == ({},)
 
 
-@pytest.mark.parametrize(
-    ("label", "name", "value"),
-    [
-        ("sensor_bias:slider_acceleration", "bias", 0.3),
-        ("sensor_gain:slider_acceleration", "gain_error", 0.2),
-        ("sensor_lag:slider_acceleration", "lag_s", 1e-4),
-        ("sensor_delay:slider_acceleration", "delay_s", 1e-4),
-        ("encoder_offset", "offset_rad", 0.4),
-    ],
-)
-def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path, label, name, value):
+def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
     model, measurements = rig(tmp_path)
-    (candidate,) = (one for one in model.candidates if one.label == label)
-    recording = measurements.runs["slow"]
-    faults = Faults([(candidate, {name: value})], False, {})
-    read = recording.channels["slider_acceleration"]
-    if candidate.site == "slider_acceleration":
-        true = faults.taken_out(recording).channels["slider_acceleration"]
-        interval = float(recording.time[1] - recording.time[0])
-        again = faults.act("before_filter", candidate.site, true)
-        again = faults.act("after_filter", candidate.site, again)
-        again = faults.act("over_time", candidate.site, again, interval)
-        again = np.interp(recording.time - faults.delay(candidate.site), recording.time, again)
-        # a derivative of noisy samples is as good as differences of neighbours, and a filter forgets its beginning
-        allowed = 0.1 if candidate.name in ("sensor_lag", "sensor_delay") else 1e-12
+    recording, name = measurements.runs["slow"], "slider_acceleration"
+    read, interval = recording.channels[name], float(recording.time[1] - recording.time[0])
+
+    def undone(fault, key, value, allowed):
+        faults = Faults([(chosen(model, f"{fault}:{name}"), {key: value})], False, {})
+        again = faults.taken_out(recording).channels[name]
+        for place, given in (("before_filter", ()), ("after_filter", ()), ("over_time", (interval,))):
+            again = faults.act(place, name, again, *given)
+        again = np.interp(recording.time - faults.delay(name), recording.time, again)
         assert np.std((again - read)[5:]) < allowed * np.std(read)
-    else:
-        assert np.allclose(faults.taken_out(recording).crank_angle, recording.crank_angle - value)
-        assert np.array_equal(faults.taken_out(recording).channels["slider_acceleration"], read)
+
+    # a derivative of noisy samples is as good as differences of neighbours, and a filter forgets its beginning
+    cases = [("bias", "bias", 0.3, 1e-12), ("gain", "gain_error", 0.2, 1e-12)]
+    cases += [("lag", "lag_s", 1e-4, 0.1), ("delay", "delay_s", 1e-4, 0.1)]
+    each(undone, [(f"sensor_{fault}", *rest) for fault, *rest in cases])
+    found = Faults([(chosen(model, "encoder_offset"), {"offset_rad": 0.4})], False, {}).taken_out(recording)
+    assert np.allclose(found.crank_angle, recording.crank_angle - 0.4)
+    assert np.array_equal(found.channels[name], read)
 
 
 def test_of_a_clockwise_crank_the_offset_is_that_of_the_angle_as_it_is_read(tmp_path):
-    tables = {}
-    for run, rpm in (("slow", 200), ("fast", 600)):
-        frame = measured(rpm)
-        turned = {column: -frame[column] for column in ("M", "guide_force", "rod_angular_velocity")}
-        tables[run] = frame.assign(theta=(90.0 - frame.theta) % 360, **turned)
     runs = [
         {"id": run, "file": f"{run}.csv", "speed": f"{rpm} rpm", "role": role, "direction": "clockwise"}
         for run, rpm, role in (("slow", 200, "identify"), ("fast", 600, "confirm"))
     ]
-    campaign = load_campaign(write_rig(tmp_path, OVER | {"runs": runs}, **tables))
-    measurements = read_measurements(campaign)
-    model = build_model(campaign, measurements)
-    (offset,) = (candidate for candidate in model.candidates if candidate.label == "encoder_offset")
-    told = offset.initial_guesses[1]["offset_rad"]
+    model, measurements = rig(tmp_path, {"runs": runs}, turned=-90.0)
+    told = chosen(model, "encoder_offset").initial_guesses[1]["offset_rad"]
     assert math.degrees(told) == pytest.approx(90.0, abs=2.0)
-    assert remaining_doubts(model, measurements, [fit(model, encoder_offset_at_offset_rad=told)]) == ()
-    assert remaining_doubts(model, measurements, [fit(model, encoder_offset_at_offset_rad=-told)]) == ("crank_angle",)
+    assert doubts(model, measurements, {OFFSET: told}) == ()
+    assert doubts(model, measurements, {OFFSET: -told}) == ("crank_angle",)

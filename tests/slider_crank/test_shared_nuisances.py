@@ -16,37 +16,31 @@ from jointgap.identification.problem import Noise
 from jointgap.identification.thresholds import thresholds
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
-from tests.slider_crank.rigs import campaign, mechanism, recorded
+from tests.rows import each
+from tests.slider_crank.rigs import campaign, chosen, mechanism, read, recorded
 
 CHANNELS = ("time", "crank_angle", "crank_torque", "slider_acceleration")
 RANGES = {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}
 
 
-def measured(nuisance, value):
-    """A campaign with both pins loose, what its sensors read where the nuisance has this value, and the noise."""
+@pytest.mark.integration
+def test_friction_of_both_pins_beyond_its_range_is_one_effect():
+    value, label = 0.21, "common_pin_friction"
     own = campaign(mechanism(PINS), CHANNELS, nuisance=RANGES)
     recordings, random, noises = recorded(own).runs, np.random.default_rng(8), {}
     model = build_model(own, Measurements(recordings))
     for run, recording in recordings.items():
-        read = model.simulate(run, model.nominal(run) | {nuisance: value})
-        channels = {}
-        for channel in ("crank_torque", "slider_acceleration"):
-            sd = 0.005 * float(np.std(read[channel]))
-            noises[run, channel] = Noise(np.full(read[channel].size, sd))
-            channels[channel] = read[channel] + sd * random.standard_normal(read[channel].size)
+        channels = {name: read(model, run=run, joint_friction=value)[name] for name in CHANNELS[2:]}
+        for name, true in channels.items():
+            sd = 0.005 * float(np.std(true))
+            noises[run, name] = Noise(np.full(true.size, sd))
+            channels[name] = true + sd * random.standard_normal(true.size)
         recordings[run] = replace(recording, channels=channels)
     model = build_model(own, Measurements(recordings))
     for series in model.series:
         noises.setdefault(series.key, Noise(np.full(series.value.size, 1e-3)))
-    return model, noises
-
-
-def test_friction_of_both_pins_beyond_its_range_is_one_effect():
-    value, label = 0.21, "common_pin_friction"
-    model, noises = measured("joint_friction", value)
-    model.candidates = tuple(
-        one for one in model.candidates if one.name in ("common_pin_restitution", "common_pin_friction", "pin_friction")
-    )
+    kept = ("common_pin_restitution", "common_pin_friction", "pin_friction")
+    model.candidates = tuple(one for one in model.candidates if one.name in kept)
     base = recalibrate(model, noises)
     signatures = signatures_about(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
@@ -54,22 +48,19 @@ def test_friction_of_both_pins_beyond_its_range_is_one_effect():
     fits = [*singles, *fit_pairs(base, signatures, limits, singles)[0]]
     decision = refit_and_decide(base, signatures, fits, limits)
     assert (decision.verdict, decision.chosen.label) == ("named", label)
-    candidate = decision.chosen.hypothesis[0]
-    found = candidate.parameters({"change": decision.chosen.mapping[f"{label}.change"]})
+    found = decision.chosen.hypothesis[0].parameters({"change": decision.chosen.mapping[f"{label}.change"]})
     assert found["coefficient"] == pytest.approx(value, abs=0.02)
 
 
-@pytest.mark.parametrize("label", ["common_pin_friction", "common_pin_restitution"])
+@each("label", ["common_pin_friction", "common_pin_restitution"])
 def test_that_nothing_is_left_of_what_both_pins_share_is_a_size_like_others(label):
     """Frictionless pins are named as those of one pin are; only the upper bound says that something else is meant."""
-    own = campaign(mechanism(PINS, friction=0.1), nuisance={"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]})
-    (candidate,) = (one for one in build_model(own).candidates if one.label == label)
+    candidate = chosen(build_model(campaign(mechanism(PINS, friction=0.1), nuisance=RANGES)), label)
     (change,) = candidate.coordinates
-    objections = {}
+    ranges = {"joint_friction": (0.1, 0.05, 0.15), "restitution": (0.46, 0.3, 0.9)}
+    drawn = []
     for end in (change.low, change.high):
         parameters = (replace(change, name=f"{label}.change"),)
         fit = Fit((candidate,), parameters, np.array([end]), np.zeros(100), np.ones((100, 1)), 1, "converged")
-        ranges = {"joint_friction": (0.1, 0.05, 0.15), "restitution": (0.46, 0.3, 0.9)}
-        objections[end] = row_of(fit, ranges).objection
-    assert "is drawn to the bound" not in objections[change.low]
-    assert "is drawn to the bound" in objections[change.high]
+        drawn.append("is drawn to the bound" in row_of(fit, ranges).objection)
+    assert drawn == [False, True]
