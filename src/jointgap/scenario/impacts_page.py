@@ -1,4 +1,4 @@
-"""A page to zoom into the impacts: gaps, contact forces and modes of the loose joints over the crank angle."""
+"""Interactive page of the impacts: gaps, contact forces and modes of the loose joints over the crank angle."""
 
 from pathlib import Path
 
@@ -12,12 +12,12 @@ from jointgap.core.plot import COLOURS
 from jointgap.core.words import in_words
 from jointgap.scenario.figure_data import MODES, contacts_of, degrees, loose_joints
 
-MOST_POINTS = 20_000  # of a curve: 0.2 MB as the page holds them
-_FIRST_LOOK = 60.0  # [deg] from the start: there the journals fly and hit
+MOST_POINTS = 20_000  # per curve: 0.2 MB in the page
+_FIRST_LOOK = 60.0  # [deg] first view: the part with flight and impacts
 
 
 def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scenario, name: str) -> str:
-    """The page as HTML, complete in itself: it needs neither a network nor a file beside it."""
+    """The page as self-contained HTML."""
     with needs("an interactive figure", "workflow"):
         from plotly.subplots import make_subplots
 
@@ -49,7 +49,7 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
     drawn = figure.to_html(
         full_html=False,
         include_plotlyjs=True,
-        div_id="impacts",  # the same page in every run
+        div_id="impacts",  # reproducible pages
         default_height="max(85vh, 600px)",
         config={"responsive": True, "displaylogo": False, "toImageButtonOptions": {"format": "svg"}},
     )
@@ -59,7 +59,7 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
 
 
 def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> None:
-    """A circle for each contact where it begins, at its peak force; one that goes on has none."""
+    """A circle at the start of each contact that has ended, at its peak force."""
     contacts = contacts[contacts["peak_force"] > 0.0].astype(float)
     told = contacts[["approach_speed", "impulse", "duration"]] * [1.0, 1.0, 1e3]
     figure.add_scatter(
@@ -80,7 +80,7 @@ def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> Non
 
 
 def _add_modes(figure, angle: np.ndarray, mode: np.ndarray, words: str) -> None:
-    """A bar for each stretch of one mode, one curve for each mode of the joint: it breaks between stretches."""
+    """A bar for each interval of a mode, one curve per mode."""
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     ends = np.append(starts[1:], len(mode) - 1)
     for kind in MODES:
@@ -119,7 +119,7 @@ def _lay_out(figure, angle: np.ndarray, joints: list[str]) -> None:
         updatemenus=[{"type": "buttons", "direction": "right", "buttons": scales, **place}],
     )
     figure.update_xaxes(range=[angle[0], min(angle[-1], angle[0] + _FIRST_LOOK)], showline=True, linecolor="#222222")
-    figure.update_xaxes(title_text="crank angle, running on [deg]", row=3)
+    figure.update_xaxes(title_text="crank angle [deg]", row=3)
     figure.update_yaxes(title_text="penetration (+), gap (−) [µm]", row=1)
     figure.update_yaxes(title_text="normal force [N]", type="log", exponentformat="power", dtick=1, row=2)
     ends = [-0.7, len(joints) - 0.3]
@@ -127,9 +127,9 @@ def _lay_out(figure, angle: np.ndarray, joints: list[str]) -> None:
 
 
 def with_extremes(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most about `most` of the points `x`, `y` (n,) of a curve, as float32; every stretch keeps both extremes.
+    """Reduce the points `x`, `y` (n,) of a curve to about `most`, as float32, keeping the extremes of every interval.
 
-    The gaps of a curve, where `y` is nan, stay where a whole stretch has no value or the points are few enough.
+    Gaps (nan in `y`) remain where a whole interval has no value.
     """
     if len(x) > most:
         stretches = np.array_split(np.arange(len(x)), most // 2)
