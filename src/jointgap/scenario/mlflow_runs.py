@@ -23,8 +23,8 @@ MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
 _UNUSED = ["undefined_points", "range", "iterations_to_paper", "held_out_mse_at_paper", "seed"]
 _OVERALL = {"weights", "iterations", "paper_mse"}  # equal in all regions
 _LOGARITHMS = ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse", "smoothing_spline_held_out_mse")
-_VERDICTS = [f"number {verdict}" for verdict in ("agrees", "differs", "reached", "missed", "cannot be told")]
-_VERDICTS += [f"claim {verdict}" for verdict in ("holds", "does not hold", "cannot be told")]
+_VERDICTS = [f"number {verdict}" for verdict in ("agrees", "differs", "reached", "missed", "undecided")]
+_VERDICTS += [f"claim {verdict}" for verdict in ("holds", "does not hold", "undecided")]
 
 
 @dataclass(frozen=True)

@@ -160,15 +160,15 @@ def _gain(outcome: Outcome) -> str:
         asked = geometric(options.constraints, outcome.scenario.mechanism.applied().slider.offset)
         meets_all = all(each.missed(outcome.original) <= MET for each in asked) and outcome.keeps_force(after=False)
         advice = "keep the original lengths" if meets_all else "this is the cost of the constraints"
-        return (
-            f"Simulated again, the error at the lengths found is larger than at the original ones ({spread}): {advice}."
-        )
+        return f"Simulated again, the error increases at the lengths found ({spread}): {advice}."
+    if high >= 0.0:
+        return f"The gain is not significant: simulated again from perturbed starts, the error changes by {spread}."
     half, allowed = float(row["rod_tolerance"]) / 2, float(row["rod_deviation_allowed"])
-    name = "IT7" if options.rod_tolerance is None else "the stated tolerance"
+    name = "The tolerance IT7" if options.rod_tolerance is None else "The configured tolerance"
     gained, lost = np.degrees([gain["original_error"] - gain["error"], row["rms_rod_off"] - row["rms"]])
-    does = f"costs up to {lost:.2g} deg of it" if allowed >= half else "cancels it"
+    does = f"reduces the gain by up to {lost:.2g} deg" if allowed >= half else "cancels the gain"
     return (
-        f"The gain is {gained:.2g} deg. It requires a rod length within ±{1e6 * allowed:.3g} um. The tolerance {name}, "
+        f"The gain is {gained:.2g} deg. It requires a rod length within ±{1e6 * allowed:.3g} um. {name}, "
         f"±{1e6 * half:.3g} um, {does} (estimated with frozen joint motion)."
     )
 
