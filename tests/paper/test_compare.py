@@ -30,7 +30,7 @@ from jointgap.paper.printed import OPTIMA, TRAINING_MSE, departures
 from jointgap.scenario import overview
 from tests.rows import each
 
-HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot be told"
+HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "undecided"
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
     assert "a &lt; b" in html
     assert "because &amp; so" in html
     assert r"| c \| d |" in text
-    assert "Numbers: differs 1. Claims: cannot be told 1." in text
+    assert "Numbers: differs 1. Claims: undecided 1." in text
 
 
 def _moved(scenario, **amplitudes):

@@ -1,4 +1,4 @@
-"""What Erkaya & Uzmay (2009) print, read from `printed.yaml`, and in what a mechanism differs from theirs."""
+"""Numbers printed by Erkaya & Uzmay (2009), from `printed.yaml`, and differences of a mechanism from theirs."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from jointgap.core.words import in_words, joined
 
 @dataclass(frozen=True)
 class PrintedOptimum:
-    """One optimum of the paper: lengths in m, reduction as a fraction, evaluations (None: not printed)."""
+    """An optimum of the paper: lengths in m, reduction as a fraction, evaluations (None: not printed)."""
 
     key: str
     name: str
@@ -36,13 +36,13 @@ CLEARANCE_M, CRANK_M, ROD_M, SPEED_RPM = (
 
 
 def reference_mse(output: str) -> float:
-    """The paper's training error of an output; for the crank pivot, which is ideal there, that of its crank pin."""
+    """The paper's training error of an output; for the crank pivot, ideal in the paper, that of the crank pin."""
     return TRAINING_MSE[output.replace("1", "2")]
 
 
 def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
-    """In which ways `mechanism` and `simulate` differ from the paper's, in words; what the paper does not print (the
-    contact, and which body carries the journals) is no difference.
+    """Differences of `mechanism` and `simulate` from the paper's; unreported settings (contact, journal body) are no
+    difference.
     """
     applied, differences = mechanism.applied(), []
     if applied.loose != PINS:
