@@ -148,22 +148,22 @@ class InferSettings(Section):
     removed: ClassVar = dict.fromkeys(
         ("deviation", "trained", "iterations", "seed"), "designs are accepted by `within` alone; leave it out"
     )
-    within: OpenFraction = Field(0.05, description="share of a printed number within which it is reproduced")
+    within: OpenFraction = Field(0.05, description="largest relative error of a reproduced number")
 
 
 class OptimiseRobust(Section):
-    """Lengths of crank and rod that keep the transmission angle best whatever is uncertain turns out to be."""
+    """Optimisation of the link lengths for the transmission angle under uncertainty."""
 
     uncertain: dict[str, Distribution] = Field({}, description="as in sweep.parameters; of lengths their tolerances")
-    revolution: Literal["first", "settled"] = Field("settled", description="of which the error is taken")
-    measure: Literal["mean_plus_deviations", "quantile"] = Field("mean_plus_deviations", description="is minimised")
+    revolution: Literal["first", "settled"] = Field("settled", description="revolution of the error")
+    measure: Literal["mean_plus_deviations", "quantile"] = Field("mean_plus_deviations", description="objective")
     deviations: quantity("", ge=0, le=100) = Field(2.0, description="standard deviations added to the mean")
-    quantile: OpenFraction = Field(0.95, description="of quantile: the share of the draws that lie below it")
-    probability: OpenFraction = Field(0.95, description="share of the draws in which each constraint has to hold")
-    draws: whole_number(ge=2, le=10_000) = Field(32, description="draws, the same for every candidate")
-    grid: whole_number(ge=3, le=100) = Field(9, description="points along each length at which the search begins")
+    quantile: OpenFraction = Field(0.95, description="quantile of the error, for measure quantile")
+    probability: OpenFraction = Field(0.95, description="required probability of each constraint")
+    draws: whole_number(ge=2, le=10_000) = Field(32, description="samples of the search, common to all candidates")
+    grid: whole_number(ge=3, le=100) = Field(9, description="initial points along each length")
     population: whole_number(ge=4, le=10_000) = Field(16, description="candidates of a generation")
     generations: whole_number(ge=1, le=10_000) = Field(12, description="generations of each search after the first")
-    fresh_draws: whole_number(ge=16, le=1_000_000) = Field(512, description="further draws, to validate the lengths")
+    fresh_draws: whole_number(ge=16, le=1_000_000) = Field(512, description="independent samples for the validation")
     resamples: whole_number(ge=100, le=100_000) = Field(2000, description="bootstrap samples, for the intervals")
-    seed: Seed = Field(0, description="seed of the draws, the search and the intervals")
+    seed: Seed = Field(0, description="seed of the samples, the search and the intervals")
