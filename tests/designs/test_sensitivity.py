@@ -13,7 +13,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.schema import MEASURES
 from jointgap.designs.run import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
-from jointgap.designs.sensitivity import SensitivityResult, decided, what_decides
+from jointgap.designs.sensitivity import SensitivityResult, compute_indices, sensitivity_indices
 from jointgap.designs.stages import sensitivity
 from tests.dynamics.cases import mechanism, options
 
@@ -40,7 +40,7 @@ def swept(drawn: Designs, measure, reason=None) -> pd.DataFrame:
 
 
 def decide(drawn: Designs, measure, reason=None, seed=0) -> SensitivityResult:
-    return decided(drawn, swept(drawn, measure, reason), ["stroke"], seed)
+    return compute_indices(drawn, swept(drawn, measure, reason), ["stroke"], seed)
 
 
 def quantiles(frame: pd.DataFrame) -> np.ndarray:
@@ -176,7 +176,7 @@ def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_pa
     text = sensitivity(made, tmp_path / "designs", folder)
     assert "Clearance decides 1 of 1 measures most; in 1 of them that is sure." in text
     assert "noise" not in text  # no design has it
-    again = what_decides(drawn, tmp_path / "designs", made.sensitivity)
+    again = sensitivity_indices(drawn, tmp_path / "designs", made.sensitivity)
     for table, frame in again.tables.items():
         parquet.write(table, frame, written := tmp_path / Path(table.path).name)
         assert written.read_bytes() == (folder / written.name).read_bytes()

@@ -23,7 +23,7 @@ from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, outputs
 from jointgap.core.parquet import read_table, with_units
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.words import in_words, joined, number, reading_unit, rounded_gap
+from jointgap.core.words import format_name, joined, number, reading_unit, rounded_gap
 from jointgap.designs import ensemble as designs_ensemble
 from jointgap.designs.run import failures, table_of
 from jointgap.designs.sampling import designs_of
@@ -232,7 +232,10 @@ class Motion(Result):
             ("revolutions", revolutions, ""),
         ]
         for joint in FROM_FRAME:
-            words, force = in_words(joint), np.hypot(self.samples[f"{joint}_force_x"], self.samples[f"{joint}_force_y"])
+            words, force = (
+                format_name(joint),
+                np.hypot(self.samples[f"{joint}_force_x"], self.samples[f"{joint}_force_y"]),
+            )
             if joint in mechanism.loose:
                 own = contacts(self.events, joint)
                 rows += [
@@ -676,7 +679,7 @@ class Optimum(Result):
             (f"{error}, after", float(np.degrees(gain["error"])), "deg"),
             *((f"reduction{which}", 100.0 * float(gain[share]), "%") for which, share in shares.items()),
             *(
-                (f"change of the {in_words(name)}", 1e3 * float(after[name] - before[name]), "mm")
+                (f"change of the {format_name(name)}", 1e3 * float(after[name] - before[name]), "mm")
                 for name in ("stroke", "outer_dead_centre", "inner_dead_centre")
             ),
             ("largest force in a pin, before", float(found.peak_force[0]), "N"),
@@ -881,7 +884,7 @@ class Verdict(Result):
         return CAMPAIGN_FIGURES.draw(name, frames, self.document)
 
     def _rows(self) -> list[Row]:
-        rows: list[Row] = [("verdict", in_words(self.kind), "")]
+        rows: list[Row] = [("verdict", format_name(self.kind), "")]
         rows += [(name, say.sure_value(*row), "") for name, *row in say.parameter_rows(self.document["effects"])]
         rows += [
             (f"explanation {place}", joined(map(say.effect_in_words, effects)), "")

@@ -19,7 +19,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.plot import FigureSpec
-from jointgap.core.words import fall_in_percent
+from jointgap.core.words import format_falls
 from jointgap.scenario import overview
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
@@ -116,7 +116,7 @@ def _summary(own: ScenarioResults) -> Mapping[str, Any]:
 
 def _headline(summaries: Mapping[str, Any], parts: Sequence[_Part]) -> str:
     if len(summaries) > 1:
-        falls = fall_in_percent(known["reduction_percent"]["median"] for known in summaries.values())
+        falls = format_falls(known["reduction_percent"]["median"] for known in summaries.values())
         error = f"the RMS error of the transmission angle {falls} at the lengths found, simulated again"
         return f"In {len(summaries)} scenarios {error}"
     if summaries:

@@ -22,7 +22,7 @@ from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
-from jointgap.core.section import Name, Section, Word, checked, text_of
+from jointgap.core.section import ConfigModel, Name, Word, checked, text_of
 from jointgap.core.units import Angle, quantity, scaled_unit_factor, split_quantity, split_share, to_si, unit_factor
 from jointgap.effects.clearance import LEAST_CLEARANCE
 
@@ -79,7 +79,7 @@ Step = Annotated[float | None, WithJsonSchema({"anyOf": _AMOUNTS[:3]})]
 Noise = Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": _AMOUNTS})]
 
 
-class Channel(Section):
+class Channel(ConfigModel):
     """A column of the runs' files and its sensor."""
 
     column: Name = Field(description="heading of the column in every run's file")
@@ -304,7 +304,7 @@ RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_
 """Reserved names of results: a sum over runs, and tables next to the figures of the runs."""
 
 
-class Start(Section):
+class Start(ConfigModel):
     """Beginning of the motion before the first sample: a crank angle, and turns or time before it.
 
     The joint centres coincide and the velocities are those of the ideal mechanism, as in the paper.
@@ -326,7 +326,7 @@ class Start(Section):
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
 
-class CampaignRun(Section):
+class CampaignRun(ConfigModel):
     """One file of samples, measured at one speed."""
 
     id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
@@ -363,7 +363,7 @@ def _day(given: Any) -> Any:
 Day = Annotated[Date, BeforeValidator(_day)]
 
 
-class Campaign(Section):
+class Campaign(ConfigModel):
     """A rig and its measurements, without the samples."""
 
     name: Word = Field(description="name of the campaign, and of its folder of results")

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, FiniteFloat, WithJsonSchema
 
 from jointgap.core.schema import BEST_LENGTHS, MEASURES, PRINTED_OPTIMA, Column
-from jointgap.core.section import Section, Seed, distinct, whole_number
+from jointgap.core.section import ConfigModel, Seed, distinct, whole_number
 from jointgap.core.units import Angle, OpenFraction, quantity
 
 ALL_MEASURES = (*MEASURES.columns, *BEST_LENGTHS.columns, *PRINTED_OPTIMA.columns)
@@ -44,7 +44,7 @@ def _in_first_revolution(window: tuple[float, float]) -> tuple[float, float]:
 Window = Annotated[tuple[Angle, Angle], AfterValidator(_in_first_revolution)]
 
 
-class Range(Section):
+class Range(ConfigModel):
     """Two ends."""
 
     from_: Amount = Field(alias="from", description="lower end")
@@ -65,7 +65,7 @@ class LogUniform(Range):
     number: GridNumber | None = Field(None, description="of a grid alone: values with one ratio between neighbours")
 
 
-class Normal(Section):
+class Normal(ConfigModel):
     """Normally distributed, cut off at the ends where these are given: a tolerance."""
 
     distribution: Literal["normal"]
@@ -82,7 +82,7 @@ class Triangular(Range):
     peak: Amount = Field(description="likeliest value, between the ends")
 
 
-class Values(Section):
+class Values(ConfigModel):
     """A list of values, each as likely as the others; numbers, or words such as crank and rod."""
 
     distribution: Literal["values"] = "values"
@@ -107,7 +107,7 @@ Distribution = Annotated[
 ]
 
 
-class Sweep(Section):
+class Sweep(ConfigModel):
     """Many designs, each simulated and measured: what varies, how, and how many."""
 
     parameters: dict[str, Distribution] = Field({}, description="what varies, by a word or by the path of a key")
@@ -135,14 +135,14 @@ class Sweep(Section):
         return math.prod(len(s.values) if isinstance(s, Values) else s.number for s in self.parameters.values())
 
 
-class Sensitivity(Section):
+class Sensitivity(ConfigModel):
     """Sobol indices of the measures of a sweep, from a surrogate of each."""
 
     measures: Annotated[tuple[Measure, ...], AfterValidator(distinct)] = Field((), description="all when empty")
     seed: Seed = Field(0, description="seed of which designs are held out, and of the intervals")
 
 
-class InferSettings(Section):
+class InferSettings(ConfigModel):
     """The settings that the paper does not print, inferred from the numbers that it prints."""
 
     removed: ClassVar = dict.fromkeys(
@@ -151,7 +151,7 @@ class InferSettings(Section):
     within: OpenFraction = Field(0.05, description="largest relative error of a reproduced number")
 
 
-class OptimiseRobust(Section):
+class OptimiseRobust(ConfigModel):
     """Optimisation of the link lengths for the transmission angle under uncertainty."""
 
     uncertain: dict[str, Distribution] = Field({}, description="as in sweep.parameters; of lengths their tolerances")

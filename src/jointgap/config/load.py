@@ -13,7 +13,7 @@ from jointgap.config.scenario import Scenario
 from jointgap.config.yaml_files import Layer, leaves, mechanism_layers, merged, read_json, read_yaml, sources, with_file
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import MOST_PARTS
-from jointgap.core.section import Name, Section, Word, complaints, whole_number
+from jointgap.core.section import ConfigModel, Name, Word, complaints, whole_number
 
 _MOST_LINES = 20  # of an error
 
@@ -80,7 +80,7 @@ _DEFAULT_SECTIONS: dict[str, Any] = {
 _RESERVED = ("campaigns", "blind", "logs", "mlflow-artifacts")  # folders of other results
 
 
-class Configuration(Section):
+class Configuration(ConfigModel):
     """The keys of a configuration besides the sections of its scenarios."""
 
     run: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
@@ -229,7 +229,7 @@ def campaign_json_schema() -> dict[str, Any]:
     return schema | {"title": "jointgap campaign"}
 
 
-def _schema(model: type[Section]) -> dict[str, Any]:
+def _schema(model: type[ConfigModel]) -> dict[str, Any]:
     """The schema of a file in which mechanisms and contacts may be given by name, and mechanisms by a base."""
     schema = model.model_json_schema()
     contact = schema["$defs"]["Joint"]["properties"]["contact"]

@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, ValidationInfo, WrapValidator, fiel
 from jointgap.config.friction_laws import FRICTION_KEYS, FRICTION_LAWS
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT, REFERENCE_APPROACH_SPEED
-from jointgap.core.section import Section, complaints
+from jointgap.core.section import ConfigModel, complaints
 from jointgap.core.units import Angle, Length, PositiveLength, PositiveMass, PositiveNumber, PositiveSpeed, quantity
 from jointgap.effects import AnyEffect
 
@@ -34,7 +34,7 @@ BRISTLE_ACCELERATION = 1e4
 """[m/s^2] Default bristle_damping is critical for a body with this normal force per mass (1 kN on 0.1 kg)."""
 
 
-class Contact(Section):
+class Contact(ConfigModel):
     """Material, restitution and friction of a journal in its bearing."""
 
     law: Law = Field("lankarani_nikravesh", description="relation of damping and restitution, or penalty")
@@ -127,7 +127,7 @@ SOFT_SHARE = 0.5
 """Largest penetration over the journal's radius: contact laws apply to small penetrations."""
 
 
-class Joint(Section):
+class Joint(ConfigModel):
     """A revolute joint with journal, bearing and contact; loose or ideal."""
 
     loose: bool = Field(True, description="false: ideal, keeping the data")
@@ -186,7 +186,7 @@ def _joint(name: str) -> Any:
     return Annotated[Literal["ideal"] | Joint, WrapValidator(read)]
 
 
-class Joints(Section):
+class Joints(ConfigModel):
     """The three revolute joints."""
 
     crank_pivot: _joint("crank_pivot") = Field("ideal", description="joint of frame and crank")
@@ -198,7 +198,7 @@ _INERTIA_ARM = 2.0
 """Largest radius of gyration over the length of a link; a uniform rod has 0.29."""
 
 
-class Link(Section):
+class Link(ConfigModel):
     """A rigid link in plane motion."""
 
     length: PositiveLength = Field(description="distance between the link's two joints")
@@ -224,14 +224,14 @@ class Link(Section):
         return self.model_copy(update={"length": length, "mass_centre": self.mass_centre * length / self.length})
 
 
-class Slider(Section):
+class Slider(ConfigModel):
     """The slider (piston), in translation along x at y = offset."""
 
     mass: PositiveMass = Field(description="mass")
     offset: Length = Field(0.0, description="the slide is the line y = offset")
 
 
-class Mechanism(Section):
+class Mechanism(ConfigModel):
     """A slider-crank, without its drive."""
 
     crank: Link

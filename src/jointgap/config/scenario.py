@@ -14,7 +14,7 @@ from jointgap.config.designs import InferSettings, OptimiseRobust, Sensitivity, 
 from jointgap.config.mechanism import Mechanism
 from jointgap.core.errors import InputError
 from jointgap.core.schema import PRINTED_OPTIMA
-from jointgap.core.section import Section, Seed, Word, checked, distinct, whole_number
+from jointgap.core.section import ConfigModel, Seed, Word, checked, distinct, whole_number
 from jointgap.core.units import Angle, OpenFraction, PositiveLength, quantity, split_quantity, unit_factor
 
 MOST_SAMPLES = 20_000_000  # per run: 10 GB with all columns
@@ -32,13 +32,13 @@ _LENGTH_ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are equal
 _CLEARANCE_ROUNDING = 1e-9  # relative: a clearance is the difference of two radii
 
 
-class ConstantDrive(Section):
+class ConstantDrive(ConfigModel):
     """The crank turns at simulate.speed, whatever the torque."""
 
     kind: Literal["constant"] = "constant"
 
 
-class MeasuredDrive(Section):
+class MeasuredDrive(ConfigModel):
     """The crank follows a measured angle over time, smoothed."""
 
     kind: Literal["measured"]
@@ -61,7 +61,7 @@ class MeasuredDrive(Section):
         return unit
 
 
-class MotorDrive(Section):
+class MotorDrive(ConfigModel):
     """A motor on the crank with a falling torque-speed line: M = stall_torque (1 - w / no_load_speed)."""
 
     kind: Literal["motor"] = "motor"
@@ -73,7 +73,7 @@ class MotorDrive(Section):
 Drive = Annotated[ConstantDrive | MeasuredDrive | MotorDrive, Field(discriminator="kind")]
 
 
-class Simulate(Section):
+class Simulate(ConfigModel):
     """Drive, duration and sampling of the simulation."""
 
     speed: quantity("rad/s") = Field(
@@ -125,7 +125,7 @@ def check_drive(mechanism: Mechanism, options: Simulate) -> None:
             )
 
 
-class Surrogate(Section):
+class Surrogate(ConfigModel):
     """The paper's networks (four per loose joint), regularised networks, and the second surrogate."""
 
     hidden: tuple[whole_number(ge=1, le=MOST_WEIGHTS), ...] = Field((10, 10, 10, 10), min_length=1)
@@ -173,7 +173,7 @@ Lengths = _limits(PositiveLength)
 Angles = _limits(Angle)
 
 
-class Box(Section):
+class Box(ConfigModel):
     """Bounds of the link lengths."""
 
     crank_length: _limits(PositiveLength, exact=False) = Field(description="bounds of the crank's length")
@@ -187,7 +187,7 @@ class Box(Section):
             )
 
 
-class Genetic(Section):
+class Genetic(ConfigModel):
     """Genetic algorithm with the paper's settings."""
 
     population: whole_number(ge=4, le=10_000) = Field(20, description="individuals")
@@ -201,7 +201,7 @@ class Genetic(Section):
             yield f"elites {self.elites} must be less than population {self.population}; lower elites"
 
 
-class Ensemble(Section):
+class Ensemble(ConfigModel):
     """Perturbed starts for the re-simulation of an optimum."""
 
     members: whole_number(ge=2, le=10_000) = Field(15, description="simulations for each pair of lengths")
@@ -210,7 +210,7 @@ class Ensemble(Section):
     seed: Seed = Field(0, description="seed")
 
 
-class Constraints(Section):
+class Constraints(ConfigModel):
     """Constraints besides the bounds of the lengths: a value for equality, or a range [lower, upper]."""
 
     crank_length: Lengths | None = Field(None, description="length of the crank")
@@ -230,7 +230,7 @@ class Constraints(Section):
         return self.crank_length is not None or self.stroke is not None or None not in dead_centres
 
 
-class Optimise(Section):
+class Optimise(ConfigModel):
     """The optimisation of the link lengths."""
 
     window: Window = Field((0.0, 2 * math.pi), description="crank angles after the start over which the error counts")
@@ -249,7 +249,7 @@ class Optimise(Section):
         return {name: box for name, box in boxes.items() if box is not None} if isinstance(boxes, dict) else boxes
 
 
-class Figures(Section):
+class Figures(ConfigModel):
     """Options of the figures."""
 
     animation_frames: whole_number(ge=1, le=600) = Field(120, description="frames of the first revolution")
@@ -285,7 +285,7 @@ VariedValues = Annotated[
 ]
 
 
-class Runs(Section):
+class Runs(ConfigModel):
     """The runs of an ensemble: all combinations of varied values, each from several starts."""
 
     vary: dict[str, VariedValues] = Field({}, description="lists of values, or from, to, number, by parameter")
@@ -300,7 +300,7 @@ class Runs(Section):
             yield f"{factors} are {combinations} combinations, more than {MOST_COMBINATIONS}; give fewer values"
 
 
-class DrivenMechanism(Section):
+class DrivenMechanism(ConfigModel):
     """A mechanism with its drive and sampling."""
 
     mechanism: Mechanism

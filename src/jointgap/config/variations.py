@@ -8,10 +8,10 @@ from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import DrivenMechanism
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINTS
-from jointgap.core.section import Section
+from jointgap.core.section import ConfigModel
 from jointgap.core.units import to_si
 
-AnySection = TypeVar("AnySection", bound=Section)
+AnyConfigModel = TypeVar("AnyConfigModel", bound=ConfigModel)
 
 OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1", "stiffness": "1"}
 """Words for a value of every loose joint, with its unit (of the stiffness N/m^exponent)."""
@@ -68,8 +68,8 @@ def entry(data: Any, step: str, named: str, place: str) -> Any:
 def _entries(data: Any) -> dict[str, Any]:
     """The entries of `data` by key, or by name for a list of effects; a copy."""
     if not isinstance(data, list | tuple):
-        return dict(data) if isinstance(data, Section | Mapping) else {}
-    if not all(isinstance(each, Section | Mapping) for each in data):
+        return dict(data) if isinstance(data, ConfigModel | Mapping) else {}
+    if not all(isinstance(each, ConfigModel | Mapping) for each in data):
         return {}
     effects = [dict(each) for each in data]
     names = [effect.get("name") for effect in effects]
@@ -77,7 +77,7 @@ def _entries(data: Any) -> dict[str, Any]:
     return dict(zip(keys, data, strict=True))
 
 
-def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
+def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigModel:
     """Copy a mechanism, or another section of a configuration, with other values.
 
     Sections are immutable. All values are validated again, units included.
@@ -85,7 +85,7 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
     Parameters
     ----------
     section : Mechanism, Simulate, Joint, Contact or another section
-        Section to copy.
+        ConfigModel to copy.
     changes : mapping
         New values by key, nested as in a file (``{"slider": {"mass": "1.2 kg"}}``) or by the path of a key
         (``{"slider.mass": "1.2 kg"}``). Additional keys of a mechanism: ``clearance`` (radial), ``friction``,
@@ -220,7 +220,7 @@ def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
     path = _paths(base, key, named)[0]
     value_at(base, path, named)
     section = value_at(base, path[:-1], named)
-    described = type(section).model_json_schema()["properties"][path[-1]] if isinstance(section, Section) else {}
+    described = type(section).model_json_schema()["properties"][path[-1]] if isinstance(section, ConfigModel) else {}
     units = {kind["unit"] for kind in (described, *described.get("anyOf", ())) if "unit" in kind}
     if not units:
         raise InputError(f"{named}: is not a number with a unit; list its values instead of a range")

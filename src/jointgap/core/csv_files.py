@@ -12,7 +12,7 @@ import pandas as pd
 from pydantic import Field, model_validator
 
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.section import Section
+from jointgap.core.section import ConfigModel
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 _BINARY = (b"PK\x03\x04", b"\x1f\x8b", b"\xd0\xcf\x11\xe0")  # first bytes of archives and spreadsheets
@@ -22,7 +22,7 @@ _MAX_UNIT_LENGTH = 15  # characters
 _MAX_TEXT_LENGTH = 60  # characters of a text in messages
 
 
-class Csv(Section):
+class Csv(ConfigModel):
     """Format of text files of samples."""
 
     separator: Annotated[str, Field(min_length=1, max_length=1)] | None = Field(

@@ -14,7 +14,7 @@ from markupsafe import Markup, escape
 
 from jointgap import __version__
 from jointgap.core.files import write_text
-from jointgap.core.words import day_in_words
+from jointgap.core.words import format_day
 
 
 def data_address(path: Path) -> str:
@@ -174,7 +174,7 @@ class _Shown(NamedTuple):
 
 def written_today() -> str:
     """A footer with version and date."""
-    return f"Written by jointgap {__version__} on {day_in_words(date.today())}."
+    return f"Written by jointgap {__version__} on {format_day(date.today())}."
 
 
 def write_page(stem: Path, page: Page, figures: str = ".") -> str:

@@ -56,7 +56,7 @@ class _Called(type(BaseModel)):
                 raise InputError(*(f"{cls.__name__}: {line}" for line in complaints(error, keys))) from error
 
 
-class Section(BaseModel, metaclass=_Called):
+class ConfigModel(BaseModel, metaclass=_Called):
     """A section of a configuration: frozen, without unknown keys, with validated defaults."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)

@@ -6,7 +6,7 @@ from datetime import date
 from math import floor, log10, pi
 
 
-def in_words(name: str) -> str:
+def format_name(name: str) -> str:
     """Label of a name: ``crank pin`` for ``crank_pin``, ``sensor bias: encoder`` for ``sensor_bias:encoder``."""
     return re.sub("coulomb|stribeck", lambda person: person[0].title(), name.replace("_", " ").replace(":", ": "))
 
@@ -31,13 +31,13 @@ _OF_JOINTS = {
 }
 
 
-def nuisance_in_words(key: str) -> str:
+def format_nuisance(key: str) -> str:
     """Label of a nuisance: ``speed@slow`` gives ``crank speed of run slow``."""
     name, _, run = key.partition("@")
-    words = _NUISANCES.get(name) or in_words(name)
+    words = _NUISANCES.get(name) or format_name(name)
     for beginning, of_joint in _OF_JOINTS.items():
         if name.startswith(beginning):
-            words = f"{of_joint} {in_words(name.removeprefix(beginning))}"
+            words = f"{of_joint} {format_name(name.removeprefix(beginning))}"
     return f"{words} of run {run}" if run else words
 
 
@@ -55,7 +55,7 @@ def reading_unit(unit: str, value: float | None = None) -> tuple[str, float]:
     return _READ_IN.get(unit, (unit, 1.0))
 
 
-def day_in_words(day: date) -> str:
+def format_day(day: date) -> str:
     """``3 November 2026``."""
     return f"{day.day} {day:%B %Y}"
 
@@ -88,7 +88,7 @@ _SHOWN_UNITS = {"um": "µm", "us": "µs", "g_n": "g"}
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def unit_in_words(unit: str) -> str:
+def format_unit(unit: str) -> str:
     """Typographic unit of a pint name: ``N*m`` gives ``N m``, ``m/s^2`` or ``m/s**2`` ``m/s²``, ``g_n`` ``g``."""
     shown = []
     for part in re.split(r"([*/ ])", unit.replace("**", "^")):
@@ -101,11 +101,11 @@ _FINER = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")), "s": ((1.0, "s"), (1e-
 _DEGREE = 0.017453292519943295  # rad
 
 
-def size_for_the_eye(value: float, unit: str) -> str:
+def format_size(value: float, unit: str) -> str:
     """Two digits in a suitable unit, angles in degrees: 0.00011 m gives ``0.11 mm``."""
     if unit == "rad":
         value, unit = value / _DEGREE, "deg"
-    factor, shown = next((f for f in _FINER.get(unit, ()) if abs(value) >= 0.1 * f[0]), (1.0, unit_in_words(unit)))
+    factor, shown = next((f for f in _FINER.get(unit, ()) if abs(value) >= 0.1 * f[0]), (1.0, format_unit(unit)))
     size = f"{value / factor:#.2g}".rstrip(".") if abs(value) < 100 * factor else f"{value / factor:.0f}"
     return with_unit(size, shown)
 
@@ -120,7 +120,7 @@ def rounded_gap(gap: float) -> str:
     return f"{gap:.2f}" if gap < 100 else f"{gap:.0f}"
 
 
-def fall_in_percent(falls: Iterable[float]) -> str:
+def format_falls(falls: Iterable[float]) -> str:
     """``falls by 3.1 to 5.0 %`` for `falls` [%]; ``changes by −5.0 to +1.2 %`` if not all are positive."""
     low, high = min(falls := list(falls)), max(falls)
     if low > 0.0:

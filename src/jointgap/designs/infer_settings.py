@@ -23,7 +23,7 @@ from jointgap.core.page import Heading, Page, Paragraph, TableBlock
 from jointgap.core.schema import INFER_SETTINGS_DESIGNS, INFER_SETTINGS_SETTINGS, Table
 from jointgap.core.words import number as in_digits
 from jointgap.designs.sampling import Axis, Designs, designs_of
-from jointgap.designs.sweep import parameter_in_words, value_in_words
+from jointgap.designs.sweep import format_parameter, format_value
 from jointgap.paper.printed import CRANK_M, OPTIMA, ROD_M
 
 NEAREST_FILE, NEAREST_NAME = "nearest_scenario.yaml", "nearest_settings"
@@ -207,7 +207,7 @@ def page(found: InferredSettings) -> Page:
 
 
 def _design(found: InferredSettings, rank: str, row: pd.Series) -> dict[str, str]:
-    settings = {parameter_in_words(axis.key): value_in_words(axis, row[axis.key]) for axis in found.varied}
+    settings = {format_parameter(axis.key): format_value(axis, row[axis.key]) for axis in found.varied}
     numbers = {one.words: one.shown(row[one.column]) for one in NUMBERS}
     return {"": rank} | settings | numbers | {"largest error": _percent(row["farthest"])}
 
@@ -216,12 +216,12 @@ def _settings(found: InferredSettings, accepted: int) -> Iterator[tuple[str, ...
     axes = {axis.key: axis for axis in found.varied}
     for row in found.settings.to_dict("records"):
         axis, chance = axes[row["setting"]], row["p_value"]
-        where = {str(value): value_in_words(axis, value) for value in axis.values or ()}.get(row["value"])
+        where = {str(value): format_value(axis, value) for value in axis.values or ()}.get(row["value"])
         if axis.values is None:
-            where = " to ".join(value_in_words(axis, row[end]) for end in ("low", "high")) if accepted else ""
+            where = " to ".join(format_value(axis, row[end]) for end in ("low", "high")) if accepted else ""
         verdict = "too few accepted" if accepted < _FEW else "informative" if chance < _LEVEL else "not informative"
         shares = (_percent(row["drawn"]), _percent(row["accepted"]) if accepted else "")
-        yield parameter_in_words(axis.key), where, *shares, in_digits(chance), verdict
+        yield format_parameter(axis.key), where, *shares, in_digits(chance), verdict
 
 
 def _percent(share: float) -> str:

@@ -23,7 +23,7 @@ from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.progress import tell
 from jointgap.core.publish import numbers
-from jointgap.core.words import in_words, percent, reading_unit
+from jointgap.core.words import format_name, percent, reading_unit
 from jointgap.designs.sampling import Designs, axes_of, drawn_values
 from jointgap.designs.sweep import parameter_table
 from jointgap.dynamics.kinematics import transmission_angle
@@ -194,7 +194,7 @@ def minimised(options: OptimiseRobust, values: np.ndarray) -> np.ndarray:
     return np.nanmean(values, axis=-1) + options.deviations * deviation(values)
 
 
-def minimised_in_words(options: OptimiseRobust) -> str:
+def format_objective(options: OptimiseRobust) -> str:
     """Name of the objective."""
     if options.measure == "quantile":
         return f"{100 * options.quantile:g} % quantile"
@@ -536,7 +536,7 @@ def _front(found: RobustOptimum) -> Drawing:
         error=lambda own: _MDEG * own["error"], stroke_change=lambda o: 1e3 * o["stroke_change"]
     )
     allowed, front = shown[(shown["missed"] <= 0.0) & (shown["failed"] == 0)], shown[shown["on_front"]]
-    best, words = front.loc[front["error"].idxmin()], minimised_in_words(found.asked.options)
+    best, words = front.loc[front["error"].idxmin()], format_objective(found.asked.options)
     sheet = Sheet(4.2, 1, 2)
     quantities = {
         "force": Quantity(f"largest force in a pin, {words}", "N"),
@@ -588,7 +588,7 @@ def _map(found: RobustOptimum) -> Drawing:
     x, y, value = (tried[[*LENGTHS, "error"]] * [1e3, 1e3, _MDEG]).to_numpy().T
     sheet, quantity = Sheet(5.2, 1, 1), Quantity("error", "mdeg")
     lengths = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
-    panel = sheet.panel((0, 0), f"error, {minimised_in_words(found.asked.options)}", *lengths)
+    panel = sheet.panel((0, 0), f"error, {format_objective(found.asked.options)}", *lengths)
     levels = np.geomspace(value.min(), value.max(), 15)
     drawn = panel.axes.tricontourf(x, y, value, levels=levels, cmap="Blues_r", norm=LogNorm())
     sheet.figure.colorbar(drawn, ax=panel.axes, label=quantity.label, aspect=30, ticks=levels[::2], format="%.3g")
@@ -602,7 +602,7 @@ def _map(found: RobustOptimum) -> Drawing:
 
 def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
     options, region, tried = scenario.optimise_robust, found.asked.region, _tried(found)
-    words, draws = minimised_in_words(options), found.lengths["draws"].iloc[0]
+    words, draws = format_objective(options), found.lengths["draws"].iloc[0]
     settled = f"revolution {scenario.optimise.ensemble.settled_revolution}"
     compared = (
         f"{draws} validation samples, independent of the search and common to all lengths "
@@ -621,8 +621,8 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
     method = (
         f"{len(tried)} pairs of lengths within {1e3 * region.lower} to {1e3 * region.upper} mm, each simulated in the "
         f"same {options.draws} samples (scrambled Sobol sequence, seed {options.seed}). Search: a grid, then "
-        f"differential evolution for the error, then NSGA-II for the front. Active limits: {active}. All numbers are in "
-        "the Parquet files next to this page; `jointgap describe FILE` explains their columns."
+        f"differential evolution for the error, then NSGA-II for the front. Active limits: {active}. All numbers are "
+        "in the Parquet files next to this page; `jointgap describe FILE` explains their columns."
     )
     blocks = (
         *(Paragraph(sentence, strong=True) for sentence in verdict(found)),
@@ -655,14 +655,14 @@ def headline(found: RobustOptimum) -> str:
     if best["missed"] > 0.0 or best["failed"]:
         return f"No candidate satisfies the constraints; nearest: {lengths}"
     if gain["measure_fall_low"] > 0.0:
-        words, fall = minimised_in_words(found.asked.options), _cell(gain, "measure_fall")
+        words, fall = format_objective(found.asked.options), _cell(gain, "measure_fall")
         return f"{lengths.capitalize()}: the error ({words}) falls by {fall} %"
     return "No significant improvement: keep the original lengths"
 
 
 def verdict(found: RobustOptimum) -> list[str]:
     """The result in a few sentences."""
-    sentences, words = [], minimised_in_words(found.asked.options)
+    sentences, words = [], format_objective(found.asked.options)
     for name in ("robust", "nominal"):
         gain = _gain(found, name)
         sentences.append(
@@ -701,7 +701,7 @@ def _table(kind: str, frame: pd.DataFrame, caption: str, *names: str) -> TableBl
     table, columns = schema.TABLES[f"optimise_robust_{kind}"], {}
     for column in (table.columns[table.names.index(name)] for name in names):
         unit, factor = {"1": ("%", 100.0), "rad": ("mdeg", _MDEG)}.get(column.unit, reading_unit(column.unit))
-        head = in_words(column.name) + (f" [{unit}]" if column.kind == "float" else "")
+        head = format_name(column.name) + (f" [{unit}]" if column.kind == "float" else "")
         columns[head] = [_cell(row, column.name, factor) for row in frame.to_dict("records")]
     return TableBlock(tuple(columns), tuple(zip(*columns.values(), strict=True)), "l".ljust(len(columns), "r"), caption)
 

@@ -28,14 +28,14 @@ from jointgap.core.words import joined
 from jointgap.designs.sampling import Axis, Designs
 from jointgap.designs.sweep import (
     cells,
-    measure_in_words,
+    format_measure,
+    format_parameter,
+    format_value,
     measure_quantity,
-    parameter_in_words,
     parameter_panels,
     parameter_quantity,
     places,
     scale,
-    value_in_words,
 )
 
 with needs("the sensitivity analysis", "learn"):
@@ -234,14 +234,14 @@ class SensitivityResult:
         return own.sort_values("total", ascending=False, kind="stable")
 
 
-def what_decides(designs: Designs, dataset: Path, options: Sensitivity) -> SensitivityResult:
+def sensitivity_indices(designs: Designs, dataset: Path, options: Sensitivity) -> SensitivityResult:
     """Sensitivities of a sweep, from its dataset."""
     names = options.measures or [column.name for column in designs.measured]
     columns = [*(axis.key for axis in designs.axes), "reason", *names]
-    return decided(designs, parquet.read_columns(dataset, columns).to_pandas(), names, options.seed)
+    return compute_indices(designs, parquet.read_columns(dataset, columns).to_pandas(), names, options.seed)
 
 
-def decided(designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int) -> SensitivityResult:
+def compute_indices(designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int) -> SensitivityResult:
     """The same from a `frame` with the parameters, `reason` and `measures` of the designs."""
     axes = tuple(axis for axis in designs.axes if axis.varies)
     if not axes:
@@ -342,7 +342,7 @@ def draw(found: SensitivityResult) -> Iterator[tuple[str, Drawing]]:
 
 def _indices(found: SensitivityResult) -> Drawing:
     """Bars of both indices with their intervals: a panel per measure, a row per parameter."""
-    titles = {measure: fill(measure_in_words(measure), 31) for measure in found.good}
+    titles = {measure: fill(format_measure(measure), 31) for measure in found.good}
     keys = [axis.key for axis in found.basis.axes]
     columns = min(_IN_A_ROW, len(titles))
     rows, lines = -(-len(titles) // columns), max(title.count("\n") + 1 for title in titles.values())
@@ -357,7 +357,7 @@ def _indices(found: SensitivityResult) -> Drawing:
             panel.axes.barh(places + beside, values, 0.38, color=COLOURS[colour], label=words)
             panel.axes.hlines(places + beside, low, high, color=plot.INK, linewidth=0.9)
             panel.record(words, values, places + beside, low=low, high=high, label=keys)
-        panel.rows([parameter_in_words(key) if number % columns == 0 else "" for key in keys], places)
+        panel.rows([format_parameter(key) if number % columns == 0 else "" for key in keys], places)
         panel.axes.set_xlim(0.0, 1.0)
         panel.axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
         if number + columns < len(titles):
@@ -377,7 +377,7 @@ def _main_effects(found: SensitivityResult, measure: str) -> Drawing:
         own, x = curves[curves["parameter"] == axis.key], places(axis, _curve(axis))
         effect, low, high = (factor * own[f"effect{end}"].to_numpy() for end in ("", "_low", "_high"))
         if axis.values is not None:
-            texts = [value_in_words(axis, value, with_unit=False) for value in axis.values]
+            texts = [format_value(axis, value, with_unit=False) for value in axis.values]
             panel.marks("mean", x, effect, "simulation", low=low, high=high, labels=texts)
         else:
             panel.line("mean", x, effect, "simulation")
@@ -433,15 +433,15 @@ def page(found: SensitivityResult) -> Page:
         blocks += [_decisions(found, ranked), Heading("Indices of all measures"), FigureBlock(INDICES, "Sobol indices")]
         blocks.append(Heading("Main effects"))
     for measure, rows in ranked.items():
-        words = measure_in_words(measure)
+        words = format_measure(measure)
         blocks += [Heading(words, 3), FigureBlock(f"{EFFECTS}_{measure}", f"Main effects: {words}")]
         if len(rows) > 1:
-            two = joined(parameter_in_words(key) for key in rows["parameter"][:2])
+            two = joined(format_parameter(key) for key in rows["parameter"][:2])
             blocks.append(FigureBlock(f"{MAP}_{measure}", f"Map: {words} over {two}", small=True))
     # measures without any value, such as impacts of an ideal joint, are omitted
     poor = found.surrogates.dropna(subset=["reason", "mean"])
     if len(poor):
-        rows = tuple(zip(map(measure_in_words, poor["measure"]), poor["reason"], strict=True))
+        rows = tuple(zip(map(format_measure, poor["measure"]), poor["reason"], strict=True))
         blocks += [Heading("Measures without indices"), TableBlock(("measure", "reason"), rows), Paragraph(_MORE)]
     return Page("Sensitivity", (*blocks, Heading("Method"), Paragraph(_METHOD)))
 
@@ -455,7 +455,7 @@ def _headline(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> str:
     number = int(found.surrogates["mean"].notna().sum())
     if not ranked:
         return f"No indices: none of the {number} measures has an accurate surrogate."
-    counted = Counter(parameter_in_words(rows["parameter"].iloc[0]) for rows in ranked.values())
+    counted = Counter(format_parameter(rows["parameter"].iloc[0]) for rows in ranked.values())
     (first, most), *others = counted.most_common()
     text = f"{first[0].upper()}{first[1:]} has the largest total index for {most} of {len(ranked)} measures"
     text += f", {joined(f'{words} for {count}' for words, count in others)}" if others else ""
@@ -467,12 +467,12 @@ def _decisions(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> Tab
     table = []
     for measure, rows in ranked.items():
         parts = [
-            (parameter_in_words(row["parameter"]), "{total:.2f} ({total_low:.2f} to {total_high:.2f})".format(**row))
+            (format_parameter(row["parameter"]), "{total:.2f} ({total_low:.2f} to {total_high:.2f})".format(**row))
             for row in rows[:2].to_dict("records")
         ]
         first, second = (*parts, ("–", ""))[:2]
         sure = "significant" if _is_significant(rows) else "not significant"
-        table.append((measure_in_words(measure), *first, *second, sure, f"{found.good[measure].q2[0]:.3f}"))
+        table.append((format_measure(measure), *first, *second, sure, f"{found.good[measure].q2[0]:.3f}"))
     heads = ("measure", "first parameter", "total index", "second parameter", "total index", "order", "Q2")
     return TableBlock(heads, tuple(table), "lllllll", "Total index with its 90 % interval; Q2 of the held-out designs")
 

@@ -164,9 +164,9 @@ def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str
     """
     from jointgap.config.designs import Sensitivity
     from jointgap.designs.run import checked_dataset
-    from jointgap.designs.sensitivity import draw, page, what_decides
+    from jointgap.designs.sensitivity import draw, page, sensitivity_indices
 
-    found = what_decides(checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity())
+    found = sensitivity_indices(checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity())
     shutil.rmtree(folder / "figures", ignore_errors=True)  # figures of measures that no longer have indices
     return _write(folder, page(found), found.tables, draw(found), "figures")
 

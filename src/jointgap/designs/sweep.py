@@ -18,7 +18,7 @@ from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.publish import name_and_factor
 from jointgap.core.schema import Column
-from jointgap.core.words import in_words, joined, reading_unit, unit_in_words
+from jointgap.core.words import format_name, format_unit, joined, reading_unit
 from jointgap.designs.run import checked_dataset, failures
 from jointgap.designs.sampling import Axis, Designs
 
@@ -37,41 +37,41 @@ _LEFT_OUT = ("mechanism", "simulate", "joints", "contact")
 """Parts of a path that its label omits."""
 
 
-def measure_in_words(name: str) -> str:
+def format_measure(name: str) -> str:
     """``RMS of the normal force in the crank pin``."""
     return _COLUMNS[name].description.partition(";")[0]
 
 
 def measure_quantity(name: str) -> tuple[Quantity, float]:
     """Axis of a measure, and its number of axis units per SI unit."""
-    return _quantity(measure_in_words(name), _COLUMNS[name].unit)
+    return _quantity(format_measure(name), _COLUMNS[name].unit)
 
 
-def parameter_in_words(key: str) -> str:
+def format_parameter(key: str) -> str:
     """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``."""
-    return _WORDS.get(key) or in_words(" ".join(part for part in key.split(".") if part not in _LEFT_OUT))
+    return _WORDS.get(key) or format_name(" ".join(part for part in key.split(".") if part not in _LEFT_OUT))
 
 
 def parameter_quantity(axis: Axis) -> tuple[Quantity, float]:
     """Axis of a parameter, and its number of axis units per SI unit."""
     unit = _UNITS.get(axis.key, axis.unit)
-    return _quantity(parameter_in_words(axis.key), unit if axis.column.kind == "float" else "")
+    return _quantity(format_parameter(axis.key), unit if axis.column.kind == "float" else "")
 
 
 def _quantity(words: str, unit: str) -> tuple[Quantity, float]:
     shown, factor = reading_unit(unit)
-    return Quantity(words, unit_in_words(shown)), factor
+    return Quantity(words, format_unit(shown)), factor
 
 
-def value_in_words(axis: Axis, value: Any, with_unit: bool = True) -> str:
+def format_value(axis: Axis, value: Any, with_unit: bool = True) -> str:
     """A formatted `value` of a parameter: ``70.1 deg``, ``rod``."""
     if isinstance(value, str | bool):
-        return _WORDS.get(str(value)) or in_words(str(value))
+        return _WORDS.get(str(value)) or format_name(str(value))
     unit, factor = reading_unit(axis.unit)
     if not with_unit:
         return f"{factor * value:.4g}"
     number = f"{factor * value:.3g}".replace("e+0", "e").replace("e+", "e")
-    return f"{number} {unit_in_words(unit)}".strip()
+    return f"{number} {format_unit(unit)}".strip()
 
 
 _MOST_TICKS = 8  # labels of a list
@@ -92,7 +92,7 @@ def scale(panel: Panel, side: str, axis: Axis) -> None:
     drawn = getattr(panel.axes, f"{side}axis")
     if axis.values is not None:
         some = slice(None, None, -(-len(axis.values) // _MOST_TICKS))
-        texts = [value_in_words(axis, value, False) for value in axis.values[some]]
+        texts = [format_value(axis, value, False) for value in axis.values[some]]
         drawn.set_ticks(range(len(axis.values))[some], texts)
     elif axis.law.dist.name == "loguniform":
         low, high = axis.law.support()
@@ -170,7 +170,7 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
         (axis,) = third
         chosen = np.unique(np.linspace(0, len(axis.values) - 1, _MOST_MAPS).round().astype(int))
         columns = {
-            f"{parameter_in_words(axis.key)} {value_in_words(axis, value)}": shown[shown[axis.key] == value]
+            f"{format_parameter(axis.key)} {format_value(axis, value)}": shown[shown[axis.key] == value]
             for value in (axis.values[number] for number in chosen)
         }
     with plot.matplotlib_style():
@@ -214,7 +214,7 @@ def page(designs: Designs, dataset: Path) -> Page:
     introduction = (
         f"{designs.number} designs {_KINDS[kind]}"
         + ("" if kind == "grid" else f", seed {designs.sweep.seed}")
-        + f". Varied: {joined(parameter_in_words(axis.key) for axis in designs.axes)}; otherwise as in the mechanism. "
+        + f". Varied: {joined(format_parameter(axis.key) for axis in designs.axes)}; otherwise as in the mechanism. "
         f"Designs that failed: {sum(failed.values()) or 'none'}"
         + ("." if not failed else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + ".")
     )
@@ -226,7 +226,7 @@ def page(designs: Designs, dataset: Path) -> Page:
         "All designs: the Parquet files in `designs`, one table for `pandas.read_parquet`, polars or duckdb; "
         "`jointgap describe` explains the columns."
     )
-    rows = (_row(measure_in_words(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured)
+    rows = (_row(format_measure(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured)
     heads = ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest")
     blocks = (
         Paragraph(introduction),
@@ -243,7 +243,7 @@ def parameter_table(axes: tuple[Axis, ...], values_of: Callable[[str], pd.Series
     """Ranges of the parameters."""
     rows = []
     for axis in axes:
-        words, values = parameter_in_words(axis.key), values_of(axis.key)
+        words, values = format_parameter(axis.key), values_of(axis.key)
         if axis.column.kind == "float":
             rows.append(_row(words, axis.unit, values, (0.0, 0.5, 1.0)))
         else:
@@ -268,7 +268,7 @@ def _row(
     largest, spread = np.max(np.abs(shown)), np.ptp(shown)
     digits = min(max(4, math.ceil(math.log10(largest / spread)) + 2), _MOST_DIGITS) if spread else 4
     texts = (f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.{digits}g}" for value in shown)
-    return words, unit_in_words(unit), *texts
+    return words, format_unit(unit), *texts
 
 
 _PUBLISHED = {"smallest": 0.0, "quantile_05": 0.05, "median": 0.5, "quantile_95": 0.95, "largest": 1.0}

@@ -53,7 +53,7 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
         fading = {
             "memory_time": MEMORY_DURATIONS * duration,
             "fading_time": FADING_DURATIONS * duration,
-            "lasting_damping": damping / contact.reference_speed,
+            "steady_contact_damping": damping / contact.reference_speed,
         }
     return JointParameters(
         loose=True,

@@ -194,14 +194,14 @@ def damping_factor_at(joint, approach, begin, time) -> float:
     """chi / d'_0 [s/m] of a contact, faded after its memory."""
     fading = time - begin - joint.memory_time
     if fading >= joint.fading_time:
-        return joint.lasting_damping
+        return joint.steady_contact_damping
     published = joint.damping / approach
     if not fading > 0.0:
         return published
     # Ninth order: four continuous derivatives at both ends, enough for steps of a fifth-order method.
     share = fading / joint.fading_time
     bend = 126.0 - share * (420.0 - share * (540.0 - share * (315.0 - share * 70.0)))
-    return published + (joint.lasting_damping - published) * share**5 * bend
+    return published + (joint.steady_contact_damping - published) * share**5 * bend
 
 
 @inlined
@@ -214,9 +214,9 @@ def force_free_speed(joint, approach, begin, time) -> tuple:
     if not fading > 0.0:
         return approach / joint.damping, 0.0
     if fading >= joint.fading_time:
-        return 1.0 / joint.lasting_damping, 0.0
+        return 1.0 / joint.steady_contact_damping, 0.0
     share = fading / joint.fading_time
-    change = joint.lasting_damping - joint.damping / approach
+    change = joint.steady_contact_damping - joint.damping / approach
     rate = change * 630.0 * (share * (1.0 - share)) ** 4 / joint.fading_time
     speed = 1.0 / damping_factor_at(joint, approach, begin, time)
     return speed, -rate * speed * speed

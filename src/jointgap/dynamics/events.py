@@ -16,7 +16,7 @@ import numpy as np
 
 from jointgap.core.joints import JOINTS
 from jointgap.dynamics.contact import force_free_speed, pushing_margin
-from jointgap.dynamics.joints import CLAMPED, CONTACT, FLIGHT, relative_motion
+from jointgap.dynamics.joints import CONTACT, FLIGHT, FORCE_FREE, relative_motion
 from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.runge_kutta import AFTER, BEFORE, ds_for, elapsed_time, instant, instant_in_place, step
 
@@ -171,7 +171,7 @@ def switched(mode, approach, kind, speed, least):
         return CONTACT, max(speed, least)
     if kind == DISTANCE:
         return FLIGHT, approach
-    return (CLAMPED if mode == CONTACT else CONTACT), approach
+    return (FORCE_FREE if mode == CONTACT else CONTACT), approach
 
 
 @compiled

@@ -88,7 +88,7 @@ def direction(turns, vector):
     return math.atan2(vector[1], vector[0]) + 2.0 * math.pi * turns
 
 
-FLIGHT, CONTACT, CLAMPED = (np.int64(mode) for mode in (0, 1, 2))
+FLIGHT, CONTACT, FORCE_FREE = (np.int64(mode) for mode in (0, 1, 2))
 """Modes of a joint: apart; in contact; penetrated without force, because an attractive force is replaced by zero."""
 
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

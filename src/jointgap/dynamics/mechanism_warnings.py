@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
 from jointgap.core.joints import JOINT
-from jointgap.core.words import in_words, joined
+from jointgap.core.words import format_name, joined
 from jointgap.dynamics.contact import LAWS, delivered_restitution, penalty_restitution
 
 WIDE_CLEARANCE = 0.05
@@ -36,7 +36,7 @@ def odd_data(mechanism: Mechanism) -> list[str]:
     return found
 
 
-UNTOLD = 0.005
+NEGLIGIBLE_DIFFERENCE = 0.005
 """Difference of effective and configured restitution without a warning: below the accuracy of measurements."""
 
 PENALTY_SPEEDS = (0.1, 1.0)
@@ -60,7 +60,9 @@ def sentences(mechanism: Mechanism) -> tuple[str, ...]:
         subject, _, words = remark.partition(": ")
         subjects.setdefault(words, []).append(subject)
     return tuple(
-        f"Contact of the {joined(map(in_words, names))}: {words}." if names[0] in JOINT else f"`{names[0]}`: {words}."
+        f"Contact of the {joined(map(format_name, names))}: {words}."
+        if names[0] in JOINT
+        else f"`{names[0]}`: {words}."
         for words, names in subjects.items()
     )
 
@@ -72,7 +74,7 @@ def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
         yield _of_penalty(joint, contact, rod_mass)
         return
     delivered = delivered_restitution(LAWS[contact.law](contact.restitution))
-    if abs(delivered - contact.restitution) > UNTOLD:
+    if abs(delivered - contact.restitution) > NEGLIGIBLE_DIFFERENCE:
         yield (
             f"you asked for a restitution of {contact.restitution:.4g}; {contact.law} effectively gives "
             f"{delivered:.4g}. Use `law: exact_restitution` for {contact.restitution:.4g}"

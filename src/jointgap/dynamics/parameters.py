@@ -33,7 +33,7 @@ class JointParameters(NamedTuple):
     least_approach: float = 1e-3  # Lower limit of the approach speed in the damping [m/s]
     memory_time: float = math.inf
     fading_time: float = 1.0
-    lasting_damping: float = 0.0  # chi / v_ref [s/m] of a lasting contact
+    steady_contact_damping: float = 0.0  # chi / v_ref [s/m] of a lasting contact
     penalty_damping: float = 0.0  # Law penalty: c_max [N s/m] and d_max [m], else 0
     penalty_depth: float = 0.0
     friction_law: int = 0  # This and the following: see `jointgap.dynamics.friction`

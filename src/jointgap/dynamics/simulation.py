@@ -224,12 +224,12 @@ def integrate_on(
             "restitution, friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
         )
         if status == TOO_MANY_STEPS:
-            advice = f"{_contacts_in_words(p, end.here, events)}; {advice}, or friction that makes a journal whirl"
+            advice = f"{_format_contacts(p, end.here, events)}; {advice}, or friction that makes a journal whirl"
             if p.drive.kind == MOTOR and abs(end.here.crank.speed) < _CREEPING * abs(p.drive.no_load_speed):
                 advice = f"the crank almost stands still; {_ADVICE[STALLED]}"
         raise SimulationError(
             f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s, crank "
-            f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_state_in_words(p, end.here)}); "
+            f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_format_state(p, end.here)}); "
             f"{_ADVICE.get(status, advice)}"
         )
     return samples._replace(events=events, steps=steps), end
@@ -251,7 +251,7 @@ def _fine_enough(p: Parameters, tolerance: float) -> float:
     return min(tolerance, COARSEST_PUBLISHED) if published else tolerance
 
 
-def _state_in_words(p: Parameters, end: Instant) -> str:
+def _format_state(p: Parameters, end: Instant) -> str:
     vectors = [
         f"; r{joint.number} {x:.9g}, {y:.9g}, rate {vx:.9g}, {vy:.9g}"
         for joint, (x, y, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True)
@@ -260,7 +260,7 @@ def _state_in_words(p: Parameters, end: Instant) -> str:
     return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(vectors)
 
 
-def _contacts_in_words(p: Parameters, end: Instant, events: np.ndarray) -> str:
+def _format_contacts(p: Parameters, end: Instant, events: np.ndarray) -> str:
     """Contacts of each loose joint, to find the one that requires the steps."""
     begun, told = events[events[:, EVENT.index("begins")] == 1], []
     for joint, (ex, ey, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True):

@@ -9,7 +9,7 @@ import pandas as pd
 from jointgap.config import Scenario
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.page import Block, Cell, Heading, Page, Paragraph, TableBlock
-from jointgap.core.words import in_words
+from jointgap.core.words import format_name
 from jointgap.paper.printed import (
     CLAIMS,
     OPTIMA,
@@ -194,7 +194,7 @@ def contact_claims(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) 
     for joint in mechanism.loose:
         lost = first[f"r{JOINT_NUMBERS[joint]}"].to_numpy() < IN_CONTACT * mechanism.clearance(joint)
         at, rest = float(turned[lost].max(initial=0.0)), lost[turned > until].mean()
-        shares.append(f"{in_words(joint)} at {at:.1f} deg (then {rest:.1%} of the samples without contact)")
+        shares.append(f"{format_name(joint)} at {at:.1f} deg (then {rest:.1%} of the samples without contact)")
         last = max(last, at)
     yield claim("unstable", last, last <= ABOUT * until, touching=IN_CONTACT, lost="; ".join(shares))
     past = turned >= 60.0
@@ -342,7 +342,7 @@ def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) ->
     columns |= {name: name for name in ("original_error", "error")}
     return {
         "scenario": name,
-        "loose": ", ".join(f"{in_words(joint)} ({applied.joint(joint).journal})" for joint in applied.loose),
+        "loose": ", ".join(f"{format_name(joint)} ({applied.joint(joint).journal})" for joint in applied.loose),
         "loose_joints": len(applied.loose),
         "found_settled": float(rows.loc["settled", "reduction"]),
     } | {f"found_{name}": float(window[column]) for name, column in columns.items()}

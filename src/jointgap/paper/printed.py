@@ -9,7 +9,7 @@ import yaml
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import PINS
-from jointgap.core.words import in_words, joined
+from jointgap.core.words import format_name, joined
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,12 @@ def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
     """
     applied, differences = mechanism.applied(), []
     if applied.loose != PINS:
-        loose = " and ".join(map(in_words, applied.loose)) or "no joint"
-        differences.append(f"loose: {loose}, not {joined(map(in_words, PINS))}")
+        loose = " and ".join(map(format_name, applied.loose)) or "no joint"
+        differences.append(f"loose: {loose}, not {joined(map(format_name, PINS))}")
     lengths = {"crank": (applied.crank.length, CRANK_M), "rod": (applied.rod.length, ROD_M)}
-    lengths |= {f"clearance of the {in_words(name)}": (applied.clearance(name), CLEARANCE_M) for name in applied.loose}
+    lengths |= {
+        f"clearance of the {format_name(name)}": (applied.clearance(name), CLEARANCE_M) for name in applied.loose
+    }
     lengths["offset"] = (applied.slider.offset, 0.0)
     differences += [
         f"{name}: {1e3 * ours:g} mm, not {1e3 * theirs:g} mm"

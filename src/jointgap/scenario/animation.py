@@ -8,7 +8,7 @@ import pandas as pd
 from jointgap.config import Scenario
 from jointgap.core.joints import JOINT, JOINT_NUMBERS
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Quantity, Sheet
-from jointgap.core.words import in_words
+from jointgap.core.words import format_name
 from jointgap.scenario.figure_data import SMALLEST_FORCE, degrees, eccentricity, loose_joints, revolution, round_number
 
 OPENING, SHARE = 60.0, 0.5  # [deg] first part of the revolution, with flight and impacts, and its share of the frames
@@ -71,7 +71,7 @@ def magnification(scenario: Scenario) -> float:
 
 def _face(joint: str, force: float) -> str:
     """Colour of a journal: grey in flight, its joint's colour in contact."""
-    return COLOURS[in_words(joint)] if force > 0.0 else COLOURS["flight"]
+    return COLOURS[format_name(joint)] if force > 0.0 else COLOURS["flight"]
 
 
 def _outward(name: str, scenario: Scenario) -> bool:
@@ -157,7 +157,7 @@ def _bearing(
     sheet: Sheet, column: int, name: str, first: pd.DataFrame, samples: pd.DataFrame, scenario: Scenario
 ) -> Move:
     """One journal's centre in its bearing, with its past path."""
-    joint, words = scenario.mechanism.applied().joint(name), in_words(name)
+    joint, words = scenario.mechanism.applied().joint(name), format_name(name)
     panel = sheet.panel((1, column), words, Quantity("journal, x", "mm"), Quantity("y", "mm"))
     radius, circle = 1e3 * joint.clearance, np.linspace(0.0, 2.0 * np.pi, 181)
     panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
@@ -185,7 +185,7 @@ def _forces(sheet: Sheet, joints: list[str], first: pd.DataFrame, samples: pd.Da
     panel = sheet.panel((1, len(joints)), "force in contact", CRANK_ANGLE, FORCE)
     angle, shown = degrees(first["crank_angle"]), degrees(samples["crank_angle"])
     for name in joints or JOINT_NUMBERS:
-        force, words = first[f"{name}_normal_force"].to_numpy(), in_words(name)
+        force, words = first[f"{name}_normal_force"].to_numpy(), format_name(name)
         panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.5)
     panel.axes.set_yscale("log")
     panel.axes.set_ylim(bottom=SMALLEST_FORCE)

@@ -10,7 +10,7 @@ from jointgap.config import Scenario
 from jointgap.core import plot
 from jointgap.core.joints import number_of, outputs
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, IMPACTS_DWARF, Drawing, Figures, Panel, Quantity, Sheet, round_up
-from jointgap.core.words import in_words
+from jointgap.core.words import format_name
 from jointgap.scenario import animation as moving
 from jointgap.scenario.figure_data import (
     MODES,
@@ -143,7 +143,7 @@ def orbits(tables: Tables, scenario: Scenario) -> Drawing:
     circle = np.linspace(0.0, 2.0 * np.pi, 181)
     x, y = (Quantity(f"journal, {axis}", "mm") for axis in "xy")
     for row, (name, number) in enumerate(drawn.items()):
-        joint, words = mechanism.joint(name), in_words(name)
+        joint, words = mechanism.joint(name), format_name(name)
         radius = 1e3 * joint.clearance
         depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("penetration (+), gap (−)", "µm"))
         for column, (series, (colour, samples)) in enumerate(first_and_settled(tables, scenario).items()):
@@ -180,12 +180,12 @@ def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
         panel = sheet.panel((2 * row, 0), title, CRANK_ANGLE, Quantity("normal force", "N"))
         below = sheet.panel((2 * row + 1, 0), f"{title}: modes", CRANK_ANGLE, Quantity("joint", ""), below=panel)
         for place, name in zip(range(len(joints))[::-1], joints, strict=True):
-            force, words = samples[f"{name}_normal_force"].to_numpy(), in_words(name)
+            force, words = samples[f"{name}_normal_force"].to_numpy(), format_name(name)
             panel.line(words, angle, np.where(force > 0.0, force, np.nan), words)
             below.bands(place, words, angle, samples[f"{name}_mode"].to_numpy(), MODES)
         panel.axes.set_yscale("log")
         panel.axes.set_ylim(SMALLEST_FORCE, 2.0 * max(largest, SMALLEST_FORCE))
-        below.rows([in_words(name) for name in reversed(joints)], range(len(joints)))
+        below.rows([format_name(name) for name in reversed(joints)], range(len(joints)))
         below.axes.set(title="", ylabel="")
         below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()
@@ -217,7 +217,9 @@ def impacts(tables: Tables, scenario: Scenario) -> Drawing:
                 own = every[(every["maxima"] <= 1) != stays].astype(float)
                 if len(own):
                     angle, sizes = turn + np.degrees(own["crank_angle"]), own[words.replace(" ", "_")]
-                    panel.marks(f"{in_words(name)}: {kind}", angle, sizes, in_words(name), markersize=4.0, **style)
+                    panel.marks(
+                        f"{format_name(name)}: {kind}", angle, sizes, format_name(name), markersize=4.0, **style
+                    )
         panel.logarithmic()
         panel.over_crank_angle(first, last)
         above = panel
@@ -288,7 +290,7 @@ def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenari
     joints = loose_joints(scenario)
     sheet = Sheet(0.6 + 4.2 * len(kinds), 2 * len(kinds), len(joints), width=plot.width_for(len(joints)))
     for column, (joint, number) in enumerate(joints.items()):
-        name = in_words(joint)
+        name = format_name(joint)
         for row, kind in enumerate(kinds):
             base, _, order = kind.partition("_")
             output = f"{base}{number}_{order}".rstrip("_")
@@ -439,7 +441,7 @@ def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
         name = f"gamma{number}"
         difference = (predicted(tables, name)["rate"] - predicted(tables, f"{name}_dot")["value"]).to_numpy()
         curves = {"derivative of one network − the other network": (difference, "ideal")}
-        title = f"{in_words(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}"
+        title = f"{format_name(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}"
         _over_angle(sheet, (0, slice(2 * place, 2 * place + 2)), title, rate, angle, curves)
     for half, (quantity, title, unit, factor, form) in enumerate(
         (

@@ -9,7 +9,7 @@ from jinja2 import Template
 from jointgap.config import Scenario
 from jointgap.core.errors import needs
 from jointgap.core.plot import COLOURS
-from jointgap.core.words import in_words
+from jointgap.core.words import format_name
 from jointgap.scenario.figure_data import MODES, contacts_of, degrees, loose_joints
 
 MOST_POINTS = 20_000  # per curve: 0.2 MB in the page
@@ -24,7 +24,7 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04, row_heights=[0.4, 0.45, 0.15])
     angle, mechanism = degrees(trajectory["crank_angle"]), scenario.mechanism.applied()
     turn = angle[0] - np.degrees(trajectory["crank_angle"].iloc[0])
-    joints = {joint: in_words(joint) for joint in loose_joints(scenario)}
+    joints = {joint: format_name(joint) for joint in loose_joints(scenario)}
     for joint, number in loose_joints(scenario).items():
         words = joints[joint]
         gap = 1e6 * (trajectory[f"r{number}"].to_numpy() - mechanism.clearance(joint))
@@ -55,7 +55,7 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
     )
     template = Path(__file__).parent / "templates/impacts.html.j2"
     page = Template(template.read_text(encoding="utf-8"), autoescape=True)
-    return page.render(title=f"{in_words(name)}: impacts in the joints", figure=drawn)
+    return page.render(title=f"{format_name(name)}: impacts in the joints", figure=drawn)
 
 
 def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> None:

@@ -12,7 +12,7 @@ from jointgap.config import Scenario
 from jointgap.core.joints import FROM_FRAME, PINS
 from jointgap.core.page import Block, Bullets, Cell, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.schema import FIT_ERRORS
-from jointgap.core.words import in_words, joined
+from jointgap.core.words import format_name, joined
 from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.region import MET, geometric
@@ -343,7 +343,7 @@ def _definition(outcome: Outcome) -> str:
     return (
         "The transmission angle is the angle between the rod and the normal to the slide; the ideal is 90 deg. Its "
         "error is the angle without clearance at the original lengths minus the angle with clearance in the "
-        f"{joined(map(in_words, applied.loose))}, over {outcome.words_of(outcome.stretch)}. The angle varies "
+        f"{joined(map(format_name, applied.loose))}, over {outcome.words_of(outcome.stretch)}. The angle varies "
         f"from {low:.1f} to {high:.1f} deg."
     )
 
@@ -425,10 +425,10 @@ def _side_effects(outcome: Outcome) -> Iterator[Block]:
         "smallest transmission angle [deg]": np.degrees(cycle["smallest_transmission_angle"]),
     }
     for joint, load in loads.items():
-        changes[f"largest force in the {in_words(joint)} [N]"] = load["peak_force"]
-        changes[f"RMS force in the {in_words(joint)} [N]"] = load["rms_force"]
+        changes[f"largest force in the {format_name(joint)} [N]"] = load["peak_force"]
+        changes[f"RMS force in the {format_name(joint)} [N]"] = load["rms_force"]
     for joint in applied.loose:
-        changes[f"share of time in contact, {in_words(joint)} [%]"] = 100 * loads[joint]["contact_share"]
+        changes[f"share of time in contact, {format_name(joint)} [%]"] = 100 * loads[joint]["contact_share"]
     yield TableBlock.of((_change(words, *pair) for words, pair in changes.items()), "lrrrr")
     yield Paragraph(
         "Medians over the runs with clearance, for a settled revolution. Crank angles of the dead centres: without "

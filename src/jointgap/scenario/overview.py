@@ -7,7 +7,7 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.core.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
-from jointgap.core.words import fall_in_percent
+from jointgap.core.words import format_falls
 from jointgap.paper.compare import conclusion, looseness_variants, variant_optimum
 from jointgap.scenario.figures import FIGURES
 
@@ -71,7 +71,7 @@ def headline(table: pd.DataFrame) -> str:
     """The result of all scenarios in one line."""
     return (
         f"In {len(table)} scenarios the RMS error of the transmission angle "
-        f"{fall_in_percent(100.0 * table['window_reduction'])} at the lengths found, simulated again"
+        f"{format_falls(100.0 * table['window_reduction'])} at the lengths found, simulated again"
     )
 
 
