@@ -7,7 +7,7 @@ from scipy.sparse import eye_array
 
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import AngleErrors, running_on, smooth_angle
+from jointgap.dynamics.drive import AngleErrors, smooth_angle, unwrapped
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import SPEED, mechanism, options
@@ -97,11 +97,11 @@ def test_noise_at_the_ends_costs_no_revolution(tmp_path):
 def test_angles_run_on_over_turns_wherever_they_fall_back():
     exact = np.linspace(0.1, 30.0, 301)
     for turns in (1, 2):
-        np.testing.assert_allclose(running_on(exact % (2 * np.pi * turns)), exact, atol=1e-12)
-    np.testing.assert_allclose(running_on((exact + np.pi) % (2 * np.pi) - np.pi), exact, atol=1e-12)
-    np.testing.assert_array_equal(running_on(exact[::60]), exact[::60])
+        np.testing.assert_allclose(unwrapped(exact % (2 * np.pi * turns)), exact, atol=1e-12)
+    np.testing.assert_allclose(unwrapped((exact + np.pi) % (2 * np.pi) - np.pi), exact, atol=1e-12)
+    np.testing.assert_array_equal(unwrapped(exact[::60]), exact[::60])
     to_and_fro = np.array([6.2, 6.3, 6.27, 6.29, 6.4])
-    np.testing.assert_allclose(running_on(to_and_fro % (2 * np.pi)), to_and_fro, atol=1e-12)
+    np.testing.assert_allclose(unwrapped(to_and_fro % (2 * np.pi)), to_and_fro, atol=1e-12)
 
 
 def with_value(column, row, value):

@@ -663,7 +663,7 @@ class Optimum(Result):
         found, gain = self._outcome, self._outcome.gain
         (old_crank, old_rod), (crank, rod) = found.original, found.lengths
         before, after = (row for _, row in found.pair("optimise_worth", "simulated").iterrows())
-        error = f"RMS error of the transmission angle over {found.words_of(found.stretch)}"
+        error = f"RMS error of the transmission angle over {found.stretch_label(found.stretch)}"
         shares = {
             "": "reduction",
             ", 5 % of pairs of runs": "reduction_low",
@@ -1030,8 +1030,8 @@ class Preflight(Result):
         return {name: CAMPAIGN_FIGURES[name].title for name in ("detectable", "confusability")}
 
     def _draw(self, name: str):
-        told = {"preflight": {"merged": self.merged}}
-        return CAMPAIGN_FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, told)
+        content = {"preflight": {"merged": self.merged}}
+        return CAMPAIGN_FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, content)
 
     def _rows(self) -> list[Row]:
         shown = self.detectable[self.detectable["detectable"]].itertuples()

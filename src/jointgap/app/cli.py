@@ -18,7 +18,7 @@ import click
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.core import schema as known
 from jointgap.core.files import check_writable, write_text
-from jointgap.core.progress import heard_by
+from jointgap.core.progress import progress_listener
 from jointgap.core.schema import Table
 from jointgap.core.stage import Stage
 from jointgap.designs.stages import DESIGN_STAGES
@@ -593,7 +593,7 @@ def progress_shown() -> Iterator[None]:
                 tasks[what] = bars.add_task(what, total=total)
             bars.update(tasks[what], completed=done, total=total, visible=done != total)
 
-    with heard_by(hear):
+    with progress_listener(hear):
         try:
             yield
         finally:

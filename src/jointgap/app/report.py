@@ -90,7 +90,9 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
     if several:
         results = ((part, part.result or "all joints are ideal: motion only") for part in parts)
         blocks.append(
-            Bullets(tuple(Link(part.name, f"#{pages.place_of(part.heading)}", f": {said}") for part, said in results))
+            Bullets(
+                tuple(Link(part.name, f"#{pages.place_of(part.heading)}", f": {result}") for part, result in results)
+            )
         )
     compared = {name: own for name, own in learned.items() if own.scenario.paper}
     if len(compared) > 1:
@@ -122,8 +124,8 @@ def _headline(summaries: Mapping[str, Any], parts: Sequence[_Part]) -> str:
     if summaries:
         return next(iter(summaries.values()))["headline"]
     results = {part.name: part.result for part in parts if part.result}
-    told = [result if len(results) == 1 else f"{name}: {result}" for name, result in results.items()]
-    return "; ".join(told) or "The motion of the mechanism, simulated"
+    lines = [result if len(results) == 1 else f"{name}: {result}" for name, result in results.items()]
+    return "; ".join(lines) or "The motion of the mechanism, simulated"
 
 
 def _scenario(own: ScenarioResults, summary: Mapping[str, Any] | None) -> _Part:
@@ -170,13 +172,13 @@ _LEGEND = (
 def verdict_lines(folder: Path) -> list[str]:
     """The verdict of a campaign: answer, sizes with intervals, gap on held-out data, and the page's path."""
     content = verdict_json.read(folder / VERDICT)
-    told = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
+    basis = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
     lines = [f"campaign {content['campaign']}: {say.answer(content)}", *say.left_out_in_words(content)]
     for effect in content["effects"]:
         for words, *row in say.parameter_rows([effect]):
             lines.append(f"{say.effect_in_words(effect)}: {words} {say.sure_value(*row)}")
     gap = say.held_out_in_words(content)
-    lines.append(f"gap (1 is noise), {told[content['basis']]}: {gap[:1].lower()}{gap[1:]}")
+    lines.append(f"gap (1 is noise), {basis[content['basis']]}: {gap[:1].lower()}{gap[1:]}")
     return "\n  ".join([*lines, f"page: {folder / SUMMARIES[1]}"]).split("\n")
 
 
@@ -189,13 +191,13 @@ def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
     rows = [_optimum(name, summary) for name, summary in known.items()]
     pages = [f"page of {name}: {results / name / SUMMARY_PAGE}" for name in known]
     shown = pages if len(pages) <= _MOST_PAGES else [f"pages: {results}/*/{SUMMARY_PAGE}"]
-    told: dict[str, list[str]] = {}  # scenarios by remark: shared remarks are printed once
+    owners_of: dict[str, list[str]] = {}  # scenarios by remark: shared remarks are printed once
     for name, summary in known.items():
         for remark in summary["remarks"]:
-            told.setdefault(remark, []).append(name)
+            owners_of.setdefault(remark, []).append(name)
     remarks = [
         f"remark on {'all scenarios' if len(known) > 1 and owners == [*known] else ', '.join(owners)}: {sentence}"
-        for sentence, owners in told.items()
+        for sentence, owners in owners_of.items()
     ]
     table = pd.DataFrame(rows, columns=_HEADS).to_string(index=False)
     return [*table.splitlines(), *_LEGEND, *remarks, *shown]

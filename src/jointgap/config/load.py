@@ -111,7 +111,7 @@ def resolve(
     return found
 
 
-def check_whole(scenario: Scenario, name: str, source: str = "configuration") -> None:
+def check_all_sections(scenario: Scenario, name: str, source: str = "configuration") -> None:
     """InputError where the sections of a scenario, with defaults, are inconsistent."""
     validate(Scenario, scenario.model_dump(by_alias=True), f"{source}, scenario {name}")
 
@@ -146,7 +146,7 @@ def scenario_layers(
     return layers
 
 
-def stands_alone(config: Mapping[str, Any]) -> bool:
+def is_complete(config: Mapping[str, Any]) -> bool:
     """Whether a configuration is complete: it contains the scenarios that it runs, and their mechanisms.
 
     An incomplete one, such as a change of speed, overrides the shipped configuration.

@@ -74,4 +74,4 @@ def did_you_mean(word: object, accepted: Iterable[object]) -> str:
     near = difflib.get_close_matches(str(word), names, n=1, cutoff=0.6)
     if near:
         return f"did you mean '{near[0]}'?"
-    return f"accepted: {', '.join(names)}"
+    return f"known here: {', '.join(names)}"

@@ -159,7 +159,7 @@ class _Steps:
             raise InputError(f"formula '{self.text}': '{name}' is a function; write {name}(...)")
         accepted = {*_RESERVED, *self.coefficients}
         hint = did_you_mean(name, accepted)
-        listed = "" if hint.startswith("accepted") else f" Accepted: {', '.join(sorted(accepted))}."
+        listed = "" if hint.startswith("known") else f" Known here: {', '.join(sorted(accepted))}."
         raise InputError(f"formula '{self.text}': unknown name '{name}'; {hint}{listed}")
 
     def operation(self, code: int, evaluate: Callable[..., float], *operands: list[_Step]) -> list[_Step]:

@@ -59,13 +59,13 @@ def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
     return arrow.replace_schema_metadata(columns.metadata)
 
 
-def write(table: Table, frame: pd.DataFrame, path: Path | str, told: Mapping[str, str] | None = None) -> None:
+def write(table: Table, frame: pd.DataFrame, path: Path | str, metadata: Mapping[str, str] | None = None) -> None:
     """Write `frame` with the columns of `table` to `path`, with unit and description of each column.
 
-    `told` is additional metadata.
+    `metadata` is additional metadata.
     """
     arrow = to_arrow(table, frame)
-    arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(told or {})})
+    arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(metadata or {})})
     floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
     others = [column.name for column in table.columns if column.kind != "float"]
     options = {"compression": "zstd", "use_dictionary": others, "column_encoding": floats or None}
@@ -166,7 +166,7 @@ def read_columns(path: Path | str, columns: Sequence[str]) -> pa.Table:
 def describe(path: Path | str) -> pd.DataFrame:
     """Column, unit and description of any Parquet file, one row per column."""
     fields = [(field.name, field.metadata or {}) for field in _open(pq.read_schema, path)]
-    rows = [(name, _word(told.get(b"unit", b"")), _word(told.get(b"description", b""))) for name, told in fields]
+    rows = [(name, _word(own.get(b"unit", b"")), _word(own.get(b"description", b""))) for name, own in fields]
     return pd.DataFrame(rows, columns=["column", "unit", "description"])
 
 

@@ -12,27 +12,27 @@ Listener = Callable[[str, int, int | None], None]
 _listeners: list[Listener] = []
 
 
-def tell(what: str, done: int, total: int | None = None) -> None:
+def report_progress(what: str, done: int, total: int | None = None) -> None:
     """Report that `done` of `total` are done."""
     for listener in _listeners:
         listener(what, done, total)
 
 
-def followed(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
+def with_progress(items: Iterable[Item], what: str, total: int | None = None) -> Iterator[Item]:
     """The `items`, with a report before the first and after each."""
     if total is None and hasattr(items, "__len__"):
         total = len(items)
     done = 0
-    tell(what, done, total)
+    report_progress(what, done, total)
     for item in items:
         yield item
         done += 1
-        tell(what, done, total)
-    tell(what, done, done)
+        report_progress(what, done, total)
+    report_progress(what, done, done)
 
 
 @contextmanager
-def heard_by(listener: Listener) -> Iterator[None]:
+def progress_listener(listener: Listener) -> Iterator[None]:
     """Call a `listener` with all reports until the block ends."""
     _listeners.append(listener)
     try:

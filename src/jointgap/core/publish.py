@@ -208,7 +208,7 @@ def opened(address: str) -> Iterator["MlflowClient"]:
         kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
         if not (isinstance(error, OSError | ImportError) or kinds & {"mlflow", "sqlalchemy", "alembic", "sqlite3"}):
             raise
-        said = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
+        reason = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
         fix = "check the file, permissions and disk space, or move the file away to start a new store"
         if sqlite_file(address) is None:
             fix = (
@@ -216,7 +216,7 @@ def opened(address: str) -> Iterator["MlflowClient"]:
                 "'jointgap[cluster]'), or unset MLFLOW_TRACKING_URI to use the store in the results folder"
             )
         raise InputError(
-            f"MLflow store {without_password(address)} cannot be reached or used ({said}); {fix}"
+            f"MLflow store {without_password(address)} cannot be reached or used ({reason}); {fix}"
         ) from error
 
 

@@ -13,7 +13,7 @@ from jointgap.config.scenario import Runs
 from jointgap.config.variations import VARIED_BY_WORD, stored_value, with_values
 from jointgap.core import parquet, schema
 from jointgap.core.joints import JOINTS
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.dynamics.integrate import EVENT, EVENT_NAMES, MODES, mode_numbers
 from jointgap.dynamics.parallel import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
 from jointgap.dynamics.simulation import perturbed_start
@@ -56,7 +56,7 @@ def write_ensemble(
     """
     samples, events, table = places = [Path(folder) / name for name in (SAMPLES, EVENTS, RUNS)]
     parquet.check_writable(*places)
-    simulated = followed(simulate_runs(runs, workers), "runs of the ensemble", total)
+    simulated = with_progress(simulate_runs(runs, workers), "runs of the ensemble", total)
     rows: list[tuple[dict, dict]] = []
 
     def save(samples_path: str, events_path: str) -> None:

@@ -21,7 +21,7 @@ from jointgap.core.errors import InputError, needs
 from jointgap.core.joints import PINS
 from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
-from jointgap.core.progress import tell
+from jointgap.core.progress import report_progress
 from jointgap.core.publish import numbers
 from jointgap.core.words import format_name, percent, reading_unit
 from jointgap.designs.sampling import Designs, axes_of, drawn_values
@@ -29,7 +29,7 @@ from jointgap.designs.sweep import parameter_table
 from jointgap.dynamics.kinematics import transmission_angle
 from jointgap.dynamics.parallel import Outcome, Run, rod_and_slider, simulate_runs
 from jointgap.lengths.objective import Objective, measure, objective_of_motion
-from jointgap.lengths.region import MET, Constraint, Region, depends_on_offset, geometric
+from jointgap.lengths.region import FEASIBLE, Constraint, Region, depends_on_offset, geometric
 from jointgap.lengths.search import search_from_all
 
 with needs("optimising link lengths", "learn"):
@@ -206,7 +206,7 @@ def deviation(values: np.ndarray) -> np.ndarray:
     return np.nan_to_num(np.nanstd(values, ddof=1, axis=-1))
 
 
-def held_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
+def violation_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
     """Quantile of the constraint violation, shape (...).
 
     At most 0 where the constraint holds in a share of at least `probability` of the samples.
@@ -235,12 +235,12 @@ class RobustProblem:
         """Constraints that tolerances can violate. Equality constraints refer to the nominal lengths only."""
         return [each for each in self.region.constraints if not each.is_fixed]
 
-    def missed(self, responses: Responses) -> dict[str, np.ndarray]:
+    def violation(self, responses: Responses) -> dict[str, np.ndarray]:
         """Violation by constraint, shape (m, n), negative where satisfied: in mm or deg; a force in % of its limit."""
         found = {}
         for each in self.ranges:
             value = each.value(responses.actual)
-            found[each.key] = np.maximum(each.low - value, value - each.high) / each.scale - MET
+            found[each.key] = np.maximum(each.low - value, value - each.high) / each.scale - FEASIBLE
         if (most := self.constraints.largest_pin_force) is not None:
             found["largest_pin_force"] = 100.0 * (responses.force / most - 1.0)
         return found
@@ -252,10 +252,10 @@ class RobustProblem:
     def assess(self, responses: Responses) -> pd.DataFrame:
         """Objectives and constraints, one row per pair of lengths."""
         lengths = responses.lengths
-        missed = self.region.missed(lengths)
-        missed = np.where(missed > MET, missed, 0.0)
-        for each in self.missed(responses).values():
-            missed = missed + np.maximum(held_quantile(each, self.options.probability), 0.0)
+        missed = self.region.violation(lengths)
+        missed = np.where(missed > FEASIBLE, missed, 0.0)
+        for each in self.violation(responses).values():
+            missed = missed + np.maximum(violation_quantile(each, self.options.probability), 0.0)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, where at most one sample has a value
             return pd.DataFrame(
@@ -276,44 +276,56 @@ class RobustProblem:
 class _Lengths(Problem):
     """The lengths of a region as a pymoo problem; keeps the evaluated candidates, one frame per generation."""
 
-    def __init__(self, asked: RobustProblem, respond: Responding, objectives: tuple[str, ...], before: int, total: int):
-        region = asked.region
+    def __init__(
+        self, problem: RobustProblem, respond: Responding, objectives: tuple[str, ...], before: int, total: int
+    ):
+        region = problem.region
         super().__init__(n_var=2, n_obj=len(objectives), n_ieq_constr=2, xl=region.lower, xu=region.upper)
-        self.asked, self.respond, self.objectives, self.before, self.total = asked, respond, objectives, before, total
+        self.definition, self.respond, self.objectives, self.before, self.total = (
+            problem,
+            respond,
+            objectives,
+            before,
+            total,
+        )
         self.generations: list[pd.DataFrame] = []
 
     def _evaluate(self, x, out, *args, **kwargs):
-        found = self.asked.assess(self.respond(x))
+        found = self.definition.assess(self.respond(x))
         self.generations.append(found)
-        tell("generations of lengths", self.before + len(self.generations), self.total)
+        report_progress("generations of lengths", self.before + len(self.generations), self.total)
         out["F"] = found[list(self.objectives)].fillna(_FAILED).to_numpy()
         out["G"] = found[["missed", "failed"]].to_numpy(dtype=float)
 
 
 class _OntoRegion(Repair):
     def _do(self, problem, x, **kwargs):
-        return problem.asked.region.nearest(x)
+        return problem.definition.region.nearest(x)
 
 
-def search(asked: RobustProblem, respond: Responding, with_front: bool = True) -> pd.DataFrame:
+def search(problem: RobustProblem, respond: Responding, with_front: bool = True) -> pd.DataFrame:
     """Optimise the lengths in the region, and the Pareto front."""
-    region, options = asked.region, asked.options
+    region, options = problem.region, problem.options
     steps = {"one measure": OBJECTIVES[:1]} | ({"front": OBJECTIVES} if with_front else {})
     total = 1 + len(steps) * options.generations
-    tell("generations of lengths", 0, total)
+    report_progress("generations of lengths", 0, total)
     cranks, rods = np.meshgrid(*np.linspace(region.lower, region.upper, options.grid).T, indexing="ij")
     grid = np.stack([cranks.ravel(), rods.ravel()], axis=1)
     grid = grid[region.contains(grid, slack=1e-12)]
-    grid = region.nearest(np.vstack([grid, region.clip(np.array(asked.original))]))
-    found = asked.assess(respond(grid)).assign(step="grid", generation=0)
+    grid = region.nearest(np.vstack([grid, region.clip(np.array(problem.original))]))
+    found = problem.assess(respond(grid)).assign(step="grid", generation=0)
     for number, (step, objectives) in enumerate(steps.items()):
         before = 1 + number * options.generations
-        tell("generations of lengths", before, total)
-        problem = _Lengths(asked, respond, objectives, before, total)
-        given = {"pop_size": options.population, "sampling": _beginning(found, asked, number), "repair": _OntoRegion()}
+        report_progress("generations of lengths", before, total)
+        step_problem = _Lengths(problem, respond, objectives, before, total)
+        given = {
+            "pop_size": options.population,
+            "sampling": _beginning(found, problem, number),
+            "repair": _OntoRegion(),
+        }
         algorithm = NSGA2(crossover=PCX(), **given) if number else DE(variant="DE/best/1/bin", CR=1.0, **given)
-        minimize(problem, algorithm, ("n_gen", options.generations), seed=options.seed)
-        tried = [each.assign(step=step, generation=k) for k, each in enumerate(problem.generations)]
+        minimize(step_problem, algorithm, ("n_gen", options.generations), seed=options.seed)
+        tried = [each.assign(step=step, generation=k) for k, each in enumerate(step_problem.generations)]
         found = pd.concat([found, *tried], ignore_index=True)
     return found
 
@@ -327,7 +339,7 @@ def best_of(candidates: pd.DataFrame) -> pd.Series:
     return candidates.iloc[ranked(candidates)[0]]
 
 
-def front_of(candidates: pd.DataFrame) -> np.ndarray:
+def pareto_front(candidates: pd.DataFrame) -> np.ndarray:
     """Indices of the feasible candidates that are not dominated."""
     allowed = np.flatnonzero((candidates["missed"] <= 0.0) & (candidates["failed"] == 0))
     if not len(allowed):
@@ -337,17 +349,17 @@ def front_of(candidates: pd.DataFrame) -> np.ndarray:
     return kept[~candidates.iloc[kept].duplicated(list(LENGTHS)).to_numpy()]
 
 
-def _beginning(candidates: pd.DataFrame, asked: RobustProblem, number: int) -> np.ndarray:
+def _beginning(candidates: pd.DataFrame, problem: RobustProblem, number: int) -> np.ndarray:
     """Initial population of a step: half of it the best so far, half spread over the region, shape (n, 2) [m]."""
-    half, places = asked.options.population // 2, ranked(candidates)
-    if number and len(front := front_of(candidates)):
+    half, places = problem.options.population // 2, ranked(candidates)
+    if number and len(front := pareto_front(candidates)):
         # the front so far, with its ends and evenly along the error
         ordered = front[np.argsort(candidates["error"].to_numpy()[front], kind="stable")]
         places = ordered[np.unique(np.linspace(0, len(ordered) - 1, half).round().astype(int))]
     best = candidates.loc[places[:half], list(LENGTHS)].to_numpy()
-    chance = np.random.default_rng([asked.options.seed, number])  # different from the step before
-    spread = qmc.LatinHypercube(2, rng=chance).random(asked.options.population - len(best))
-    return np.vstack([best, asked.region.nearest(asked.region.unscaled(spread))])
+    chance = np.random.default_rng([problem.options.seed, number])  # different from the step before
+    spread = qmc.LatinHypercube(2, rng=chance).random(problem.options.population - len(best))
+    return np.vstack([best, problem.region.nearest(problem.region.unscaled(spread))])
 
 
 COMPARED = ("original", "frozen", "nominal", "robust")
@@ -368,7 +380,7 @@ class RobustOptimum:
     gains: pd.DataFrame  # A row per comparison: how often, and by how much, the error is smaller
     constraints: pd.DataFrame  # A row per pair of lengths and constraint
     uncertain: Designs
-    asked: RobustProblem
+    problem: RobustProblem
 
     @property
     def tables(self) -> dict[schema.Table, pd.DataFrame]:
@@ -386,9 +398,9 @@ class RobustOptimum:
         }
 
 
-def compare(asked: RobustProblem, names: tuple[str, ...], responses: Responses) -> dict[str, pd.DataFrame]:
+def compare(problem: RobustProblem, names: tuple[str, ...], responses: Responses) -> dict[str, pd.DataFrame]:
     """Compare lengths: the tables `lengths`, `gains` and `constraints`."""
-    options, counted = asked.options, ~np.isnan(responses.error).any(axis=0)
+    options, counted = problem.options, ~np.isnan(responses.error).any(axis=0)
     draws = np.count_nonzero(counted)
     if draws < 2:
         reason = next(filter(None, responses.reasons.flat))
@@ -433,7 +445,7 @@ def compare(asked: RobustProblem, names: tuple[str, ...], responses: Responses) 
         gains.append(row)
     held = [
         {"lengths": name, "constraint": key, "asked": options.probability, "draws": len(row)} | _share(row <= 0.0)
-        for key, missed in asked.missed(responses).items()
+        for key, missed in problem.violation(responses).items()
         for name, row in zip(names, missed, strict=True)
     ]
     return {
@@ -453,18 +465,18 @@ def _share(happened: np.ndarray) -> dict[str, float]:
 def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOptimum:
     """Optimise robust lengths in the first of the scenario's boxes, and validate them on independent samples."""
     options, uncertain = scenario.optimise_robust, uncertain_of(scenario)
-    asked, draws = _asked(scenario), fresh_draws(uncertain, options.fresh_draws)
+    problem, draws = _problem(scenario), fresh_draws(uncertain, options.fresh_draws)
     # create all samples first: infeasible ones are rejected before any simulation
     at_nominal, at_draws, at_fresh = (
         SimulatedDraws(scenario, uncertain, values, workers)
         for values in ([{}], uncertain.values(0, options.draws), draws)
     )
-    nominal = search(asked, at_nominal, with_front=False).assign(search="nominal", on_front=False)
-    robust = search(asked, at_draws).assign(search="robust", on_front=False)
-    robust.loc[front_of(robust), "on_front"] = True
-    frozen = search_from_all(at_nominal.frozen(), asked.region, scenario.optimise.local_tolerance)
+    nominal = search(problem, at_nominal, with_front=False).assign(search="nominal", on_front=False)
+    robust = search(problem, at_draws).assign(search="robust", on_front=False)
+    robust.loc[pareto_front(robust), "on_front"] = True
+    frozen = search_from_all(at_nominal.frozen(), problem.region, scenario.optimise.local_tolerance)
     best = [best_of(each)[list(LENGTHS)] for each in (nominal, robust)]
-    lengths = np.array([asked.original, min(frozen, key=lambda each: each.value).lengths, *best], float)
+    lengths = np.array([problem.original, min(frozen, key=lambda each: each.value).lengths, *best], float)
     responses = at_fresh(lengths)
     values = pd.DataFrame(draws)
     fresh = pd.concat([values.assign(draw=values.index, lengths=name) for name in COMPARED], ignore_index=True)
@@ -472,20 +484,20 @@ def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOpt
     return RobustOptimum(
         pd.concat([nominal, robust], ignore_index=True),
         fresh.assign(**found, reason=responses.reasons.ravel()),
-        **compare(asked, COMPARED, responses),
+        **compare(problem, COMPARED, responses),
         uncertain=uncertain,
-        asked=asked,
+        problem=problem,
     )
 
 
 def check(scenario: Scenario) -> None:
     """InputError where the section `optimise_robust` of a `scenario` is infeasible."""
     uncertain = uncertain_of(scenario)
-    _asked(scenario)
+    _problem(scenario)
     SimulatedDraws(scenario, uncertain, uncertain.values(0, scenario.optimise_robust.draws))
 
 
-def _asked(scenario: Scenario) -> RobustProblem:
+def _problem(scenario: Scenario) -> RobustProblem:
     original, optimise = scenario.mechanism.applied(), scenario.optimise
     if not original.loose:
         raise InputError(
@@ -527,7 +539,7 @@ def _tried(found: RobustOptimum) -> pd.DataFrame:
 
 def has_map(found: RobustOptimum) -> bool:
     """Whether the candidates fill an area; a fixed stroke leaves a curve of lengths, two fixed values a point."""
-    return not any(each.is_fixed for each in found.asked.region.constraints)
+    return not any(each.is_fixed for each in found.problem.region.constraints)
 
 
 def _front(found: RobustOptimum) -> Drawing:
@@ -536,7 +548,7 @@ def _front(found: RobustOptimum) -> Drawing:
         error=lambda own: _MDEG * own["error"], stroke_change=lambda o: 1e3 * o["stroke_change"]
     )
     allowed, front = shown[(shown["missed"] <= 0.0) & (shown["failed"] == 0)], shown[shown["on_front"]]
-    best, words = front.loc[front["error"].idxmin()], format_objective(found.asked.options)
+    best, words = front.loc[front["error"].idxmin()], format_objective(found.problem.options)
     sheet = Sheet(4.2, 1, 2)
     quantities = {
         "force": Quantity(f"largest force in a pin, {words}", "N"),
@@ -588,7 +600,7 @@ def _map(found: RobustOptimum) -> Drawing:
     x, y, value = (tried[[*LENGTHS, "error"]] * [1e3, 1e3, _MDEG]).to_numpy().T
     sheet, quantity = Sheet(5.2, 1, 1), Quantity("error", "mdeg")
     lengths = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
-    panel = sheet.panel((0, 0), f"error, {format_objective(found.asked.options)}", *lengths)
+    panel = sheet.panel((0, 0), f"error, {format_objective(found.problem.options)}", *lengths)
     levels = np.geomspace(value.min(), value.max(), 15)
     drawn = panel.axes.tricontourf(x, y, value, levels=levels, cmap="Blues_r", norm=LogNorm())
     sheet.figure.colorbar(drawn, ax=panel.axes, label=quantity.label, aspect=30, ticks=levels[::2], format="%.3g")
@@ -601,7 +613,7 @@ def _map(found: RobustOptimum) -> Drawing:
 
 
 def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
-    options, region, tried = scenario.optimise_robust, found.asked.region, _tried(found)
+    options, region, tried = scenario.optimise_robust, found.problem.region, _tried(found)
     words, draws = format_objective(options), found.lengths["draws"].iloc[0]
     settled = f"revolution {scenario.optimise.ensemble.settled_revolution}"
     compared = (
@@ -611,8 +623,10 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
         f"angle of the original lengths without clearance, minus that of the simulated motion. The objective is its "
         f"{words}. In brackets: 95 % intervals (bootstrap; exact for probabilities)."
     )
-    limits = {each.key: f"{each.words} {each.asked()}" for each in found.asked.ranges}
-    limits["largest_pin_force"] = f"largest force in a pin {found.asked.constraints.largest_pin_force or 0:g} N at most"
+    limits = {each.key: f"{each.words} {each.range_text()}" for each in found.problem.ranges}
+    limits["largest_pin_force"] = (
+        f"largest force in a pin {found.problem.constraints.largest_pin_force or 0:g} N at most"
+    )
     held = found.constraints.assign(constraint=found.constraints["constraint"].map(limits))
     constraints = Heading("Constraints"), _table("constraints", held, "Share of the samples that satisfy them", *_HELD)
     front = tried[tried["on_front"]].sort_values("error")
@@ -655,14 +669,14 @@ def headline(found: RobustOptimum) -> str:
     if best["missed"] > 0.0 or best["failed"]:
         return f"No candidate satisfies the constraints; nearest: {lengths}"
     if gain["measure_fall_low"] > 0.0:
-        words, fall = format_objective(found.asked.options), _cell(gain, "measure_fall")
+        words, fall = format_objective(found.problem.options), _cell(gain, "measure_fall")
         return f"{lengths.capitalize()}: the error ({words}) falls by {fall} %"
     return "No significant improvement: keep the original lengths"
 
 
 def verdict(found: RobustOptimum) -> list[str]:
     """The result in a few sentences."""
-    sentences, words = [], format_objective(found.asked.options)
+    sentences, words = [], format_objective(found.problem.options)
     for name in ("robust", "nominal"):
         gain = _gain(found, name)
         sentences.append(
@@ -693,6 +707,8 @@ _ON_FRONT = "pairs of lengths that are not dominated in error, force and stroke"
 _ERRORS = ("error_mean", "error_deviation", "error_measure", "error_quantile_95")
 _GAINS = ("lengths", "beside", "probability", "mean_fall", "measure_fall")
 _HELD = ("lengths", "constraint", "asked", "probability")
+_HEADS = {"beside": "compared with", "asked": "required", "error_measure": "objective"}
+_HEADS |= {"mean_fall": "reduction of the mean", "measure_fall": "reduction of the objective"}
 _PRICE = ("force_mean", "force_deviation", "stroke_mean", "stroke_deviation")
 
 
@@ -701,7 +717,7 @@ def _table(kind: str, frame: pd.DataFrame, caption: str, *names: str) -> TableBl
     table, columns = schema.TABLES[f"optimise_robust_{kind}"], {}
     for column in (table.columns[table.names.index(name)] for name in names):
         unit, factor = {"1": ("%", 100.0), "rad": ("mdeg", _MDEG)}.get(column.unit, reading_unit(column.unit))
-        head = format_name(column.name) + (f" [{unit}]" if column.kind == "float" else "")
+        head = _HEADS.get(column.name, format_name(column.name)) + (f" [{unit}]" if column.kind == "float" else "")
         columns[head] = [_cell(row, column.name, factor) for row in frame.to_dict("records")]
     return TableBlock(tuple(columns), tuple(zip(*columns.values(), strict=True)), "l".ljust(len(columns), "r"), caption)
 

@@ -17,7 +17,7 @@ from jointgap.config import Mechanism, Scenario, Simulate
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS
-from jointgap.core.progress import followed, parts
+from jointgap.core.progress import parts, with_progress
 from jointgap.core.schema import BEST_LENGTHS, SWEEP_DESIGNS, Table
 from jointgap.designs.sampling import SOURCE, Designs, designs_of
 from jointgap.dynamics.parallel import Outcome, Run, numbers_of, rod_and_slider, side_by_side, simulate_run
@@ -179,7 +179,7 @@ def simulate_designs(designs: Designs, first: int, count: int, workers: int | No
     values = designs.values(first, count)
     together = [values[begin : begin + _TOGETHER] for begin in range(0, count, _TOGETHER)]
     measured = chain.from_iterable(side_by_side(lambda some: _measured(designs, some), together, workers))
-    found = zip(values, followed(measured, "simulated designs", count), strict=True)
+    found = zip(values, with_progress(measured, "simulated designs", count), strict=True)
     rows = [{"design": first + place} | own | row for place, (own, row) in enumerate(found)]
     return pd.DataFrame(rows, columns=list(table_of(designs).names))
 
@@ -338,5 +338,5 @@ _NUMBER = re.compile(r"[-+]?[0-9][-+.0-9e]*")
 def failures(dataset: Path) -> Counter[str]:
     """Number of failed designs of a `dataset` by reason, without the numbers in it."""
     reasons = parquet.read_columns(dataset, ["reason"])["reason"].drop_null().to_pylist()
-    told = (reason.partition(": ")[2] if reason.startswith(SOURCE) else reason for reason in reasons)
-    return Counter(_NUMBER.sub("...", reason).partition("; ")[0] for reason in told)
+    messages = (reason.partition(": ")[2] if reason.startswith(SOURCE) else reason for reason in reasons)
+    return Counter(_NUMBER.sub("...", reason).partition("; ")[0] for reason in messages)

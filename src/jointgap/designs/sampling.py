@@ -133,7 +133,7 @@ class Designs:
         counts only where it changes the samples.
         """
         sweep = self.sweep
-        told = {
+        content = {
             "mechanism": self.base.mechanism.model_dump(mode="json"),
             "simulate": self.base.simulate.model_dump(mode="json"),
             "drive": getattr(self.base.simulate.drive, "content", ""),
@@ -141,9 +141,9 @@ class Designs:
             "design": [sweep.design, sweep.seed, None if sweep.design == "sobol" else self.number],
             "window": sweep.window,
         }
-        told |= {"best_lengths": True} if sweep.best_lengths or sweep.printed_numbers else {}
-        told |= {"printed_numbers": True} if sweep.printed_numbers else {}
-        return hashlib.sha256(json.dumps(told, sort_keys=True, default=float).encode()).hexdigest()[:12]
+        content |= {"best_lengths": True} if sweep.best_lengths or sweep.printed_numbers else {}
+        content |= {"printed_numbers": True} if sweep.printed_numbers else {}
+        return hashlib.sha256(json.dumps(content, sort_keys=True, default=float).encode()).hexdigest()[:12]
 
     def _quantiles(self, first: int, count: int) -> np.ndarray:
         """(count, axes) in [0, 1)."""

@@ -23,7 +23,7 @@ from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError, needs
 from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.core.plot import COLOURS, Drawing, Quantity, Sheet
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.core.words import joined
 from jointgap.designs.sampling import Axis, Designs
 from jointgap.designs.sweep import (
@@ -251,7 +251,7 @@ def compute_indices(designs: Designs, frame: pd.DataFrame, measures: Sequence[st
     numbers = basis.numbers(frame.iloc[order])
     at, fine = basis.at(numbers), frame["reason"].isna().to_numpy()
     surrogates, indices, effects, good = [], [], [], {}
-    for name in followed(iter(measures), "measures", len(measures)):
+    for name in with_progress(iter(measures), "measures", len(measures)):
         values = frame[name].to_numpy(dtype=float)
         there = fine & np.isfinite(values)
         row = {"measure": name, "unit": UNITS[name], "terms": 0, "trained": 0, "held_out": 0}
@@ -352,11 +352,11 @@ def _indices(found: SensitivityResult) -> Drawing:
         panel = sheet.panel(divmod(number, columns), title, share, Quantity("", ""))
         panel.axes.set_title(title, fontsize=8.0)
         own = found.indices[found.indices["measure"] == measure]
-        for index, (words, colour, beside) in _BARS.items():
+        for index, (words, colour, offset) in _BARS.items():
             values, low, high = (own[index + end].to_numpy() for end in ("", "_low", "_high"))
-            panel.axes.barh(places + beside, values, 0.38, color=COLOURS[colour], label=words)
-            panel.axes.hlines(places + beside, low, high, color=plot.INK, linewidth=0.9)
-            panel.record(words, values, places + beside, low=low, high=high, label=keys)
+            panel.axes.barh(places + offset, values, 0.38, color=COLOURS[colour], label=words)
+            panel.axes.hlines(places + offset, low, high, color=plot.INK, linewidth=0.9)
+            panel.record(words, values, places + offset, low=low, high=high, label=keys)
         panel.rows([format_parameter(key) if number % columns == 0 else "" for key in keys], places)
         panel.axes.set_xlim(0.0, 1.0)
         panel.axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])

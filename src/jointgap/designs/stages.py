@@ -43,8 +43,8 @@ def _study(sections: tuple[str, ...], files: tuple[str, ...] = (), **record: Any
         name = function.__name__
         tables = tuple(table for table in TABLES.values() if table.path.startswith(f"{name}/"))
         written = tuple(f"{name}/{file}" for file in ("summary.md", "summary.html", *files))
-        told = {"does": name.replace("_", " "), "memory": 2500} | record
-        return DESIGN_STAGES.stage(writes=tables, files=written, sections=sections, **told)(function)
+        attributes = {"does": name.replace("_", " "), "memory": 2500} | record
+        return DESIGN_STAGES.stage(writes=tables, files=written, sections=sections, **attributes)(function)
 
     return keep
 
@@ -75,7 +75,7 @@ def _write(
     page: "Page",
     tables: "Mapping[Table, pd.DataFrame]",
     figures: "Iterable[tuple[str, Drawing]]",
-    beside: str = ".",
+    figures_folder: str = ".",
     place: Callable[[Table], Path] | None = None,
 ) -> str:
     """Write tables, figures and page of a study; returns the page as Markdown."""
@@ -84,10 +84,10 @@ def _write(
     from jointgap.core.parquet import write
 
     for name, drawing in figures:
-        plot.save(drawing, folder / beside / name)
+        plot.save(drawing, folder / figures_folder / name)
     for table, frame in tables.items():
         write(table, frame, place(table) if place else folder / Path(table.path).name)
-    return write_page(folder / "summary", page, beside)
+    return write_page(folder / "summary", page, figures_folder)
 
 
 @DESIGN_STAGES.stage(sections=_SWEPT)

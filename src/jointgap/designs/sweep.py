@@ -196,8 +196,8 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
 def cells(panel: Panel, series: str, x: Any, y: Any, value: np.ndarray, quantity: Quantity, **style: Any) -> Any:
     """Coloured cells of a `value` (len(y), len(x)) around the points `x` and `y`; returns the colour bar's artist."""
     panel.axes.grid(False)
-    told = {"value": value.ravel(), "value_quantity": quantity.name, "value_unit": quantity.unit}
-    panel.record(series, *map(np.ravel, np.meshgrid(x, y)), **told)
+    columns = {"value": value.ravel(), "value_quantity": quantity.name, "value_unit": quantity.unit}
+    panel.record(series, *map(np.ravel, np.meshgrid(x, y)), **columns)
     return panel.axes.pcolormesh(x, y, value, cmap="viridis", shading="nearest", **style)
 
 

@@ -92,11 +92,11 @@ def crank_times(p, angles):
     return times
 
 
-_LEAST = 12  # samples required for a smooth angle
+_MIN_SAMPLES = 12  # samples required for a smooth angle
 _TURN = 2 * math.pi
 _ORDERS = np.arange(1, 5)  # orders that repeat every turn; higher ones (gears, joints) are left to the spline
 _DRIFT_TERMS = 12  # largest number of terms of the polynomial
-_LEAST_TURNS = 3  # with fewer, drift and orders are indistinguishable
+_MIN_TURNS = 3  # with fewer, drift and orders are indistinguishable
 
 
 def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
@@ -129,14 +129,16 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
             raise InputError(f"{path}, column {column}, row {row + 1}: '{table[column][row]}' is not a finite number")
         values.append(numbers)
     time, angle = values[0], values[1] * unit_factor(drive.angle_unit, "rad")
-    if time.size < _LEAST:
-        raise InputError(f"{path}: {time.size} samples are too few for a smooth crank angle; give at least {_LEAST}")
+    if time.size < _MIN_SAMPLES:
+        raise InputError(
+            f"{path}: {time.size} samples are too few for a smooth crank angle; give at least {_MIN_SAMPLES}"
+        )
     if (falls := np.flatnonzero(np.diff(time) <= 0)).size:
         row = int(falls[0]) + 2
         raise InputError(
             f"{path}, column {drive.time}, row {row}: time {time[row - 1]:g} s does not increase; sort the rows"
         )
-    angle = running_on(angle)
+    angle = unwrapped(angle)
     if angle[-1] < angle[0]:
         raise InputError(
             f"{path}, column {drive.angle}: the angle decreases from {math.degrees(angle[0]):.6g} to "
@@ -152,7 +154,7 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
     return time - time[0], angle
 
 
-def running_on(angle: np.ndarray) -> np.ndarray:
+def unwrapped(angle: np.ndarray) -> np.ndarray:
     """Continuous angles (n,) [rad], from angles that may jump back after one or several turns.
 
     Angles within one turn may cross its limit in both directions because of noise.
@@ -173,7 +175,7 @@ def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.
     turns = (angle[-1] - angle[0]) / _TURN
     terms = int(min(turns, _DRIFT_TERMS)) + 1
     drift = np.polynomial.legendre.legvander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, terms)
-    if turns < _LEAST_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
+    if turns < _MIN_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
         return drift, np.empty((angle.size, 0))
     rotation = drift @ np.linalg.lstsq(drift, angle, rcond=None)[0]
     for _ in range(2):  # the second rotation is not distorted by the orders
@@ -228,7 +230,7 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     return pieces
 
 
-def stands_still(smooth: PPoly, begin: float, end: float) -> float | None:
+def standstill_time(smooth: PPoly, begin: float, end: float) -> float | None:
     """Time [s] of the smallest speed of a smooth angle between `begin` and `end` [s] if it is not positive."""
     fine = np.linspace(begin, end, 20 * len(smooth.x))
     speed = smooth(fine, 1)
@@ -256,7 +258,7 @@ def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
     residual = math.sqrt(np.mean((smooth(time) - angle) ** 2))
     slack = resolution or min(3 * residual, mean_speed * time[-1] / (time.size - 1))
     ends = smooth.x[[0, -1]] + np.array([-1, 1]) * (slack + 1e-9) / mean_speed
-    if (still := stands_still(smooth, *ends)) is not None:
+    if (still := standstill_time(smooth, *ends)) is not None:
         raise InputError(
             f"{path}: the crank stands still or turns back at {still:.6g} s; give an increasing angle, or its "
             "resolution for smoothing"
@@ -322,14 +324,14 @@ class AngleErrors:
         self._spline = BSpline(knots, np.eye(knots.size - degree - 1), degree)
         drift, orders = (np.empty((time.size, 0)),) * 2 if stepped else repeated_basis(time, angle)
         self._orders = CubicSpline(time, orders) if orders.size else None
-        told = np.linalg.pinv(np.hstack([drift, orders]))[drift.shape[1] :]  # sizes of the orders, from angles
+        projection = np.linalg.pinv(np.hstack([drift, orders]))[drift.shape[1] :]  # sizes of the orders, from angles
         basis, left = self._spline(time), smooth(time) - angle
         bending = None if stepped else self._bending()
-        kept, shapes = _shrinkage(basis, bending, angle - orders @ (told @ angle), left)
+        kept, shapes = _shrinkage(basis, bending, angle - orders @ (projection @ angle), left)
         spline = (shapes * kept) @ (basis @ shapes).T
         if noise is None:
             noise = math.sqrt(left @ left / max(time.size - kept.sum() - orders.shape[1], 1.0))
-        sizes = (copies.T @ np.vstack([spline - (spline @ orders) @ told, told]).T).T  # from readings
+        sizes = (copies.T @ np.vstack([spline - (spline @ orders) @ projection, projection]).T).T  # from readings
         covariance = noise**2 * (sizes @ sizes.T)
         if common is not None:
             covariance += (sizes @ common) @ (sizes @ common).T

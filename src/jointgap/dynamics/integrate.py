@@ -41,7 +41,7 @@ MODES = ("ideal", "flight", "impact", "contact")
 
 
 @inlined
-def follow_episodes(episodes, here, motion, there_motion, step_map, step_start, ds, k) -> None:
+def update_episodes(episodes, here, motion, there_motion, step_map, step_start, ds, k) -> None:
     """Update the episodes over an accepted step whose stages are in `k`."""
     flying = here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT
     if flying or ds == 0.0:
@@ -71,7 +71,7 @@ def begin_episode(episodes, joint, time):
 
 
 @compiled
-def note_event(event, episodes, there, joint, begins, approach):
+def record_event(event, episodes, there, joint, begins, approach):
     """Write a row of events: see `EVENT`."""
     event[0], event[1], event[2], event[7] = there.time, joint, 1.0 if begins else 0.0, there.crank_angle
     event[3] = approach if begins else math.nan
@@ -249,7 +249,7 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
             for i in range(3):
                 for j in range(EPISODE):
                     before_step[i, j] = episodes[i, j]
-        follow_episodes(episodes, here, now[1], then[1], step_map, step_start, ds, k)
+        update_episodes(episodes, here, now[1], then[1], step_map, step_start, ds, k)
 
         prepared = smooth = False
         while sample < times.size:
@@ -302,7 +302,7 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
         if before == FLIGHT or mode == FLIGHT:
             if event_count == events.shape[0]:
                 events = np.concatenate((events, np.empty_like(events)))
-            note_event(events[event_count], episodes, there, joint, before == FLIGHT, closing)
+            record_event(events[event_count], episodes, there, joint, before == FLIGHT, closing)
             event_count += 1
         if before == FLIGHT:
             begin_episode(episodes, joint, there.time)

@@ -102,5 +102,5 @@ def _of_penalty(joint: Joint, contact: Contact, rod_mass: float) -> str:
         penalty_restitution(stiffness, contact.exponent, contact.penalty_damping, contact.penalty_depth, mass, speed)
         for speed in PENALTY_SPEEDS
     )
-    told = " and ".join(f"{value:.3g} at {speed:g} m/s" for value, speed in zip(found, PENALTY_SPEEDS, strict=True))
-    return f"the restitution of law penalty depends on mass and speed: approximately {told}"
+    values = " and ".join(f"{value:.3g} at {speed:g} m/s" for value, speed in zip(found, PENALTY_SPEEDS, strict=True))
+    return f"the restitution of law penalty depends on mass and speed: approximately {values}"

@@ -145,7 +145,7 @@ def _is_usable(folder: Path) -> bool:
         return False
 
 
-def cache_folder(beside: Path) -> str:
+def cache_folder(sources_folder: Path) -> str:
     """First usable one of: the user's choice, a folder next to the sources, the user's cache, the temporary folder.
 
     Independent of the caller: commands, notebooks and jobs of an installation share it. '' (numba's own choice) when
@@ -157,7 +157,7 @@ def cache_folder(beside: Path) -> str:
     user = f"jointgap-{os.getuid()}" if hasattr(os, "getuid") else "jointgap"
     bases = [
         *([Path(chosen) / "jointgap"] if chosen else []),
-        beside,
+        sources_folder,
         Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "jointgap",
         Path(tempfile.gettempdir()) / user,
     ]

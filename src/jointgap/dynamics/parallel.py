@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINTS
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import crank_motion
 from jointgap.dynamics.numba_cache import compiled
@@ -172,7 +172,7 @@ def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, wo
     """Simulate one mechanism from several starts."""
     rows = []
     outcomes = simulate_runs((Run(mechanism, options, one) for one in perturbations), workers)
-    for outcome in followed(outcomes, "simulated starts", len(perturbations)):
+    for outcome in with_progress(outcomes, "simulated starts", len(perturbations)):
         if outcome.error is not None:
             raise outcome.error
         p, result = outcome.parameters, outcome.result

@@ -262,7 +262,7 @@ def _format_state(p: Parameters, end: Instant) -> str:
 
 def _format_contacts(p: Parameters, end: Instant, events: np.ndarray) -> str:
     """Contacts of each loose joint, to find the one that requires the steps."""
-    begun, told = events[events[:, EVENT.index("begins")] == 1], []
+    begun, texts = events[events[:, EVENT.index("begins")] == 1], []
     for joint, (ex, ey, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True):
         if not getattr(p, joint.name).loose:
             continue
@@ -271,8 +271,8 @@ def _format_contacts(p: Parameters, end: Instant, events: np.ndarray) -> str:
         if end.modes[joint.index] != FLIGHT:
             turns = (ex * vy - ey * vx) / (ex * ex + ey * ey) / end.crank.speed
             doing += f", in contact, circling its clearance {turns:.3g} times per turn of the crank"
-        told.append(doing)
-    return ", ".join(told) or "no joint is loose"
+        texts.append(doing)
+    return ", ".join(texts) or "no joint is loose"
 
 
 def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:

@@ -327,7 +327,7 @@ def _like(carried):
 
 
 @compiled
-def _hand_on(before, k, after, later):
+def _copy_row(before, k, after, later):
     """Copy row `k` of `before` to row `later` of `after`."""
     after.auxiliary[later] = before.auxiliary[k]
     after.modes[later] = before.modes[k]
@@ -409,7 +409,7 @@ class _Filtering(NamedTuple):
 
 
 @compiled
-def _tried(p, k, state, of, into, end):
+def _trial(p, k, state, of, into, end):
     """Simulate window `k` from a `state`; returns number and squares of residuals, 0 and infinity for a failure."""
     rows, speed = of.rows, abs(p.drive.speed)
     if not _run(p, k, state, speed, of.carried, rows, of.tolerance, of.room, end, of.after):
@@ -427,11 +427,11 @@ def _pull(state, mean, precision, change):
 
 
 @compiled
-def _polished(p, k, state, mean, precision, of):
+def _refined_state(p, k, state, mean, precision, of):
     """The best state of window `k` near `state`, by Levenberg-Marquardt steps, with its squares of residuals and of the
     deviation from its `mean`."""
     d, settings = state.size, of.settings
-    n, total = _tried(p, k, state, of, of.residual, of.end)
+    n, total = _trial(p, k, state, of, of.residual, of.end)
     damping = 1e-3
     for _ in range(settings.iterations):
         if n == 0:
@@ -442,7 +442,7 @@ def _polished(p, k, state, mean, precision, of):
             step = settings.angle_step if i % 2 == 0 else settings.rate_step
             other = state.copy()
             other[i] += step
-            m, _ = _tried(p, k, other, of, of.moved, of.tried_end)
+            m, _ = _trial(p, k, other, of, of.moved, of.tried_end)
             _turned_by(of.tried_end[k], of.end[k], of.change)
             for j in range(n):
                 of.jacobian[j, i] = (of.moved[j] - of.residual[j]) / step if m == n else 0.0
@@ -462,7 +462,7 @@ def _polished(p, k, state, mean, precision, of):
             for i in range(d):
                 reach = 0.8 if i % 2 == 0 else 3.0
                 other[i] -= min(max(step_to[i], -reach), reach)
-            m, squares = _tried(p, k, other, of, of.moved, of.tried_end)
+            m, squares = _trial(p, k, other, of, of.moved, of.tried_end)
             there = squares + _pull(other, mean, precision, of.change)
             if there < here:
                 better, state, total = True, other, squares
@@ -496,13 +496,13 @@ def find_states(p, of, guesses, first_is_known, others, slow):
         precision, state, least = np.linalg.inv(prior), mean.copy(), math.inf
         if k == 0:
             for g in range(guesses.shape[0]):
-                m, total = _tried(p, k, guesses[g], of, of.moved, of.tried_end)
+                m, total = _trial(p, k, guesses[g], of, of.moved, of.tried_end)
                 if total < least and (g == 0 or not first_is_known or least > settings.bad * m):
                     least, state = total, guesses[g].copy()
             mean = state.copy()
         elif not math.isnan(others[k, 0]):
             for other in (mean, others[k]):
-                m, total = _tried(p, k, other, of, of.moved, of.tried_end)
+                m, total = _trial(p, k, other, of, of.moved, of.tried_end)
                 if total < (least if least < math.inf else total + 1.0) and least > settings.bad * m:
                     lost = least < math.inf and total < 0.5 * least
                     state = other.copy()
@@ -510,9 +510,9 @@ def find_states(p, of, guesses, first_is_known, others, slow):
                         mean, prior = other.copy(), np.eye(d) * settings.first**2
                         precision = np.linalg.inv(prior)
                 least = min(least, total)
-        state, n, total, pull = _polished(p, k, state, mean, precision, of)
+        state, n, total, pull = _refined_state(p, k, state, mean, precision, of)
         # the last trial state may have been rejected
-        n, total = _tried(p, k, state, of, of.residual, of.end)
+        n, total = _trial(p, k, state, of, of.residual, of.end)
         slow[k] = state
         if n > 0:
             squares[k], sizes[k] = total, n
@@ -525,7 +525,7 @@ def find_states(p, of, guesses, first_is_known, others, slow):
             covariance = (vectors * values) @ vectors.T
             mean = of.end[k].copy()
             if k + 1 < count:
-                _hand_on(of.after, k, of.carried, k + 1)
+                _copy_row(of.after, k, of.carried, k + 1)
         elif rows.bounds[k + 1] - rows.bounds[k] > 2 or total == math.inf:
             squares[k] = total
             turned = rows.angles[rows.bounds[k + 1] - 1] - rows.angles[rows.bounds[k]]
@@ -535,7 +535,7 @@ def find_states(p, of, guesses, first_is_known, others, slow):
         else:  # no readings
             mean, covariance = of.end[k].copy(), prior
             if k + 1 < count:
-                _hand_on(of.after, k, of.carried, k + 1)
+                _copy_row(of.after, k, of.carried, k + 1)
     return cost, log_determinant, squares, sizes
 
 

@@ -15,7 +15,7 @@ from jointgap.core.errors import InputError
 SCALES = {"mm": 1e-3, "deg": math.pi / 180, "N": 1.0}
 """Display units of properties, in SI."""
 
-MET = 1e-4
+FEASIBLE = 1e-4
 """Tolerance of a constraint over its scale: 0.1 um, 1e-4 deg."""
 
 _STEP = 1e-30  # [m] complex step: derivatives without cancellation
@@ -51,7 +51,7 @@ class Constraint:
         steps = [self.value(np.asarray(lengths) + step).imag / _STEP for step in 1j * _STEP * np.eye(2)]
         return np.stack(steps, axis=-1)
 
-    def missed(self, lengths: ArrayLike) -> np.ndarray:
+    def violation(self, lengths: ArrayLike) -> np.ndarray:
         """Violation in the display unit; shape (...), for lengths (..., 2) [m]."""
         value = self.value(lengths)
         return np.maximum(np.maximum(self.low - value, value - self.high), 0.0) / self.scale
@@ -62,11 +62,11 @@ class Constraint:
         """
         value = float(self.value(lengths))
         for end, words in ((self.low, "lower"), (self.high, "upper")):
-            if not self.is_relaxed and not self.is_fixed and abs(value - end) <= 10 * MET * self.scale:
+            if not self.is_relaxed and not self.is_fixed and abs(value - end) <= 10 * FEASIBLE * self.scale:
                 return f"{self.words} at its {words} limit {self.show(end)}"
         return ""
 
-    def asked(self) -> str:
+    def range_text(self) -> str:
         """The range as text."""
         if self.is_fixed:
             return self.show(self.low)
@@ -109,10 +109,10 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     }
     found = []
     for key, (words, unit, value) in properties.items():
-        asked = getattr(options, key)
-        low, high = asked if isinstance(asked, tuple) else (-math.inf, asked)
+        requested = getattr(options, key)
+        low, high = requested if isinstance(requested, tuple) else (-math.inf, requested)
         always_met = unit == "deg" and offset == 0.0
-        if asked is not None and not (always_met and low <= value((0.0, 1.0)) <= high):
+        if requested is not None and not (always_met and low <= value((0.0, 1.0)) <= high):
             found.append(Constraint(key, words, unit, low, high, value))
     return tuple(found)
 
@@ -182,29 +182,29 @@ class Region:
         """The region with further `constraints`."""
         under = replace(self, constraints=(*self.constraints, *constraints))
         if under.constraints and not len(under.samples):
-            raise InputError(under._unmet(name))
+            raise InputError(under._infeasible_message(name))
         return under
 
     @cached_property
     def _spread(self) -> np.ndarray:
         """Points spread over the region and projected onto its constraints, shape (n, 2) [m]."""
         shares = np.linspace(0.0, 1.0, SAMPLES)
-        return self.onto(np.array([self.lower + np.array([x, y]) * self.size for x in shares for y in shares]))
+        return self.project(np.array([self.lower + np.array([x, y]) * self.size for x in shares for y in shares]))
 
     @cached_property
     def samples(self) -> np.ndarray:
         """The feasible ones of many points spread over the region, shape (n, 2) [m]."""
-        return self._spread[self.missed(self._spread) <= MET]
+        return self._spread[self.violation(self._spread) <= FEASIBLE]
 
-    def _unmet(self, name: str) -> str:
+    def _infeasible_message(self, name: str) -> str:
         """Why the constraints are infeasible, with the nearest lengths and the possible ranges."""
-        best, words = self._spread[np.argmin(self.missed(self._spread))], []
+        best, words = self._spread[np.argmin(self.violation(self._spread))], []
         for constraint in self.constraints:
             if not len(replace(self, constraints=(constraint,)).samples):
                 reached = constraint.value(replace(self, constraints=()).samples)
                 low, high = constraint.show(reached.min()), constraint.show(reached.max())
                 words.append(
-                    f"{constraint.key} {constraint.asked()} is infeasible: within the bounds it is {low} to {high}"
+                    f"{constraint.key} {constraint.range_text()} is infeasible: within the bounds it is {low} to {high}"
                 )
         if not words:
             keys = " and ".join(constraint.key for constraint in self.constraints)
@@ -217,10 +217,10 @@ class Region:
             "constraint"
         )
 
-    def missed(self, lengths: ArrayLike) -> np.ndarray:
+    def violation(self, lengths: ArrayLike) -> np.ndarray:
         """Sum of the constraint violations, each over its scale; shape (...), for lengths (..., 2) [m]."""
         lengths = np.asarray(lengths)
-        return sum((each.missed(lengths) for each in self.constraints), np.zeros(lengths.shape[:-1]))
+        return sum((each.violation(lengths) for each in self.constraints), np.zeros(lengths.shape[:-1]))
 
     def conditions(self) -> list[dict]:
         """Inequality and constraints for scipy's SLSQP, on lengths scaled to the box."""
@@ -246,23 +246,25 @@ class Region:
         """Lengths [m] from `scaled` ones, 0 to 1 between the bounds."""
         return self.lower + scaled * self.size
 
-    def onto(self, lengths: ArrayLike) -> np.ndarray:
+    def project(self, lengths: ArrayLike) -> np.ndarray:
         """Lengths (n, 2) projected onto the bounds, the inequality and the constraints [m].
 
         Newton's method with the shortest step, in widths of the box, that satisfies all violated constraints to first
         order. Where there is no solution, or none nearby, the result is the closest point found.
         """
         ratio = Constraint("ratio_limit", "", "mm", -np.inf, 0.0, self.inequality)
-        asked = (ratio, *self.constraints)
+        requested = (ratio, *self.constraints)
         scaled = np.clip((np.asarray(lengths, dtype=float) - self.lower) / self.size, 0.0, 1.0)
         for _ in range(_MOST_STEPS):
             at = self.unscaled(scaled)
-            values = np.stack([each.value(at) for each in asked], axis=-1)
-            low, high, scale = (np.array([getattr(each, key) for each in asked]) for key in ("low", "high", "scale"))
+            values = np.stack([each.value(at) for each in requested], axis=-1)
+            low, high, scale = (
+                np.array([getattr(each, key) for each in requested]) for key in ("low", "high", "scale")
+            )
             gaps = (np.clip(values, low, high) - values) / scale
-            if np.abs(gaps).max(initial=0.0) <= 0.1 * MET:
+            if np.abs(gaps).max(initial=0.0) <= 0.1 * FEASIBLE:
                 break
-            slopes = np.stack([each.gradient(at) * self.size / each.scale for each in asked], axis=-2)
+            slopes = np.stack([each.gradient(at) * self.size / each.scale for each in requested], axis=-2)
             steps = (np.linalg.pinv(slopes * (gaps != 0.0)[..., None]) @ gaps[..., None])[..., 0]
             length = np.linalg.norm(steps, axis=-1, keepdims=True)
             scaled = np.clip(scaled + steps * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300)), 0.0, 1.0)
@@ -274,11 +276,11 @@ class Region:
         moved = self.clip(lengths)
         if not self.constraints:
             return moved
-        points, asked = np.atleast_2d(moved), np.atleast_2d(lengths)
-        wrong = self.missed(points) > 0.0
-        points[wrong] = self.onto(points[wrong])
-        for number in np.flatnonzero(self.missed(points) > MET) if len(self.samples) else ():
-            distances = np.linalg.norm((self.samples - asked[number]) / self.size, axis=1)
+        points, requested = np.atleast_2d(moved), np.atleast_2d(lengths)
+        wrong = self.violation(points) > 0.0
+        points[wrong] = self.project(points[wrong])
+        for number in np.flatnonzero(self.violation(points) > FEASIBLE) if len(self.samples) else ():
+            distances = np.linalg.norm((self.samples - requested[number]) / self.size, axis=1)
             points[number] = self.samples[np.argmin(distances)]
         return points.reshape(lengths.shape)
 

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from jointgap.config import Genetic, Mechanism, Optimise, Simulate
 from jointgap.core.errors import needs
 from jointgap.lengths.objective import Objective, invariant, tolerance_effect
-from jointgap.lengths.region import MET, Region
+from jointgap.lengths.region import FEASIBLE, Region
 from jointgap.paper.printed import OPTIMA, departures
 
 with needs("optimising link lengths", "learn"):
@@ -88,7 +88,7 @@ class _Lengths(Problem):
         self.values.extend(values)
         out["F"] = values[:, None]
         if self.region.constraints:
-            out["G"] = self.region.missed(x)[:, None] - MET
+            out["G"] = self.region.violation(x)[:, None] - FEASIBLE
 
 
 class _Evolution(Algorithm):
@@ -141,7 +141,7 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> Found:
     count = options.generations
     run_algorithm(problem, _Evolution(options), ("n_gen", count + 1), seed=options.seed, callback=record)
     population = pd.concat(generations, ignore_index=True)
-    violations = np.maximum(region.missed(population[["crank_length", "rod_length"]].to_numpy()) - MET, 0.0)
+    violations = np.maximum(region.violation(population[["crank_length", "rod_length"]].to_numpy()) - FEASIBLE, 0.0)
     best = population.iloc[np.lexsort((population["sum_of_squares"], violations))[0]]
     return Found(
         lengths=best[["crank_length", "rod_length"]].to_numpy(dtype=float),
@@ -188,7 +188,7 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
         options={"ftol": tolerance, "maxiter": 200},
     )
     end = np.clip(region.unscaled(result.x), region.lower, region.upper)  # exact bounds despite rounding
-    if region.missed(end) > MET:  # the tolerance also applies to constraints
+    if region.violation(end) > FEASIBLE:  # the tolerance also applies to constraints
         end = region.nearest(end)
     status = f"stopped: the sum of squares changes by less than {tolerance:g} of its value at the original lengths"
     if not result.success:

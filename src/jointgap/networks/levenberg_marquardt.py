@@ -13,7 +13,7 @@ from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from jointgap.core.errors import needs
-from jointgap.core.progress import tell
+from jointgap.core.progress import report_progress
 from jointgap.networks.network import Layout, activations_and_outputs, tansig_slope
 
 with needs("training networks", "learn"):
@@ -170,7 +170,7 @@ def minimise(model, targets: np.ndarray, start: np.ndarray, settings: Settings =
     errors, kept, milestone = [total / points], {}, None
     damping, growth, accepted = 0.0, 2.0, True
     while (status := _status(settings, errors, gradient, damping)) is None:
-        tell("training iterations", len(errors) - 1, settings.iterations)
+        report_progress("training iterations", len(errors) - 1, settings.iterations)
         if accepted:
             typical = system.form(evaluation) / model.size
             damping = damping or settings.initial_damping * typical
@@ -199,7 +199,7 @@ def minimise(model, targets: np.ndarray, start: np.ndarray, settings: Settings =
             milestone = iteration
         if iteration == milestone or iteration in settings.snapshots:
             kept[iteration] = parameters
-    tell("training iterations", len(errors) - 1, len(errors) - 1)
+    report_progress("training iterations", len(errors) - 1, len(errors) - 1)
     return Result(parameters, np.array(errors), status, gradient, milestone, kept)
 
 

@@ -61,11 +61,11 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
 def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> None:
     """A circle at the start of each contact that has ended, at its peak force."""
     contacts = contacts[contacts["peak_force"] > 0.0].astype(float)
-    told = contacts[["approach_speed", "impulse", "duration"]] * [1.0, 1.0, 1e3]
+    details = contacts[["approach_speed", "impulse", "duration"]] * [1.0, 1.0, 1e3]
     figure.add_scatter(
         x=turn + np.degrees(contacts["crank_angle"].to_numpy()),
         y=contacts["peak_force"].to_numpy(),
-        customdata=told.to_numpy(),
+        customdata=details.to_numpy(),
         mode="markers",
         marker={"color": COLOURS[words], "symbol": "circle-open", "size": 9, "line": {"width": 1.5}},
         hovertemplate=f"{words}: contact begins<br>%{{x:.2f}} deg<br>peak force %{{y:.4~g}} N<br>approach speed "

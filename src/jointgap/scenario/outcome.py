@@ -15,7 +15,7 @@ from jointgap.core.schema import FIT_ERRORS
 from jointgap.core.words import format_name, joined
 from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
-from jointgap.lengths.region import MET, geometric
+from jointgap.lengths.region import FEASIBLE, geometric
 from jointgap.paper.printed import departures
 from jointgap.scenario.figures import FIGURES
 
@@ -28,13 +28,13 @@ MOTIONS = {  # sources of the frozen joint motion; the closest to steady operati
     "clearance": "second surrogate, the first revolution",
     "networks": "networks, the first revolution",
 }
-AS_GOOD = (
+EQUIVALENT = (
     1.01  # lengths within this factor of the smallest error are equivalent; the nearest to the original are chosen
 )
-FORCE_MET = 1.005  # tolerance on the force limit for the median of an ensemble
-NOTICED = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that cause a remark
+FORCE_TOLERANCE = 1.005  # tolerance on the force limit for the median of an ensemble
+REMARKABLE = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that cause a remark
 OVERFIT, GENERALISES = 10.0, 2.0  # ratio of held-out to training error of a network, and of a regularised one
-AS_WELL = 0.02  # spread of the reduction along the valley below which its points are equivalent
+FLAT = 0.02  # spread of the reduction along the valley below which its points are equivalent
 _WHOLE_TURN = 2 * math.pi * (1 - 1e-9)
 _MEASURES = {"rms": "root mean square (RMS)", "mean_absolute": "mean absolute", "peak": "peak"}
 _FIGURES = ("valley", "resimulation", "contact_forces", "orbits")
@@ -82,7 +82,7 @@ class Outcome:
         """Reduction of the RMS error over `stretch`."""
         return self.gains.loc[(self.stretch, "rms")]
 
-    def words_of(self, stretch: str) -> str:
+    def stretch_label(self, stretch: str) -> str:
         """Label of a stretch, ``settled`` or ``window``."""
         first, last = map(math.degrees, self.scenario.optimise.window)
         if stretch == "settled":
@@ -100,10 +100,10 @@ class Outcome:
         """Largest force in a pin over the settled revolution before and after [N], median."""
         return tuple(np.max([self.pair("optimise_loads", joint)["peak_force"] for joint in PINS], axis=0))
 
-    def keeps_force(self, after: bool = True) -> bool:
+    def satisfies_force_limit(self, after: bool = True) -> bool:
         """Whether the lengths found (or the original ones) satisfy the limit on the pin force."""
         most = self.scenario.optimise.constraints.largest_pin_force
-        return most is None or self.peak_force[after] <= FORCE_MET * most
+        return most is None or self.peak_force[after] <= FORCE_TOLERANCE * most
 
 
 def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
@@ -116,7 +116,7 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     optima, again, loads = (frames[f"optimise_{name}"] for name in ("optima", "resimulated", "loads"))
     error = again[(again["measure"] == "rms") & (again["stretch"] == stretch)].set_index("point")["error"]
     force = loads[loads["joint"].isin(PINS)].groupby("point")["peak_force"].max()
-    most = FORCE_MET * (scenario.optimise.constraints.largest_pin_force or math.inf)
+    most = FORCE_TOLERANCE * (scenario.optimise.constraints.largest_pin_force or math.inf)
     applied = scenario.mechanism.applied()
     lengths = optima[["crank_length", "rod_length"]] / [applied.crank.length, applied.rod.length]
     own_name = optima["source"] + f"_{next(iter(scenario.optimise.boxes))}_" + optima["method"]
@@ -128,7 +128,7 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     candidates = candidates[(optima["point"] == own_name) & optima["point"].isin(error.index)]
     candidates = candidates.sort_values(["force", "error"], kind="stable")
     best = candidates.iloc[0]
-    as_good = candidates[(candidates["force"] == best["force"]) & (candidates["error"] <= AS_GOOD * best["error"])]
+    as_good = candidates[(candidates["force"] == best["force"]) & (candidates["error"] <= EQUIVALENT * best["error"])]
     chosen = as_good.loc[as_good["change"].idxmin()]
     firsts = candidates.drop_duplicates("source").set_index("source")["point"].to_dict()
     firsts |= {chosen["source"]: chosen["point"]}
@@ -155,10 +155,12 @@ def remarks(outcome: Outcome) -> tuple[str, ...]:
 def _gain(outcome: Outcome) -> str:
     gain, row, options = outcome.gain, outcome.chosen, outcome.scenario.optimise
     low, high = -100 * gain["reduction_high"], -100 * gain["reduction_low"]
-    spread = f"{low:+.1f} to {high:+.1f} % over {outcome.words_of(outcome.stretch)}"
+    spread = f"{low:+.1f} to {high:+.1f} % over {outcome.stretch_label(outcome.stretch)}"
     if low > 0.0:
         asked = geometric(options.constraints, outcome.scenario.mechanism.applied().slider.offset)
-        meets_all = all(each.missed(outcome.original) <= MET for each in asked) and outcome.keeps_force(after=False)
+        meets_all = all(
+            each.violation(outcome.original) <= FEASIBLE for each in asked
+        ) and outcome.satisfies_force_limit(after=False)
         advice = "keep the original lengths" if meets_all else "this is the cost of the constraints"
         return f"Simulated again, the error increases at the lengths found ({spread}): {advice}."
     if high >= 0.0:
@@ -176,7 +178,7 @@ def _gain(outcome: Outcome) -> str:
 def _limits(outcome: Outcome) -> Iterator[str]:
     """An infeasible force limit, and active bounds."""
     box = outcome.box
-    if not outcome.keeps_force():
+    if not outcome.satisfies_force_limit():
         most = outcome.scenario.optimise.constraints.largest_pin_force
         yield (
             f"No lengths in the box `{box}` satisfy the largest pin force of {most:.4g} N; the nearest have "
@@ -192,22 +194,22 @@ def _limits(outcome: Outcome) -> Iterator[str]:
 
 
 def _changes(outcome: Outcome) -> Iterator[str]:
-    """Side effects above `NOTICED`, and how to limit them."""
+    """Side effects above `REMARKABLE`, and how to limit them."""
     constraints = outcome.scenario.optimise.constraints
     stroke, new = outcome.pair("optimise_worth", "simulated")["stroke"]
-    if constraints.stroke is None and abs(new / stroke - 1) > NOTICED["stroke"]:
+    if constraints.stroke is None and abs(new / stroke - 1) > REMARKABLE["stroke"]:
         yield (
             f"The stroke changes by {1e3 * (new - stroke):+.3g} mm ({100 * (new / stroke - 1):+.1f} %); fix it with "
             "`optimise.constraints.stroke`."
         )
     before, after = np.degrees(outcome.gains.loc[(outcome.stretch, "peak"), ["original_error", "error"]].astype(float))
-    if after / before - 1 > NOTICED["peak"]:
+    if after / before - 1 > REMARKABLE["peak"]:
         yield (
             f"The peak error grows from {before:.3g} to {after:.3g} deg ({100 * (after / before - 1):+.0f} %) over "
-            f"{outcome.words_of(outcome.stretch)}; the RMS error was minimised."
+            f"{outcome.stretch_label(outcome.stretch)}; the RMS error was minimised."
         )
     before, after = outcome.peak_force
-    if constraints.largest_pin_force is None and after / before - 1 > NOTICED["force"]:
+    if constraints.largest_pin_force is None and after / before - 1 > REMARKABLE["force"]:
         yield (
             f"The largest force in a pin grows from {before:.3g} to {after:.3g} N ({100 * (after / before - 1):+.0f} "
             "%); limit it with `optimise.constraints.largest_pin_force`."
@@ -240,14 +242,14 @@ def _networks(outcome: Outcome) -> Iterator[str]:
 def headline(outcome: Outcome) -> str:
     """Lengths and error before and after, in one line."""
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
-    kept = "mm (unchanged)" if outcome.keeps_crank else f"→ {_short(1e3 * new_crank, 2)} mm"
-    before, after = _alike(*np.degrees([gain["original_error"], gain["error"]]))
-    low, high = _fall(gain["reduction_high"]), _fall(gain["reduction_low"])
+    kept = "mm (unchanged)" if outcome.keeps_crank else f"→ {_rounded(1e3 * new_crank, 2)} mm"
+    before, after = _same_decimals(*np.degrees([gain["original_error"], gain["error"]]))
+    low, high = _percent(gain["reduction_high"]), _percent(gain["reduction_low"])
     ends = "for every start" if low == high else f"{low} to {high} %"
-    spread = f"{_fall(gain['reduction'])} % ({ends})".replace("-", "−")
+    spread = f"{_percent(gain['reduction'])} % ({ends})".replace("-", "−")
     verdict = "" if gain["reduction_low"] > 0 else ", worse" if gain["reduction_high"] < 0 else ", not significant"
     return (
-        f"Crank {_short(1e3 * crank, 2)} {kept}, rod {_short(1e3 * rod, 2)} → {_short(1e3 * new_rod, 2)} mm (crank "
+        f"Crank {_rounded(1e3 * crank, 2)} {kept}, rod {_rounded(1e3 * rod, 2)} → {_rounded(1e3 * new_rod, 2)} mm (crank "
         f"over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}): RMS error of the transmission angle {before} → "
         f"{after} deg, {spread}, simulated again{verdict}"
     )
@@ -313,7 +315,7 @@ def _figure(name: str) -> FigureBlock:
     return FigureBlock(name, title, spec.caption, spec.moving)
 
 
-def _short(value: float, decimals: int) -> str:
+def _rounded(value: float, decimals: int) -> str:
     """A number with at most `decimals` decimals, at least one."""
     return np.format_float_positional(value, decimals, trim="0")
 
@@ -324,12 +326,12 @@ def _signed(value: float, decimals: int) -> str:
     return text if float(text) else text[1:]
 
 
-def _fall(reduction: float) -> str:
+def _percent(reduction: float) -> str:
     """The change [%] of a reduction."""
     return f"{-100 * reduction:+.1f}"
 
 
-def _alike(before: float, after: float) -> tuple[str, str]:
+def _same_decimals(before: float, after: float) -> tuple[str, str]:
     """Two numbers with the same decimals: three digits of the larger and two of the difference, at most five."""
     largest = max(abs(before), abs(after))
     sizes = [largest, max(10 * abs(after - before), 0.01 * largest) if after != before else 0.0]
@@ -343,14 +345,16 @@ def _definition(outcome: Outcome) -> str:
     return (
         "The transmission angle is the angle between the rod and the normal to the slide; the ideal is 90 deg. Its "
         "error is the angle without clearance at the original lengths minus the angle with clearance in the "
-        f"{joined(map(format_name, applied.loose))}, over {outcome.words_of(outcome.stretch)}. The angle varies "
+        f"{joined(map(format_name, applied.loose))}, over {outcome.stretch_label(outcome.stretch)}. The angle varies "
         f"from {low:.1f} to {high:.1f} deg."
     )
 
 
 def _change(words: str, before: float, after: float, decimals: int | None = None) -> dict[str, str]:
     """A row of values before and after; relative change only for quantities without [deg] and [%]."""
-    old, new = _alike(before, after) if decimals is None else (f"{value:.{decimals}f}" for value in (before, after))
+    old, new = (
+        _same_decimals(before, after) if decimals is None else (f"{value:.{decimals}f}" for value in (before, after))
+    )
     is_relative = before and not words.endswith(("[deg]", "[%]"))
     return {
         "": words,
@@ -372,7 +376,7 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
         _change("crank over rod [1]", crank / rod, new_crank / new_rod, 5) | {searched: limit},
     )
     yield TableBlock.of(rows, "lrrrrr")
-    if not outcome.bounds and outcome.keeps_force():
+    if not outcome.bounds and outcome.satisfies_force_limit():
         kept = " The crank keeps its length; `optimise.boxes` lets both vary." if outcome.keeps_crank else ""
         yield Paragraph(f"No bound is active.{kept}")
     floor = outcome.frames["optimise_floor"]
@@ -382,7 +386,7 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
         f"The error depends on the ratio only. With frozen joint motion and the best crank for each rod from {low:g} "
         f"to {high:g} mm, the ratio is {ratios.min():.5f} to {ratios.max():.5f}. The RMS error falls by "
         f"{100 * reductions.min():.1f} to {100 * reductions.max():.1f} %"
-        + (": all these pairs are equivalent." if np.ptp(reductions) <= AS_WELL else ".")
+        + (": all these pairs are equivalent." if np.ptp(reductions) <= FLAT else ".")
     )
 
 
@@ -391,15 +395,15 @@ def _gains(outcome: Outcome) -> Iterator[Block]:
     for stretch in (outcome.stretch, "window" if outcome.stretch == "settled" else "settled"):
         for measure, words in _MEASURES.items():
             gain = outcome.gains.loc[(stretch, measure)]
-            before, after = _alike(*np.degrees([gain["original_error"], gain["error"]]))
+            before, after = _same_decimals(*np.degrees([gain["original_error"], gain["error"]]))
             rows.append(
                 {
-                    "error": f"{words}, {outcome.words_of(stretch)}",
+                    "error": f"{words}, {outcome.stretch_label(stretch)}",
                     "before [deg]": before,
                     "after [deg]": after,
-                    "simulated again [%]": _fall(gain["reduction"]),
-                    "5 to 95 % [%]": f"{_fall(gain['reduction_high'])} to {_fall(gain['reduction_low'])}",
-                    "frozen [%]": _fall(gain["frozen_reduction"]),
+                    "simulated again [%]": _percent(gain["reduction"]),
+                    "5 to 95 % [%]": f"{_percent(gain['reduction_high'])} to {_percent(gain['reduction_low'])}",
+                    "frozen [%]": _percent(gain["frozen_reduction"]),
                     "improved in [% of run pairs]": f"{100 * gain['share_better']:.0f}",
                 }
             )
@@ -443,16 +447,16 @@ def _constraints(outcome: Outcome) -> Iterator[Block]:
     rows = [
         (
             each.words,
-            each.asked(),
+            each.range_text(),
             *(each.show(float(each.value(at))) for at in lengths),
-            each.missed(lengths[1]) <= MET,
+            each.violation(lengths[1]) <= FEASIBLE,
         )
         for each in geometric(options, outcome.scenario.mechanism.applied().slider.offset)
         if not (each.key == "crank_length" and outcome.keeps_crank)
     ]
     if (most := options.largest_pin_force) is not None:
         forces = (f"{force:.4g} N" for force in outcome.peak_force)
-        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.keeps_force()))
+        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.satisfies_force_limit()))
     if rows:
         yield Heading("Constraints")
         shown = tuple((*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows)
@@ -471,11 +475,11 @@ def _motions(outcome: Outcome) -> Iterator[Block]:
         row |= {f"{link} [mm]": f"{1e3 * own[f'{link}_length']:.3f}" for link in ("crank", "rod")}
         for stretch in ("settled", "window"):
             middle, high, low = (again.loc[(point, stretch), f"reduction{end}"] for end in ("", "_high", "_low"))
-            shown = f"{_fall(middle)} ({_fall(high)} to {_fall(low)})"
-            row[f"RMS error, {outcome.words_of(stretch)} [%]"] = shown
+            shown = f"{_percent(middle)} ({_percent(high)} to {_percent(low)})"
+            row[f"RMS error, {outcome.stretch_label(stretch)} [%]"] = shown
         rows.append(row)
     yield Paragraph(
         "The search uses frozen joint motion from several sources. The result is the pair of lengths with the smallest "
-        f"re-simulated RMS error over {outcome.words_of(outcome.stretch)}."
+        f"re-simulated RMS error over {outcome.stretch_label(outcome.stretch)}."
     )
     yield TableBlock.of(rows, "lrrrr")

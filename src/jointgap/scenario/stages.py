@@ -43,7 +43,7 @@ PUBLISHED, IMPACTS_PAGE = "track/published.json", "figures/impacts.html"
 _MOTION = ("mechanism", "simulate")
 _LEARNING = (*_MOTION, "networks", "paper", "surrogate")
 _OPTIMUM = (*_LEARNING, "optimise")
-_SHOWN, _TOLD = (*_OPTIMUM, "figures"), ("description", *_OPTIMUM)
+_DRAWN, _PAGE = (*_OPTIMUM, "figures"), ("description", *_OPTIMUM)
 
 
 @SCENARIO_STAGES.stage(writes=(schema.TRAJECTORY, schema.EVENTS), sections=_MOTION, does="simulate the contact")
@@ -173,7 +173,7 @@ def optimise(results: "ScenarioResults") -> None:
 _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
 
 
-@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=_SHOWN, does="draw the figures")
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=_DRAWN, does="draw the figures")
 def figures(
     results: "ScenarioResults",
     names: Annotated[
@@ -200,7 +200,7 @@ def figures(
 @SCENARIO_STAGES.stage(
     reads=(schema.TRAJECTORY, schema.EVENTS),
     files=("figures/animation.gif", IMPACTS_PAGE),
-    sections=_SHOWN,
+    sections=_DRAWN,
     does="animate, and write the page of the impacts",
 )
 def animate(results: "ScenarioResults") -> None:
@@ -225,7 +225,7 @@ def explore(results: "ScenarioResults") -> None:
     reads=_COMPUTED,
     writes=(schema.COMPARISON,),
     files=("comparison.md", "comparison.html"),
-    sections=_TOLD,
+    sections=_PAGE,
     does="compare with the paper",
 )
 def compare(
@@ -259,7 +259,7 @@ def compare(
 @SCENARIO_STAGES.stage(
     reads=_COMPUTED,
     files=("summary.json", "summary.md", "summary.html"),
-    sections=_TOLD,
+    sections=_PAGE,
     does="write the summary page",
     after=("figures", "animate"),
 )
@@ -284,7 +284,7 @@ def summarise(results: "ScenarioResults") -> str:
     reads=(*_COMPUTED, schema.COMPARISON),
     writes=(schema.OVERVIEW,),
     files=("overview.md", "overview.html"),
-    sections=_TOLD,
+    sections=_PAGE,
 )
 def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
     """Compare the optima of all scenarios: assumptions, frozen and re-simulated reductions."""
@@ -301,7 +301,7 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
 @SCENARIO_STAGES.stage(
     reads=(*_COMPUTED, schema.COMPARISON),
     files=(PUBLISHED,),
-    sections=_TOLD,
+    sections=_PAGE,
     does="publish to MLflow",
     after=("figures", "animate"),
     minutes=20,
