@@ -142,7 +142,7 @@ BELOW_ZERO = {"force": None, "pressure": {"column": "F", "unit": "bar"}, "bore":
         ({"theta": 1.5 * DEGREES, "F": WAVE}, {}, ["span 537 deg", "neither 360 nor 720 deg"]),
         ({"theta": DEGREES[::-1], "F": WAVE}, {}, ["row 3: does not rise"]),
         ({"theta": DEGREES[:5], "F": WAVE[:5]}, {}, ["5 rows; give 8 to 4096"]),
-        ({"theta": DEGREES, "F": WAVE}, {"angle": {"column": "theta", "unit": "mm"}}, ["unit = 'mm'", "needs rad"]),
+        ({"theta": DEGREES, "F": WAVE}, {"angle": {"column": "theta", "unit": "mm"}}, ["unit = 'mm'", "requires rad"]),
         ({"theta": DEGREES, "F": WAVE}, {"period": 1.0}, ["it is 360 or 720 deg; remove it"]),
         ({"theta": DEGREES, "F": WAVE}, {"bore": 0.07}, ["pressure and bore go together"]),
         ({"theta": DEGREES, "F": WAVE}, BELOW_ZERO, ["column F, row 48: an absolute pressure is not below zero"]),

@@ -80,7 +80,7 @@ def steady(folder, angle, **keys):
 
 def test_samples_beyond_a_record_are_refused(tmp_path):
     p = parameters(mechanism(loose=()), steady(tmp_path, np.pi * np.linspace(0, 10, 4001), resolution=STEP))
-    with pytest.raises(InputError, match=r"as far as 1800.1 deg at 10.0005\d* s, the samples to 1980 deg"):
+    with pytest.raises(InputError, match=r"ends at 1800.1 deg and 10.0005\d* s, the samples at 1980 deg"):
         integrate_to_angles(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
 
 
@@ -129,9 +129,9 @@ def coarse(table):
         (lambda table: table[:5], "5 samples are too few", {}),
         (backwards, "the crank turns clockwise", {}),
         (standing, "stands still or turns", {}),
-        (lambda table: table[:1000], "holds 1 whole revolutions, .*asks for 2", {}),
+        (lambda table: table[:1000], "contains 1 whole revolutions, .*revolutions is 2", {}),
         (coarse, "steps by .* than half a turn", {}),
-        (lambda table: table, "time and angle both name column 't'", {"angle": "t"}),
+        (lambda table: table, "time and angle are both column 't'", {"angle": "t"}),
         (lambda table: table, "resolution: 180 deg is more than a quarter turn", {"resolution": np.pi}),
         (lambda table: table, "16999 pieces, more than 16384", {"count": 17000}),
     ],

@@ -259,9 +259,9 @@ def test_a_sensor_that_reads_backwards_needs_no_other_file_but_a_sign(tmp_path):
 @pytest.mark.parametrize(
     ("channel", "over", "words"),
     [
-        ("time", {"sign": -1}, "time.sign has no meaning"),
+        ("time", {"sign": -1}, "time.sign does not apply"),
         ("slider_position", {"sign": 2}, "sign = 2"),
-        ("slider_position", {"jitter": "1 ms"}, "slider_position.jitter has no meaning"),
+        ("slider_position", {"jitter": "1 ms"}, "slider_position.jitter does not apply"),
     ],
 )
 def test_signs_and_jitter_that_mean_nothing_are_refused(tmp_path, channel, over, words):

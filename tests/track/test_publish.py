@@ -92,7 +92,7 @@ def test_a_store_that_was_moved_or_that_is_none_is_refused(results, simulated, t
     with pytest.raises(InputError, match=r"mlflow\.db was created elsewhere.*move it back, or move the file away"):
         publish(moved, files)
     (moved / "mlflow.db").write_bytes(b"a letter to somebody" * 100)
-    with pytest.raises(InputError, match=r"mlflow\.db cannot be reached or used .*move it away"):
+    with pytest.raises(InputError, match=r"mlflow\.db cannot be reached or used .*move the file away"):
         publish(moved, files)
     assert (moved / "mlflow.db").read_bytes().startswith(b"a letter")
 
