@@ -250,8 +250,8 @@ def headline(outcome: Outcome) -> str:
     verdict = "" if gain["reduction_low"] > 0 else ", worse" if gain["reduction_high"] < 0 else ", not significant"
     return (
         f"Crank {_rounded(1e3 * crank, 2)} {kept}, rod {_rounded(1e3 * rod, 2)} → {_rounded(1e3 * new_rod, 2)} mm "
-        f"(crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}): RMS error of the transmission angle {before} → "
-        f"{after} deg, {spread}, simulated again{verdict}"
+        f"(crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}): RMS error of the transmission angle {before} "
+        f"→ {after} deg, {spread}, simulated again{verdict}"
     )
 
 
