@@ -408,7 +408,7 @@ def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
     for kind, title, why in (("number", "Printed numbers", "remark"), ("claim", "Claims", "evidence")):
         rows = comparison[comparison["kind"] == kind]
         if len(rows):
-            heads = (kind, "unit", "paper", "ours", "ours / paper", "verdict", why)
+            heads = (kind, "unit", "paper", "simulation", "simulation / paper", "verdict", why)
             blocks += [Heading(title), TableBlock(heads, tuple(map(_cells, rows.itertuples())), "llrrrll")]
     return Page("Comparison with the paper", tuple(blocks))
 
