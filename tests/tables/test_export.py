@@ -39,7 +39,7 @@ def test_what_is_written_is_what_is_read_with_the_unit_behind_each_name_and_othe
 def test_a_file_that_is_there_stays_unless_force_is_asked_for(written):
     (file,) = export(written[0])
     file.write_text("mine")
-    with pytest.raises(InputError, match="already exists; overwrite it with --force"):
+    with pytest.raises(InputError, match="already exists; overwrite with --force"):
         export(written[0])
     assert file.read_text() == "mine"
     export(written[0], force=True)

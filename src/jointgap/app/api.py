@@ -232,10 +232,8 @@ class Motion(Result):
             ("revolutions", revolutions, ""),
         ]
         for joint in FROM_FRAME:
-            words, force = (
-                format_name(joint),
-                np.hypot(self.samples[f"{joint}_force_x"], self.samples[f"{joint}_force_y"]),
-            )
+            words = format_name(joint)
+            force = np.hypot(self.samples[f"{joint}_force_x"], self.samples[f"{joint}_force_y"])
             if joint in mechanism.loose:
                 own = contacts(self.events, joint)
                 rows += [

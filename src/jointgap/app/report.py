@@ -90,9 +90,7 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
     if several:
         results = ((part, part.result or "all joints are ideal: motion only") for part in parts)
         blocks.append(
-            Bullets(
-                tuple(Link(part.name, f"#{pages.place_of(part.heading)}", f": {result}") for part, result in results)
-            )
+            Bullets(tuple(Link(part.name, f"#{pages.place_of(part.heading)}", f": {text}") for part, text in results))
         )
     compared = {name: own for name, own in learned.items() if own.scenario.paper}
     if len(compared) > 1:

@@ -49,12 +49,8 @@ class Contact(ConfigModel):
     penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(None, description="law penalty: largest damping")
     penalty_depth: PositiveLength | None = Field(None, description="law penalty: penetration of the largest damping")
     stiffness: PositiveNumber | None = Field(None, description="in N/m^exponent; null: Hertz, from material and radii")
-    exponent: quantity("", ge=1, le=10) = Field(
-        1.5, description="of the penetration; other than 3/2 requires stiffness"
-    )
-    friction_law: Literal[tuple(FRICTION_LAWS)] = Field(
-        "coulomb", description="friction as a function of sliding speed"
-    )
+    exponent: quantity("", ge=1, le=10) = Field(1.5, description="of the penetration; not 3/2: requires stiffness")
+    friction_law: Literal[tuple(FRICTION_LAWS)] = Field("coulomb", description="friction over the sliding speed")
     friction: quantity("", ge=0, le=0.6) = Field(
         0.0, description="coefficient of kinetic friction; 0: none, for all laws"
     )
@@ -240,9 +236,7 @@ class Mechanism(ConfigModel):
     contacts: dict[str, Contact] = Field({}, description="contacts by name, for the joints to refer to")
     joints: Joints
     gravity_direction: Angle = Field(-math.pi / 2, description="direction of gravity in the plane, from +x")
-    effects: tuple[AnyEffect, ...] = Field(
-        (), description="physical effects besides contact and friction in the joints"
-    )
+    effects: tuple[AnyEffect, ...] = Field((), description="effects besides contact and friction in the joints")
 
     @field_validator("joints", mode="before")
     @classmethod

@@ -59,9 +59,7 @@ def entry(data: Any, step: str, named: str, place: str) -> Any:
         return entries[step]
     hint = did_you_mean(step, entries) if entries else "it is empty"
     if place == "mechanism.effects":
-        hint += (
-            "; effects that only change data are already applied: vary the key itself, such as mechanism.slider.mass"
-        )
+        hint += "; effects that only change data are applied: vary the key itself, such as mechanism.slider.mass"
     raise InputError(f"{named}: {place} has no '{step}'; {hint}")
 
 

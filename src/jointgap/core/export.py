@@ -34,9 +34,7 @@ def export(source: Path, to: Path | None = None, units: Sequence[str] = (), forc
     taken = [target for target in targets if target.exists()]
     if taken and not force:
         more = f" (and {len(taken) - 1} more)" if len(taken) > 1 else ""
-        raise InputError(
-            f"{taken[0]}: already exists{more}; overwrite it with --force, or give another folder with --to DIR"
-        )
+        raise InputError(f"{taken[0]}: already exists{more}; overwrite with --force, or give --to DIR")
     columns = [_columns(path, units) for path in files]  # before anything is written
     check_writable(*targets)
     for path, target, converted in zip(files, targets, columns, strict=True):

@@ -80,9 +80,7 @@ def compile_formula(text: str, coefficients: Mapping[str, float]) -> Program:
     program = steps.of(_parsed(text))
     depth = np.cumsum([1 if code <= VARIABLE else -1 if ADD <= code <= POWER else 0 for code, _ in program]).max()
     if depth > DEEPEST_STACK:
-        raise InputError(
-            f"formula '{text}' requires a stack of {depth} numbers, more than {DEEPEST_STACK}; nest it less"
-        )
+        raise InputError(f"formula '{text}' needs a stack of {depth} numbers, more than {DEEPEST_STACK}; nest it less")
     numbers = [operand for code, operand in program if code == NUMBER]
     places = iter(range(len(numbers)))
     codes = [(code, next(places) if code == NUMBER else operand) for code, operand in program]

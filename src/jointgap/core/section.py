@@ -35,14 +35,7 @@ _PLAIN = {
 _WRONG_TYPE = {"type", "parsing", "from_float"}
 _SUBJECT = re.compile(r"^(Value error, )?((Input|String|Tuple|List|Dictionary) should )?")
 _COUNTED = re.compile(r" after validation, not \d+$")
-_IMPLICIT_STEPS = (
-    "[key]",
-    "uniform",
-    "log_uniform",
-    "normal",
-    "triangular",
-    "values",
-)  # pydantic's steps that no file has
+_IMPLICIT = ("[key]", "uniform", "log_uniform", "normal", "triangular", "values")  # pydantic's steps that no file has
 
 
 class _Called(type(BaseModel)):
@@ -149,7 +142,7 @@ def _found(location: tuple, data: object) -> tuple[str, object]:
             isinstance(data, list | tuple) and isinstance(step, int) and step < len(data)
         ):
             data = data[step]
-        elif step in _IMPLICIT_STEPS:
+        elif step in _IMPLICIT:
             continue
         elif not (isinstance(data, Mapping) and step in data.values()):  # the name of an effect, or a kind of drive
             data = None

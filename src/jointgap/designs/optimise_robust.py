@@ -276,22 +276,14 @@ class RobustProblem:
 class _Lengths(Problem):
     """The lengths of a region as a pymoo problem; keeps the evaluated candidates, one frame per generation."""
 
-    def __init__(
-        self, problem: RobustProblem, respond: Responding, objectives: tuple[str, ...], before: int, total: int
-    ):
-        region = problem.region
+    def __init__(self, task: RobustProblem, respond: Responding, objectives: tuple[str, ...], before: int, total: int):
+        region = task.region
         super().__init__(n_var=2, n_obj=len(objectives), n_ieq_constr=2, xl=region.lower, xu=region.upper)
-        self.definition, self.respond, self.objectives, self.before, self.total = (
-            problem,
-            respond,
-            objectives,
-            before,
-            total,
-        )
+        self.task, self.respond, self.objectives, self.before, self.total = task, respond, objectives, before, total
         self.generations: list[pd.DataFrame] = []
 
     def _evaluate(self, x, out, *args, **kwargs):
-        found = self.definition.assess(self.respond(x))
+        found = self.task.assess(self.respond(x))
         self.generations.append(found)
         report_progress("generations of lengths", self.before + len(self.generations), self.total)
         out["F"] = found[list(self.objectives)].fillna(_FAILED).to_numpy()
@@ -300,29 +292,25 @@ class _Lengths(Problem):
 
 class _OntoRegion(Repair):
     def _do(self, problem, x, **kwargs):
-        return problem.definition.region.nearest(x)
+        return problem.task.region.nearest(x)
 
 
-def search(problem: RobustProblem, respond: Responding, with_front: bool = True) -> pd.DataFrame:
+def search(task: RobustProblem, respond: Responding, with_front: bool = True) -> pd.DataFrame:
     """Optimise the lengths in the region, and the Pareto front."""
-    region, options = problem.region, problem.options
+    region, options = task.region, task.options
     steps = {"one measure": OBJECTIVES[:1]} | ({"front": OBJECTIVES} if with_front else {})
     total = 1 + len(steps) * options.generations
     report_progress("generations of lengths", 0, total)
     cranks, rods = np.meshgrid(*np.linspace(region.lower, region.upper, options.grid).T, indexing="ij")
     grid = np.stack([cranks.ravel(), rods.ravel()], axis=1)
     grid = grid[region.contains(grid, slack=1e-12)]
-    grid = region.nearest(np.vstack([grid, region.clip(np.array(problem.original))]))
-    found = problem.assess(respond(grid)).assign(step="grid", generation=0)
+    grid = region.nearest(np.vstack([grid, region.clip(np.array(task.original))]))
+    found = task.assess(respond(grid)).assign(step="grid", generation=0)
     for number, (step, objectives) in enumerate(steps.items()):
         before = 1 + number * options.generations
         report_progress("generations of lengths", before, total)
-        step_problem = _Lengths(problem, respond, objectives, before, total)
-        given = {
-            "pop_size": options.population,
-            "sampling": _beginning(found, problem, number),
-            "repair": _OntoRegion(),
-        }
+        step_problem = _Lengths(task, respond, objectives, before, total)
+        given = {"pop_size": options.population, "sampling": _beginning(found, task, number), "repair": _OntoRegion()}
         algorithm = NSGA2(crossover=PCX(), **given) if number else DE(variant="DE/best/1/bin", CR=1.0, **given)
         minimize(step_problem, algorithm, ("n_gen", options.generations), seed=options.seed)
         tried = [each.assign(step=step, generation=k) for k, each in enumerate(step_problem.generations)]
@@ -349,17 +337,17 @@ def pareto_front(candidates: pd.DataFrame) -> np.ndarray:
     return kept[~candidates.iloc[kept].duplicated(list(LENGTHS)).to_numpy()]
 
 
-def _beginning(candidates: pd.DataFrame, problem: RobustProblem, number: int) -> np.ndarray:
+def _beginning(candidates: pd.DataFrame, task: RobustProblem, number: int) -> np.ndarray:
     """Initial population of a step: half of it the best so far, half spread over the region, shape (n, 2) [m]."""
-    half, places = problem.options.population // 2, ranked(candidates)
+    half, places = task.options.population // 2, ranked(candidates)
     if number and len(front := pareto_front(candidates)):
         # the front so far, with its ends and evenly along the error
         ordered = front[np.argsort(candidates["error"].to_numpy()[front], kind="stable")]
         places = ordered[np.unique(np.linspace(0, len(ordered) - 1, half).round().astype(int))]
     best = candidates.loc[places[:half], list(LENGTHS)].to_numpy()
-    chance = np.random.default_rng([problem.options.seed, number])  # different from the step before
-    spread = qmc.LatinHypercube(2, rng=chance).random(problem.options.population - len(best))
-    return np.vstack([best, problem.region.nearest(problem.region.unscaled(spread))])
+    chance = np.random.default_rng([task.options.seed, number])  # different from the step before
+    spread = qmc.LatinHypercube(2, rng=chance).random(task.options.population - len(best))
+    return np.vstack([best, task.region.nearest(task.region.unscaled(spread))])
 
 
 COMPARED = ("original", "frozen", "nominal", "robust")
@@ -372,7 +360,7 @@ _ENDS = ("", "_low", "_high")  # suffixes of a value and its interval
 
 @dataclass(frozen=True)
 class RobustOptimum:
-    """The tables of the stage, and the problem."""
+    """The tables of the stage, and the task."""
 
     candidates: pd.DataFrame
     fresh: pd.DataFrame
@@ -380,7 +368,7 @@ class RobustOptimum:
     gains: pd.DataFrame  # A row per comparison: how often, and by how much, the error is smaller
     constraints: pd.DataFrame  # A row per pair of lengths and constraint
     uncertain: Designs
-    problem: RobustProblem
+    task: RobustProblem
 
     @property
     def tables(self) -> dict[schema.Table, pd.DataFrame]:
@@ -398,9 +386,9 @@ class RobustOptimum:
         }
 
 
-def compare(problem: RobustProblem, names: tuple[str, ...], responses: Responses) -> dict[str, pd.DataFrame]:
+def compare(task: RobustProblem, names: tuple[str, ...], responses: Responses) -> dict[str, pd.DataFrame]:
     """Compare lengths: the tables `lengths`, `gains` and `constraints`."""
-    options, counted = problem.options, ~np.isnan(responses.error).any(axis=0)
+    options, counted = task.options, ~np.isnan(responses.error).any(axis=0)
     draws = np.count_nonzero(counted)
     if draws < 2:
         reason = next(filter(None, responses.reasons.flat))
@@ -445,7 +433,7 @@ def compare(problem: RobustProblem, names: tuple[str, ...], responses: Responses
         gains.append(row)
     held = [
         {"lengths": name, "constraint": key, "asked": options.probability, "draws": len(row)} | _share(row <= 0.0)
-        for key, missed in problem.violation(responses).items()
+        for key, missed in task.violation(responses).items()
         for name, row in zip(names, missed, strict=True)
     ]
     return {
@@ -465,18 +453,18 @@ def _share(happened: np.ndarray) -> dict[str, float]:
 def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOptimum:
     """Optimise robust lengths in the first of the scenario's boxes, and validate them on independent samples."""
     options, uncertain = scenario.optimise_robust, uncertain_of(scenario)
-    problem, draws = _problem(scenario), fresh_draws(uncertain, options.fresh_draws)
+    task, draws = _task(scenario), fresh_draws(uncertain, options.fresh_draws)
     # create all samples first: infeasible ones are rejected before any simulation
     at_nominal, at_draws, at_fresh = (
         SimulatedDraws(scenario, uncertain, values, workers)
         for values in ([{}], uncertain.values(0, options.draws), draws)
     )
-    nominal = search(problem, at_nominal, with_front=False).assign(search="nominal", on_front=False)
-    robust = search(problem, at_draws).assign(search="robust", on_front=False)
+    nominal = search(task, at_nominal, with_front=False).assign(search="nominal", on_front=False)
+    robust = search(task, at_draws).assign(search="robust", on_front=False)
     robust.loc[pareto_front(robust), "on_front"] = True
-    frozen = search_from_all(at_nominal.frozen(), problem.region, scenario.optimise.local_tolerance)
+    frozen = search_from_all(at_nominal.frozen(), task.region, scenario.optimise.local_tolerance)
     best = [best_of(each)[list(LENGTHS)] for each in (nominal, robust)]
-    lengths = np.array([problem.original, min(frozen, key=lambda each: each.value).lengths, *best], float)
+    lengths = np.array([task.original, min(frozen, key=lambda each: each.value).lengths, *best], float)
     responses = at_fresh(lengths)
     values = pd.DataFrame(draws)
     fresh = pd.concat([values.assign(draw=values.index, lengths=name) for name in COMPARED], ignore_index=True)
@@ -484,20 +472,20 @@ def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOpt
     return RobustOptimum(
         pd.concat([nominal, robust], ignore_index=True),
         fresh.assign(**found, reason=responses.reasons.ravel()),
-        **compare(problem, COMPARED, responses),
+        **compare(task, COMPARED, responses),
         uncertain=uncertain,
-        problem=problem,
+        task=task,
     )
 
 
 def check(scenario: Scenario) -> None:
     """InputError where the section `optimise_robust` of a `scenario` is infeasible."""
     uncertain = uncertain_of(scenario)
-    _problem(scenario)
+    _task(scenario)
     SimulatedDraws(scenario, uncertain, uncertain.values(0, scenario.optimise_robust.draws))
 
 
-def _problem(scenario: Scenario) -> RobustProblem:
+def _task(scenario: Scenario) -> RobustProblem:
     original, optimise = scenario.mechanism.applied(), scenario.optimise
     if not original.loose:
         raise InputError(
@@ -539,7 +527,7 @@ def _tried(found: RobustOptimum) -> pd.DataFrame:
 
 def has_map(found: RobustOptimum) -> bool:
     """Whether the candidates fill an area; a fixed stroke leaves a curve of lengths, two fixed values a point."""
-    return not any(each.is_fixed for each in found.problem.region.constraints)
+    return not any(each.is_fixed for each in found.task.region.constraints)
 
 
 def _front(found: RobustOptimum) -> Drawing:
@@ -548,7 +536,7 @@ def _front(found: RobustOptimum) -> Drawing:
         error=lambda own: _MDEG * own["error"], stroke_change=lambda o: 1e3 * o["stroke_change"]
     )
     allowed, front = shown[(shown["missed"] <= 0.0) & (shown["failed"] == 0)], shown[shown["on_front"]]
-    best, words = front.loc[front["error"].idxmin()], format_objective(found.problem.options)
+    best, words = front.loc[front["error"].idxmin()], format_objective(found.task.options)
     sheet = Sheet(4.2, 1, 2)
     quantities = {
         "force": Quantity(f"largest force in a pin, {words}", "N"),
@@ -600,7 +588,7 @@ def _map(found: RobustOptimum) -> Drawing:
     x, y, value = (tried[[*LENGTHS, "error"]] * [1e3, 1e3, _MDEG]).to_numpy().T
     sheet, quantity = Sheet(5.2, 1, 1), Quantity("error", "mdeg")
     lengths = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
-    panel = sheet.panel((0, 0), f"error, {format_objective(found.problem.options)}", *lengths)
+    panel = sheet.panel((0, 0), f"error, {format_objective(found.task.options)}", *lengths)
     levels = np.geomspace(value.min(), value.max(), 15)
     drawn = panel.axes.tricontourf(x, y, value, levels=levels, cmap="Blues_r", norm=LogNorm())
     sheet.figure.colorbar(drawn, ax=panel.axes, label=quantity.label, aspect=30, ticks=levels[::2], format="%.3g")
@@ -613,7 +601,7 @@ def _map(found: RobustOptimum) -> Drawing:
 
 
 def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
-    options, region, tried = scenario.optimise_robust, found.problem.region, _tried(found)
+    options, region, tried = scenario.optimise_robust, found.task.region, _tried(found)
     words, draws = format_objective(options), found.lengths["draws"].iloc[0]
     settled = f"revolution {scenario.optimise.ensemble.settled_revolution}"
     compared = (
@@ -623,10 +611,8 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
         f"angle of the original lengths without clearance, minus that of the simulated motion. The objective is its "
         f"{words}. In brackets: 95 % intervals (bootstrap; exact for probabilities)."
     )
-    limits = {each.key: f"{each.words} {each.range_text()}" for each in found.problem.ranges}
-    limits["largest_pin_force"] = (
-        f"largest force in a pin {found.problem.constraints.largest_pin_force or 0:g} N at most"
-    )
+    limits = {each.key: f"{each.words} {each.range_text()}" for each in found.task.ranges}
+    limits["largest_pin_force"] = f"largest pin force {found.task.constraints.largest_pin_force or 0:g} N at most"
     held = found.constraints.assign(constraint=found.constraints["constraint"].map(limits))
     constraints = Heading("Constraints"), _table("constraints", held, "Share of the samples that satisfy them", *_HELD)
     front = tried[tried["on_front"]].sort_values("error")
@@ -669,14 +655,14 @@ def headline(found: RobustOptimum) -> str:
     if best["missed"] > 0.0 or best["failed"]:
         return f"No candidate satisfies the constraints; nearest: {lengths}"
     if gain["measure_fall_low"] > 0.0:
-        words, fall = format_objective(found.problem.options), _cell(gain, "measure_fall")
+        words, fall = format_objective(found.task.options), _cell(gain, "measure_fall")
         return f"{lengths.capitalize()}: the error ({words}) falls by {fall} %"
     return "No significant improvement: keep the original lengths"
 
 
 def verdict(found: RobustOptimum) -> list[str]:
     """The result in a few sentences."""
-    sentences, words = [], format_objective(found.problem.options)
+    sentences, words = [], format_objective(found.task.options)
     for name in ("robust", "nominal"):
         gain = _gain(found, name)
         sentences.append(

@@ -130,9 +130,7 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
         values.append(numbers)
     time, angle = values[0], values[1] * unit_factor(drive.angle_unit, "rad")
     if time.size < _MIN_SAMPLES:
-        raise InputError(
-            f"{path}: {time.size} samples are too few for a smooth crank angle; give at least {_MIN_SAMPLES}"
-        )
+        raise InputError(f"{path}: {time.size} samples are too few for a smooth angle; give at least {_MIN_SAMPLES}")
     if (falls := np.flatnonzero(np.diff(time) <= 0)).size:
         row = int(falls[0]) + 2
         raise InputError(

@@ -109,10 +109,10 @@ def geometric(options: Constraints, offset: float) -> tuple[Constraint, ...]:
     }
     found = []
     for key, (words, unit, value) in properties.items():
-        requested = getattr(options, key)
-        low, high = requested if isinstance(requested, tuple) else (-math.inf, requested)
+        ranges = getattr(options, key)
+        low, high = ranges if isinstance(ranges, tuple) else (-math.inf, ranges)
         always_met = unit == "deg" and offset == 0.0
-        if requested is not None and not (always_met and low <= value((0.0, 1.0)) <= high):
+        if ranges is not None and not (always_met and low <= value((0.0, 1.0)) <= high):
             found.append(Constraint(key, words, unit, low, high, value))
     return tuple(found)
 
@@ -253,18 +253,16 @@ class Region:
         order. Where there is no solution, or none nearby, the result is the closest point found.
         """
         ratio = Constraint("ratio_limit", "", "mm", -np.inf, 0.0, self.inequality)
-        requested = (ratio, *self.constraints)
+        ranges = (ratio, *self.constraints)
         scaled = np.clip((np.asarray(lengths, dtype=float) - self.lower) / self.size, 0.0, 1.0)
         for _ in range(_MOST_STEPS):
             at = self.unscaled(scaled)
-            values = np.stack([each.value(at) for each in requested], axis=-1)
-            low, high, scale = (
-                np.array([getattr(each, key) for each in requested]) for key in ("low", "high", "scale")
-            )
+            values = np.stack([each.value(at) for each in ranges], axis=-1)
+            low, high, scale = (np.array([getattr(each, key) for each in ranges]) for key in ("low", "high", "scale"))
             gaps = (np.clip(values, low, high) - values) / scale
             if np.abs(gaps).max(initial=0.0) <= 0.1 * FEASIBLE:
                 break
-            slopes = np.stack([each.gradient(at) * self.size / each.scale for each in requested], axis=-2)
+            slopes = np.stack([each.gradient(at) * self.size / each.scale for each in ranges], axis=-2)
             steps = (np.linalg.pinv(slopes * (gaps != 0.0)[..., None]) @ gaps[..., None])[..., 0]
             length = np.linalg.norm(steps, axis=-1, keepdims=True)
             scaled = np.clip(scaled + steps * np.minimum(1.0, _LONGEST_STEP / np.maximum(length, 1e-300)), 0.0, 1.0)
@@ -276,11 +274,11 @@ class Region:
         moved = self.clip(lengths)
         if not self.constraints:
             return moved
-        points, requested = np.atleast_2d(moved), np.atleast_2d(lengths)
+        points, ranges = np.atleast_2d(moved), np.atleast_2d(lengths)
         wrong = self.violation(points) > 0.0
         points[wrong] = self.project(points[wrong])
         for number in np.flatnonzero(self.violation(points) > FEASIBLE) if len(self.samples) else ():
-            distances = np.linalg.norm((self.samples - requested[number]) / self.size, axis=1)
+            distances = np.linalg.norm((self.samples - ranges[number]) / self.size, axis=1)
             points[number] = self.samples[np.argmin(distances)]
         return points.reshape(lengths.shape)
 

@@ -49,9 +49,7 @@ def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
         loose = " and ".join(map(format_name, applied.loose)) or "no joint"
         differences.append(f"loose: {loose}, not {joined(map(format_name, PINS))}")
     lengths = {"crank": (applied.crank.length, CRANK_M), "rod": (applied.rod.length, ROD_M)}
-    lengths |= {
-        f"clearance of the {format_name(name)}": (applied.clearance(name), CLEARANCE_M) for name in applied.loose
-    }
+    lengths |= {f"clearance of the {format_name(pin)}": (applied.clearance(pin), CLEARANCE_M) for pin in applied.loose}
     lengths["offset"] = (applied.slider.offset, 0.0)
     differences += [
         f"{name}: {1e3 * ours:g} mm, not {1e3 * theirs:g} mm"

@@ -164,12 +164,8 @@ def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -
 
 def _over_seeds(options: Scenario, history: pd.DataFrame) -> dict[str, float]:
     """Training error of all seeds after the iterations allowed for each."""
-    training_options = options.surrogate
-    allowed = (
-        min(training_options.iterations, training_options.seed_iterations)
-        if len(training_options.seeds) > 1
-        else training_options.iterations
-    )
+    own = options.surrogate
+    allowed = min(own.iterations, own.seed_iterations) if len(own.seeds) > 1 else own.iterations
     history = history[(history["model"] == "network") & (history["iteration"] <= allowed)]
     last = history.groupby("seed")["mse"].last()
     found = {"median": last.median(), "lowest": last.min(), "highest": last.max()}

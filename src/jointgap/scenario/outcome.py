@@ -28,9 +28,7 @@ MOTIONS = {  # sources of the frozen joint motion; the closest to steady operati
     "clearance": "second surrogate, the first revolution",
     "networks": "networks, the first revolution",
 }
-EQUIVALENT = (
-    1.01  # lengths within this factor of the smallest error are equivalent; the nearest to the original are chosen
-)
+EQUIVALENT = 1.01  # factor of the smallest error within which the lengths nearest to the original are chosen
 FORCE_TOLERANCE = 1.005  # tolerance on the force limit for the median of an ensemble
 REMARKABLE = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that cause a remark
 OVERFIT, GENERALISES = 10.0, 2.0  # ratio of held-out to training error of a network, and of a regularised one
@@ -100,7 +98,7 @@ class Outcome:
         """Largest force in a pin over the settled revolution before and after [N], median."""
         return tuple(np.max([self.pair("optimise_loads", joint)["peak_force"] for joint in PINS], axis=0))
 
-    def satisfies_force_limit(self, after: bool = True) -> bool:
+    def within_force_limit(self, after: bool = True) -> bool:
         """Whether the lengths found (or the original ones) satisfy the limit on the pin force."""
         most = self.scenario.optimise.constraints.largest_pin_force
         return most is None or self.peak_force[after] <= FORCE_TOLERANCE * most
@@ -158,9 +156,8 @@ def _gain(outcome: Outcome) -> str:
     spread = f"{low:+.1f} to {high:+.1f} % over {outcome.stretch_label(outcome.stretch)}"
     if low > 0.0:
         asked = geometric(options.constraints, outcome.scenario.mechanism.applied().slider.offset)
-        meets_all = all(
-            each.violation(outcome.original) <= FEASIBLE for each in asked
-        ) and outcome.satisfies_force_limit(after=False)
+        meets_all = outcome.within_force_limit(after=False)
+        meets_all &= all(each.violation(outcome.original) <= FEASIBLE for each in asked)
         advice = "keep the original lengths" if meets_all else "this is the cost of the constraints"
         return f"Simulated again, the error increases at the lengths found ({spread}): {advice}."
     if high >= 0.0:
@@ -178,7 +175,7 @@ def _gain(outcome: Outcome) -> str:
 def _limits(outcome: Outcome) -> Iterator[str]:
     """An infeasible force limit, and active bounds."""
     box = outcome.box
-    if not outcome.satisfies_force_limit():
+    if not outcome.within_force_limit():
         most = outcome.scenario.optimise.constraints.largest_pin_force
         yield (
             f"No lengths in the box `{box}` satisfy the largest pin force of {most:.4g} N; the nearest have "
@@ -230,9 +227,7 @@ def _networks(outcome: Outcome) -> Iterator[str]:
         )
         if len(regularised):
             good = int((regularised["held_out_mse"] <= GENERALISES * regularised["training_mse"]).sum())
-            sentence += (
-                f" {good} of {len(regularised)} regularised networks do not overfit (ratio at most {GENERALISES:g})."
-            )
+            sentence += f" {good} of {len(regularised)} regularised networks do not (at most {GENERALISES:g} times)."
         yield sentence
 
 
@@ -243,7 +238,7 @@ def headline(outcome: Outcome) -> str:
     """Lengths and error before and after, in one line."""
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
     kept = "mm (unchanged)" if outcome.keeps_crank else f"→ {_rounded(1e3 * new_crank, 2)} mm"
-    before, after = _same_decimals(*np.degrees([gain["original_error"], gain["error"]]))
+    before, after = _aligned(*np.degrees([gain["original_error"], gain["error"]]))
     low, high = _percent(gain["reduction_high"]), _percent(gain["reduction_low"])
     ends = "for every start" if low == high else f"{low} to {high} %"
     spread = f"{_percent(gain['reduction'])} % ({ends})".replace("-", "−")
@@ -331,7 +326,7 @@ def _percent(reduction: float) -> str:
     return f"{-100 * reduction:+.1f}"
 
 
-def _same_decimals(before: float, after: float) -> tuple[str, str]:
+def _aligned(before: float, after: float) -> tuple[str, str]:
     """Two numbers with the same decimals: three digits of the larger and two of the difference, at most five."""
     largest = max(abs(before), abs(after))
     sizes = [largest, max(10 * abs(after - before), 0.01 * largest) if after != before else 0.0]
@@ -352,9 +347,7 @@ def _definition(outcome: Outcome) -> str:
 
 def _change(words: str, before: float, after: float, decimals: int | None = None) -> dict[str, str]:
     """A row of values before and after; relative change only for quantities without [deg] and [%]."""
-    old, new = (
-        _same_decimals(before, after) if decimals is None else (f"{value:.{decimals}f}" for value in (before, after))
-    )
+    old, new = _aligned(before, after) if decimals is None else (f"{value:.{decimals}f}" for value in (before, after))
     is_relative = before and not words.endswith(("[deg]", "[%]"))
     return {
         "": words,
@@ -376,7 +369,7 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
         _change("crank over rod [1]", crank / rod, new_crank / new_rod, 5) | {searched: limit},
     )
     yield TableBlock.of(rows, "lrrrrr")
-    if not outcome.bounds and outcome.satisfies_force_limit():
+    if not outcome.bounds and outcome.within_force_limit():
         kept = " The crank keeps its length; `optimise.boxes` lets both vary." if outcome.keeps_crank else ""
         yield Paragraph(f"No bound is active.{kept}")
     floor = outcome.frames["optimise_floor"]
@@ -395,7 +388,7 @@ def _gains(outcome: Outcome) -> Iterator[Block]:
     for stretch in (outcome.stretch, "window" if outcome.stretch == "settled" else "settled"):
         for measure, words in _MEASURES.items():
             gain = outcome.gains.loc[(stretch, measure)]
-            before, after = _same_decimals(*np.degrees([gain["original_error"], gain["error"]]))
+            before, after = _aligned(*np.degrees([gain["original_error"], gain["error"]]))
             rows.append(
                 {
                     "error": f"{words}, {outcome.stretch_label(stretch)}",
@@ -456,7 +449,7 @@ def _constraints(outcome: Outcome) -> Iterator[Block]:
     ]
     if (most := options.largest_pin_force) is not None:
         forces = (f"{force:.4g} N" for force in outcome.peak_force)
-        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.satisfies_force_limit()))
+        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.within_force_limit()))
     if rows:
         yield Heading("Constraints")
         shown = tuple((*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows)
