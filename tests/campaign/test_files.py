@@ -111,7 +111,7 @@ def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(t
         written(place / "mine.yaml", mechanism="mechanism.yaml")
         (place / "mechanism.yaml").write_text(content)
     for command in ("analyse", "measure", "augment"):
-        with pytest.raises(InputError, match=r"mechanism\.yaml: is an input of the campaign, .* give another --folder"):
+        with pytest.raises(InputError, match=r"mechanism\.yaml: is an input of the campaign .* give another --folder"):
             asked(command, tmp_path / "mine.yaml", "--folder", tmp_path)
     assert (tmp_path / "mechanism.yaml").read_text() == content
     monkeypatch.chdir(tmp_path)  # by default the folder of results alone is kept free

@@ -124,7 +124,7 @@ def coarse(table):
     "change, says, keys",
     [
         (with_value("t", 4, np.nan), "angle.csv, column t, row 5: 'nan' is not a finite number", {}),
-        (with_value("t", 4, 0.0), "column t, row 5: time 0 s does not rise", {}),
+        (with_value("t", 4, 0.0), "column t, row 5: time 0 s does not increase", {}),
         (lambda table: table.rename(columns={"theta": "thetas"}), "no column 'theta'.*thetas", {}),
         (lambda table: table[:5], "5 samples are too few", {}),
         (backwards, "the crank turns clockwise", {}),
