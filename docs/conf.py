@@ -77,7 +77,7 @@ nitpick_ignore_regex = [
     # Python's own types and what is short for those above.
     (r"py:.*", r"(Any|Callable|Iterable|Mapping|Path|Sequence|bool|bytes|dict|float|int|list|object|str|tuple|Figure)"),
     # What a type variable stands for is said in the docstring.
-    (r"py:.*", r"jointgap\.config\.variations\.AnySection"),
+    (r"py:.*", r"jointgap\.config\.variations\.AnyConfigModel"),
 ]
 
 # -- Python reference -------------------------------------------------------------------------------------------------

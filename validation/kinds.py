@@ -11,7 +11,7 @@ from pydantic import create_model
 from jointgap.config import EFFECTS, read_yaml, validate
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import JOINTS, PINS
-from jointgap.core.section import Section, Seed, Word, whole_number
+from jointgap.core.section import ConfigModel, Seed, Word, whole_number
 from jointgap.core.units import quantity
 from jointgap.rig.sensors import ENCODER_OFFSET
 from validation.rig import LISTED, OFF_LIST, RECIPE
@@ -31,14 +31,14 @@ _NAMES = {
 # How many trials of each kind a set has, and the share of them whose crank follows the angle read
 TrialSet = create_model(
     "TrialSet",
-    __base__=Section,
+    __base__=ConfigModel,
     seed=(Seed, ...),
     measured_angle=(quantity("", ge=0, le=1), 0.0),
     **{key: (whole_number(ge=0, le=10_000), 0) for key in RECIPE["kinds"]},
 )
 
 
-class Sets(Section):
+class Sets(ConfigModel):
     """The content of ``config/blind.yaml``."""
 
     sets: dict[Word, TrialSet]

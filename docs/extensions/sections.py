@@ -6,12 +6,12 @@ import typing
 from pydantic_core import PydanticUndefined
 from sphinx.application import Sphinx
 
-from jointgap.core.section import Section
+from jointgap.core.section import ConfigModel
 from jointgap.effects.base import Effect
 
 
 def _is_section(item) -> bool:
-    return isinstance(item, type) and issubclass(item, Section) and not issubclass(item, Effect)
+    return isinstance(item, type) and issubclass(item, ConfigModel) and not issubclass(item, Effect)
 
 
 def _signature(app: Sphinx, what, name, item, options, signature, result):

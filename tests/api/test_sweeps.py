@@ -65,7 +65,7 @@ def test_a_sweep_that_is_asked_for_again_is_read_and_a_wrong_key_or_a_failure_is
         swept.read("clearence")
     failed = sweep(folder=tmp_path, parameters={"simulate.tolerance": [1e-30, 2e-30]}, number=2)
     assert failed.remarks
-    with pytest.raises(jg.InputError, match="nothing to draw"):
+    with pytest.raises(jg.InputError, match="no figures"):
         failed.plot()
     monkeypatch.setattr("jointgap.designs.run.simulate_designs", None)
     pd.testing.assert_frame_equal(sweep().designs, swept.designs)

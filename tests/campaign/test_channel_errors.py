@@ -7,7 +7,7 @@ from benchmarks.project import ROOT
 from jointgap.campaign.fits_on_disk import channel_errors
 from jointgap.config.load import load_campaign
 from jointgap.core import parquet, schema
-from jointgap.core.words import unit_in_words
+from jointgap.core.words import format_unit
 
 
 def test_errors_are_root_mean_squares_in_the_unit_of_the_column_held_out_samples_apart():
@@ -29,4 +29,4 @@ def test_errors_are_root_mean_squares_in_the_unit_of_the_column_held_out_samples
     [("N*m", "N m"), ("m/s^2", "m/s²"), ("m/s**2", "m/s²"), ("g_n", "g"), ("um", "µm"), ("1/s", "1/s")],
 )
 def test_units_are_written_for_the_eye(unit, shown):
-    assert unit_in_words(unit) == shown
+    assert format_unit(unit) == shown

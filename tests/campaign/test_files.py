@@ -98,7 +98,7 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_is_computed(tmp
         folder = tmp_path / command
         folder.mkdir()
         (folder / blocked).write_text("a file where a folder should be")
-        with pytest.raises(InputError, match=rf"{blocked}.*cannot be written .* check permission and space"):
+        with pytest.raises(InputError, match=rf"{blocked}.*cannot be written .* check permissions and disk space"):
             asked(command, ROOT / DEMONSTRATION, "--folder", folder)
 
     each(told, [("analyse", "screen"), ("fit", "fit"), ("conclude", "figures"), ("preflight", "preflight")])
@@ -111,12 +111,12 @@ def test_a_campaign_whose_files_would_be_written_over_is_refused_and_they_stay(t
         written(place / "mine.yaml", mechanism="mechanism.yaml")
         (place / "mechanism.yaml").write_text(content)
     for command in ("analyse", "measure", "augment"):
-        with pytest.raises(InputError, match=r"mechanism\.yaml: is read by the campaign, .* give another --folder"):
+        with pytest.raises(InputError, match=r"mechanism\.yaml: is an input of the campaign .* give another --folder"):
             asked(command, tmp_path / "mine.yaml", "--folder", tmp_path)
     assert (tmp_path / "mechanism.yaml").read_text() == content
     monkeypatch.chdir(tmp_path)  # by default the folder of results alone is kept free
     assert CampaignState(tmp_path / "mine.yaml").folder.path == Path("results/campaigns/demonstration")
-    with pytest.raises(InputError, match="is read by the campaign"):
+    with pytest.raises(InputError, match="is an input of the campaign"):
         CampaignState(results / "mine.yaml")
 
 

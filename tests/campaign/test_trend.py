@@ -196,8 +196,8 @@ SAME_DATA = [{"id": "one", "file": "rig-0-slow.csv", "speed": "200 rpm", "role":
     ("changed", "words"),
     [
         ({"date": None}, "rig-1.yaml: has no date; add the day"),
-        ({"date": "01.03.2026"}, "date = '01.03.2026'.*is no day; write year, month and day, such as 2026-03-01"),
-        ({"date": 20260301}, "date = 20260301.*is no day"),
+        ({"date": "01.03.2026"}, "date = '01.03.2026'.*is not a date; write year, month and day, such as 2026-03-01"),
+        ({"date": 20260301}, "date = 20260301.*is not a date"),
         ({"name": "rig-0"}, "campaign 'rig-0' is given twice"),
         ({"mechanism": "ideal_joints"}, r"rig-1.yaml: mechanism\.\S+ = .* in campaign 'rig-0' \(SI\); campaigns of a"),
         ({"runs": SAME_DATA}, "reads .*rig-0-slow.csv, as campaign 'rig-0' does"),

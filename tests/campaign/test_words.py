@@ -10,7 +10,7 @@ from jointgap.campaign.sentences import (
     unit_of,
 )
 from jointgap.core.words import (
-    fall_in_percent,
+    format_falls,
     number,
     percent,
     rounded_gap,
@@ -39,8 +39,8 @@ SAID = [
     ),
     (percent, (0.98765,), "98.8 %"),
     (percent, (0.98765, 0), "99 %"),
-    (fall_in_percent, ((5.0, 3.0),), "falls by 3.0 to 5.0 %"),
-    (fall_in_percent, ((5.0, -2.0),), "changes by −5.0 to +2.0 %"),
+    (format_falls, ((5.0, 3.0),), "falls by 3.0 to 5.0 %"),
+    (format_falls, ((5.0, -2.0),), "changes by −5.0 to +2.0 %"),
     (unit_of, ("rod_flexibility", "", "frequency_Hz"), "Hz"),
     (unit_of, ("sensor_bias", "slider_acceleration", "bias"), "m/s^2"),  # that of its channel
     (unit_of, ("sensor_bias", "motor_current", "bias"), "SI"),

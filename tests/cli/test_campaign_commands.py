@@ -36,7 +36,7 @@ def test_a_part_that_nobody_would_read_is_refused_and_every_one_there_is_can_be_
     fitted = []
     for stage in ("fit", "pair"):
         stand_in(monkeypatch, stage, lambda state, **given: fitted.append(given))
-    words = "--part {}: ~ give {} at most, or more --parts"
+    words = "--part {}: must be 0 to {}"
     cases = [(5, 2, words.format(5, 1)), (2, 2, words.format(2, 1)), (1, 1, words.format(1, 0))]
     for stage in ("fit", "pair"):
         command = (stage, DEMONSTRATION, "--folder", tmp_path, "--part")

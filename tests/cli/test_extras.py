@@ -37,7 +37,7 @@ def test_without_the_extras_all_can_be_imported_but_training_and_optimising_whic
     said = dict(line.split(": ", 1) for line in done.stdout.splitlines())
     said = {module.rpartition(".")[2]: message for module, message in said.items()}
     install = "pip install 'jointgap[learn]' (in a clone: scripts/set-up)"
-    torch, pymoo = f"training networks needs torch: {install}", f"optimising link lengths needs pymoo: {install}"
-    openturns = f"what decides a sweep needs openturns: {install}"
+    torch, pymoo = f"training networks requires torch: {install}", f"optimising link lengths requires pymoo: {install}"
+    openturns = f"the sensitivity analysis requires openturns: {install}"
     assert (said["train"], said["optimise_robust"], said["sensitivity"]) == (torch, pymoo, openturns)
     assert set(said.values()) == {torch, pymoo, openturns}  # the others are imported when needed

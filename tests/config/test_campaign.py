@@ -144,57 +144,57 @@ motor: {stall_torque: 3, no_load_speed: 3} => drive is constant_speed ~ set 'dri
 channels: {crank_torq: {column: q, unit: N*m}} => 'crank_torq' ~ did you mean 'crank_torque'
 channels: null => key 'channels' is missing
 channels: {time: null, crank_angle: null} => neither time nor crank_angle ~ add one
-{channels: {slider_acceleration: null, crank_torque: null}, drive: measured_angle} => nothing to compare
-{channels: {crank_angle: null}, drive: measured_angle} => measured_angle needs ~ crank_angle; add it
-channels: {crank_torque: {unit: N}} => crank_torque.unit = 'N' ~ needs N*m
+{channels: {slider_acceleration: null, crank_torque: null}, drive: measured_angle} => no measured quantity to compare
+{channels: {crank_angle: null}, drive: measured_angle} => measured_angle requires ~ crank_angle; add it
+channels: {crank_torque: {unit: N}} => crank_torque.unit = 'N' ~ requires N*m
 channels: {crank_torque: {unit: A}} => crank_torque.unit = 'A' ~ such as scale: 1 N*m/A
 channels: {crank_torque: {unit: A, scale: 0.35 N*m/V}} => crank_torque.scale = '0.35 N*m/V' of a column in A ~ N*m/A
-channels: {crank_torque: {counts_per_turn: 9, unit: count}} => counts_per_turn has no meaning
+channels: {crank_torque: {counts_per_turn: 9, unit: count}} => counts_per_turn does not apply
 channels: {crank_angle: {counts_per_turn: 4000}} => unit = 'deg' and counts_per_turn ~ remove one
 channels: {crank_angle: {unit: count}} => crank_angle.unit = 'count' ~ counts_per_turn of an angle
 channels: {crank_torque: {rate: 2 kHz}} => unit = 'N*m' and rate are both given
-csv: {separator: ",", decimal: ","} => csv ~ separator ',' cannot part columns
+csv: {separator: ",", decimal: ","} => csv ~ separator ',' cannot separate columns
 channels: {slider_acceleration: {unit: g}} => slider_acceleration.unit = 'g' ~ g_n
 channels: {crank_speed: {column: w, unit: Hz}} => crank_speed.unit = 'Hz' ~ rpm, turn/s or rad/s
 channels: {crank_angle: {unit: ""}} => crank_angle.unit = '' ~ write one such as s, deg
 channels: {crank_torque: {unit: 1 000 N*m}} => crank_torque.unit = '1 000 N*m' ~ is not a unit
 channels: {crank_torque: {noise: 0.1.5 N*m}} => noise = '0.1.5 N*m' ~ one number, with a decimal point, and one unit
 channels: {crank_torque: {column: acc}} => both read column 'acc' ~ give two columns
-channels: {crank_torque: {noise: 0}} => crank_torque.noise = 0 ~ greater than 0 ~ leave the key out
+channels: {crank_torque: {noise: 0}} => crank_torque.noise = 0 ~ greater than 0 ~ remove the key
 channels: {crank_torque: {noise: {slo: 1}}} => there is no run 'slo' ~ did you mean 'slow'
 channels: {crank_torque: {noise: 3 mm}} => crank_torque.noise = '3 mm' ~ millimeter
 channels: {crank_torque: {bandwidth: 100 rpm}} => bandwidth = '100 rpm' ~ Hz or 1/s
-channels: {crank_torque: {filter: causal}} => crank_torque.filter ~ needs the bandwidth
+channels: {crank_torque: {filter: causal}} => crank_torque.filter requires bandwidth
 channels: {crank_torque: {reads_gravity: true}} => crank_torque.reads_gravity ~ only accelerations
-channels: {crank_torque: {resolution: 0.1}} => crank_torque.resolution ~ read in steps
-channels: {time: {noise: 0.1}} => time.noise has no meaning ~ exact
+channels: {crank_torque: {resolution: 0.1}} => crank_torque.resolution does not apply
+channels: {time: {noise: 0.1}} => time.noise does not apply ~ exact
 nuisance: {slider_mas: 5%} => nuisance.slider_mas ~ did you mean 'slider_mass'
 nuisance: {slider_mass: 0.05} => slider_mass = 0.05 ~ '5 %' or bounds
 nuisance: {slider_offset: "5"} => slider_offset = '5' ~ '5 %' or an amount such as '1 mm' or bounds
-nuisance: {encoder_zero: 5 kg} => encoder_zero = '5 kg' ~ needs rad or a unit that converts to it ~ such as '5 deg'
+nuisance: {encoder_zero: 5 kg} => encoder_zero = '5 kg' ~ requires rad or a unit that converts to it ~ such as '5 deg'
 nuisance: {encoder_zero: 5 dge} => encoder_zero = '5 dge' ~ no unit 'dge'; give an amount such as '5 deg'
 nuisance: {slider_mass: "0,5 %"} => is not a number with a unit
 nuisance: {slider_mass: 120 %} => less than 100 %
-nuisance: {slider_mass: [0.5, 0.4]} => upside down ~ lower bound first
-nuisance: {slider_mass: [400 mm, 0.5]} => slider_mass ~ needs kg
-nuisance: {slider_mass: [0.5, 0.6]} => slider_mass is 0.4482 ~ outside of [0.5, 0.6]
+nuisance: {slider_mass: [0.5, 0.4]} => wrong order ~ lower bound first
+nuisance: {slider_mass: [400 mm, 0.5]} => slider_mass ~ requires kg
+nuisance: {slider_mass: [0.5, 0.6]} => slider_mass is 0.4482 ~ outside of its bounds [0.5, 0.6]
 nuisance: {restitution: [0.3, 1.2]} => restitution = [0.3, 1.2] ~ must be less than 1
-nuisance: {restitution_crank_pin: [0.3, 0.9]} => restitution of both pins ~ give one of them
-nuisance: {speed: [20, 21]} => speed is 41 ~ outside of [20, 21]
+nuisance: {restitution_crank_pin: [0.3, 0.9]} => restitution (both pins) ~ give one of them
+nuisance: {speed: [20, 21]} => speed is 41 ~ outside of its bounds [20, 21]
 """
 RUNS = """
-fast: null => none is for confirming ~ confirm (or split
+fast: null => none is for validation ~ confirm (or split
 {slow: null, mid: null} => none is for fitting ~ identify (or split
 mid: {id: slow} => two have the id 'slow' ~ give each its own
 mid: {file: slow.csv} => 'slow' and 'mid' both read slow.csv ~ role split
 mid: {speed: 400 Hz} => runs.1.speed = '400 Hz' ~ rpm, turn/s or rad/s
 mid: {speed: -150 rpm} => runs.1: speed -15.708 rad/s must be greater than 0 ~ 'direction: clockwise'
 mid: {start: warm} => runs.1.start ~ 'warm' ~ settled, at_rest ~ {angle: 40 deg
-mid: {start: {}} => runs.1.start ~ says nothing; give angle, turned or ran
-mid: {start: {turned: 6.3, ran: 1 s}} => runs.1.start ~ remove turned or ran
+mid: {start: {}} => runs.1.start ~ is empty; give angle, turned or ran
+mid: {start: {turned: 6.3, ran: 1 s}} => runs.1.start ~ turned and ran ~ remove one
 mid: {start: {angle: 3 mm}} => runs.1.start ~ angle ~ mm
 mid: {stat: settled} => unknown key 'runs.1.stat' ~ did you mean 'start'
-mid: {first_angle: 10 deg} => 'mid' has a first_angle ~ remove it
+mid: {first_angle: 10 deg} => 'mid' has first_angle ~ remove first_angle
 """
 
 
@@ -225,9 +225,9 @@ def test_a_value_of_the_wrong_kind_is_told_in_words_and_nothing_is_said_that_is_
     cases += [
         ({"name": date(2026, 5, 1)}, "name = datetime.date(2026, 5, 1): must be text; write it in quotation marks")
     ]
-    speed = "runs.0.speed = '3 m': has the unit 'meter' and needs rad/s or a unit that converts to it"
+    speed = "runs.0.speed = '3 m': has the unit 'meter' and requires rad/s or a unit that converts to it"
     cases += [({"runs": [RUN | {"speed": "3 m"}]}, speed)]  # the only run is not called absent
-    other = "runs.0: id '{}' would be taken for another result of that name; choose another id"
+    other = "runs.0: id '{}' is a reserved name of results; choose another id"
     cases += [({"runs": [RUN | {"id": name}]}, other.format(name)) for name in RESERVED_IDS]
 
     def told(over, words):
@@ -243,8 +243,8 @@ def test_a_nuisance_has_a_nominal_value_to_vary_from(load):
     two = merge(read_yaml(PAPER), {"joints": {"piston_pin": {"contact": "smooth"}}})
     two["contacts"]["smooth"] = two["contacts"]["steel"] | {"friction": 0.01}
     cases = [
-        (frictionless, "10 %", "joint_friction is 0, of which a percentage is no range; give [low, high]"),
-        (two, [0.0, 0.3], "joint_friction of both pins ~ 0.01 in piston_pin; list joint_friction_crank_pin"),
+        (frictionless, "10 %", "joint_friction is 0 ~ give [low, high]"),
+        (two, [0.0, 0.3], "joint_friction requires equal ~ 0.01 in piston_pin; list joint_friction_crank_pin"),
     ]
     refused(lambda own, given: load({"mechanism": own, "nuisance": {"joint_friction": given}}), cases)
     own = load({"mechanism": two, "nuisance": {"joint_friction_piston_pin": [0.0, 0.3]}})

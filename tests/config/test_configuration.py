@@ -10,7 +10,7 @@ import yaml
 from click.testing import CliRunner
 
 from jointgap.app.cli import cli
-from jointgap.config import Box, Scenario, check_whole, load_mechanism, parse_options, resolve, stands_alone
+from jointgap.config import Box, Scenario, check_all_sections, is_complete, load_mechanism, parse_options, resolve
 from jointgap.config.load import json_schema, sources_of
 from jointgap.config.yaml_files import Layer, merge, merged, sources
 from jointgap.core.errors import InputError
@@ -94,7 +94,7 @@ def test_a_mechanism_file_may_be_laid_over_the_one_beside_it_and_a_base_that_is_
     {base: nowhere.yaml} => scenario own: mechanism.base: no file 'nowhere.yaml'
     {base: {slider: {}}} => mechanism.base =  ~ must be the path of a mechanism file
     {base: null} => mechanism.base = None: must be the path of a mechanism file
-    one.yaml => two.yaml: base: 'one.yaml' is laid over itself
+    one.yaml => two.yaml: base: 'one.yaml' is its own base
     """
     own = SHIPPED | {"run": ["own"]}
     refused(lambda given: resolve(own | {"scenarios": {"own": {"mechanism": given}}}, (ROOT, folder)), written(rows))
@@ -140,10 +140,10 @@ mechanism: {joints: {crank_pin: {contact: steal}}} => 'steal' ~ did you mean 'st
 mechanism: {joints: {crank_pin: {journal: slider}}} => journal must be 'crank' or 'rod'
 mechanism: {contacts: 7} => mechanism.contacts = 7: must be a mapping
 mechanism: {effects: [{name: gravty}]} => mechanism.effects.0.name = 'gravty' ~ 'gravity'
-optimise: {boxes: {paper: {crank_length: [153 mm, 147 mm]}}} => crank_length ~ upside down
+optimise: {boxes: {paper: {crank_length: [153 mm, 147 mm]}}} => crank_length ~ wrong order
 optimise: {rod_tolerance: 3} => optimise.rod_tolerance 3000 mm ~ tenth of the rod, 564 mm ~ 35 um
 mechanism: {crank: {length: 100 mm}} => optimise.boxes (paper, wide) ~ crank 100 mm and rod 564 mm ~ give bounds around
-optimise: {window: [60 deg, 400 deg]} => leaves the first revolution
+optimise: {window: [60 deg, 400 deg]} => exceeds the first revolution
 optimise: {ensemble: {members: 1000000000}} => optimise.ensemble.members ~ must be less than or equal to 10000
 simulate: {speed: 600 mm} => simulate.speed = '600 mm' ~ millimeter ~ rad/s
 simulate: {speed: fast} => simulate.speed = 'fast' ~ not a number
@@ -155,11 +155,11 @@ simulate: {revolutions: 6000} => revolutions 6000 times samples_per_revolution 3
 simulate: {revolutions: true} => simulate.revolutions = True ~ not true or false
 simulate: {revolutions: 2} => settled_revolution 4 ~ simulate.revolutions
 simulate: {samples_per_revolution: 720} => samples_per_revolution 720 ~ five times
-study: {members: 4} => key 'study' is gone ~ design: grid
+study: {members: 4} => key 'study' was removed ~ design: grid
 ensemble: {vary: {speed: {from: "0,1 rpm", to: 9, number: 3}}} => is not a number with a unit
 ensemble: {vary: {speed: {from: 1, to: 1e999, number: 3}}} => to = '1e999' must be
-surrogate: {hidden: [100, 100]} => surrogate ~ hidden [100, 100] makes 10401 weights, more than 5000
-surrogate: {seeds: [1, 1]} => seeds = [1, 1] ~ give each once
+surrogate: {hidden: [100, 100]} => surrogate ~ hidden [100, 100] has 10401 weights, more than 5000
+surrogate: {seeds: [1, 1]} => seeds = [1, 1] ~ give each value once
 surrogate: {clearance_sampling: 1000000} => surrogate.clearance_sampling 1000000 times ~ 2e+07 samples
 """
 PARTED = {"speed": {"from": 1, "to": 2, "number": 501}, "friction": [i / 100 for i in range(20)]}
@@ -168,7 +168,7 @@ WIDER = [
     ({"ensemble": {"vary": PARTED}}, "501 of speed x 20 of friction are 10020 combinations"),
     (
         {"simulate": {"tolerance": 6e-8}, "mechanism": {"joints": {"piston_pin": {"bearing_radius": "7.5 mm"}}}},
-        "simulate.tolerance 6e-08 m ~ 0.0001 of the clearance 0.0005 m of piston_pin ~ give 5e-08 m at most",
+        "simulate.tolerance 6e-08 m ~ 0.0001 of the clearance 0.0005 m of piston_pin ~ at most 5e-08 m",
     ),
     (
         yaml.safe_load(
@@ -194,7 +194,7 @@ def test_every_mistake_is_told_in_one_go_and_one_in_a_shared_contact_once():
 
 
 def test_a_removed_section_says_what_to_use_instead():
-    rows = [(key, f"key '{key}' is gone; {hint}") for key, hint in Scenario.removed.items()]
+    rows = [(key, f"key '{key}' was removed; {hint}") for key, hint in Scenario.removed.items()]
     for place in (lambda key: {key: {}}, lambda key: {"scenarios": {"paper": {key: {}}}}):
         refused(lambda key: resolve({"mechanism": "erkaya2009", "scenarios": {"paper": {}}} | place(key)), rows)  # noqa: B023
 
@@ -224,7 +224,7 @@ def test_a_configuration_that_brings_its_scenarios_and_their_mechanisms_stands_a
         {"campaigns": ["c.yaml"]},
         {},
     ]
-    assert all(map(stands_alone, alone)) and not any(map(stands_alone, laid_over))
+    assert all(map(is_complete, alone)) and not any(map(is_complete, laid_over))
     mine = resolve(OWN, (ROOT,))["mine"]
     assert (mine.surrogate.iterations, mine.surrogate.seeds, mine.optimise.ratio_limit) == (300, (0,), None)
 
@@ -234,8 +234,8 @@ def test_what_is_left_to_its_defaults_has_to_go_with_the_rest_where_all_is_asked
     with pytest.raises(InputError, match=words):
         resolve(coarse, (ROOT,))
     with pytest.raises(InputError, match=words):
-        check_whole(resolve(coarse, (ROOT,), whole=False)["mine"], "mine")
-    check_whole(resolve(OWN, (ROOT,), whole=False)["mine"], "mine")
+        check_all_sections(resolve(coarse, (ROOT,), whole=False)["mine"], "mine")
+    check_all_sections(resolve(OWN, (ROOT,), whole=False)["mine"], "mine")
 
 
 def test_a_configuration_without_a_usable_scenario_is_refused():
@@ -245,11 +245,11 @@ def test_a_configuration_without_a_usable_scenario_is_refused():
     {run: paper} => must be a list
     {run: [[paper]]} => run.0 =  ~ must be text
     {mechanism: nowhere.yaml} => no file 'nowhere.yaml'
-    {run: [a/b], scenarios: {a/b: {}}} => files or folders are called so
-    {run: [campaigns], scenarios: {campaigns: {}}} => another kind have that folder
+    {run: [a/b], scenarios: {a/b: {}}} => name of files or folders
+    {run: [campaigns], scenarios: {campaigns: {}}} => reserved for other results
     {run: [a], scenarios: {a: [1]}} => must be a mapping
     """
-    long = ({"run": ["a" * 61], "scenarios": {"a" * 61: {}}}, "60 letters at most, not 61")
+    long = ({"run": ["a" * 61], "scenarios": {"a" * 61: {}}}, "at most 60 letters, not 61")
     refused(lambda over: resolve(SHIPPED | over, (ROOT,)), [*written(rows), long])
     bare = [({"scenarios": {"a": {}}}, "'mechanism' is missing"), ({"scenarios": {"a": 5}}, "must be a mapping")]
     refused(lambda config: resolve(config, (ROOT,)), bare)

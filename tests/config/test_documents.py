@@ -34,14 +34,14 @@ def test_a_key_that_is_given_twice_is_refused_with_both_lines(content_of):
         ("1: a\n'1': b\n", "1", 1, 2),
         ("a: &a {x: 1}\nb:\n  <<: *a\n  <<: *a\n", "<<", 3, 4),
     ]
-    words = "the key '{}' is given twice, in line {} and in line {}"
+    words = "the key '{}' is a duplicate, in lines {} and {}"
     refused(content_of, [(text, words.format(*places)) for text, *places in cases])
     assert content_of("a: &a {x: 1, y: 2}\nb: {<<: *a, x: 3}\n")["b"] == {"x": 3, "y": 2}  # laid over an alias's
 
 
 def test_what_readers_of_yaml_take_for_different_things_is_refused(content_of):
     def told(written):
-        place = rf", line 2, column 4: {re.escape(written)} is one thing to some programs and another to others; "
+        place = rf", line 2, column 4: {re.escape(written)} differs between YAML versions; "
         with pytest.raises(InputError, match=rf'{place}write a plain.*"{re.escape(written)}" in quotation marks'):
             content_of(f"a: 1\nb: {written}\n")
         with pytest.raises(InputError, match="quotation marks"):
@@ -75,7 +75,7 @@ UNREADABLE = [
     ("a: 1\nb: \x07\n", "is not YAML"),
     ("", ": is empty; write a mapping"),
     ("# nothing yet\n", ": is empty; write a mapping"),
-    *((text, ": holds no keys; write a mapping") for text in ("just a text\n", "- 1\n", "5\n")),
+    *((text, ": has no keys; write a mapping") for text in ("just a text\n", "- 1\n", "5\n")),
     (b"a: 1\nb: caf\xe9\n", ": is not text in UTF-8 (byte 11); save the file as UTF-8"),
     (b"\xff\xfe\x00", ": is not text in UTF-8"),
     ("crank: {length: 1 m\nrod: [", ", line 2, column 4: is not YAML"),
@@ -90,12 +90,12 @@ def test_a_file_that_is_no_mapping_in_yaml_or_json_is_refused_by_name(content_of
             read_yaml(path)
     nested, digits = f'{{"a": {"[" * 200_000}{"]" * 200_000}}}', f'{{"a": {"9" * 5000}}}'
     texts = [(text, "is not JSON") for text in (nested, digits, '{"a": ')]
-    texts.append(('{"a": 1, "b": {"x": 1, "x": 2}}', "the key 'x' is given twice"))
+    texts.append(('{"a": 1, "b": {"x": 1, "x": 2}}', "the key 'x' is a duplicate"))
     refused(lambda text: content_of(text, "mine.json"), texts)
     refused(parse_options, texts, starts="--options: ")
 
 
 def test_a_configuration_where_one_scenario_is_needed_is_refused_with_the_way_to_take_one_out(tmp_path):
     (tmp_path / "mine.yaml").write_text("scenarios: {mine: {mechanism: erkaya2009}}", encoding="utf-8")
-    with pytest.raises(InputError, match=r"holds scenarios, and one is needed.* --scenario NAME"):
+    with pytest.raises(InputError, match=r"several scenarios.* --scenario NAME"):
         parse_options(str(tmp_path / "mine.yaml"))

@@ -90,19 +90,20 @@ UNREADABLE = [
     *((text, "cannot be read; write every operation") for text in ("2 v", "2 +", "(v", "|v", "v)", "(v|", "|v)")),
     ("sin v", "cannot be read"),
     ("sin + v", "'sin' is a function; write sin(...)"),
-    *((text, "has no meaning") for text in ("v # x", "v; import os", "v.real", "v or x", "v if x else w", "v(x)")),
-    ("True", "has no meaning"),
+    *((text, "is not supported") for text in ("v or x", "v if x else w", "v(x)")),
+    *((text, "the next character is invalid") for text in ("v # x", "v; import os", "v.real")),
+    ("True", "is not supported"),
     *((text, "divides by 0") for text in ("1/0", "v/(1 - 1)")),
     *((text, "not a finite number") for text in ("log(-1)", "exp(1e6)", "1e999")),
     ("v*" * 600 + "v", "1201 characters ~ more than 1000"),
     ("(" * 300 + "v" + ")" * 300, "nest it less"),
-    ("v+(" * 17 + "v" + ")" * 17, "keeps 18 numbers at once, more than 16"),
+    ("v+(" * 17 + "v" + ")" * 17, "a stack of 18 numbers, more than 16"),
 ]
 
 
 def test_a_formula_that_cannot_be_read_is_refused_with_its_place_and_the_mend():
     refused(lambda text: compile_formula(text, {"a": 1.0} if "a*" in text else {}), UNREADABLE)
-    taken = [(name, "cannot be told from") for name in ("v", "theta", "sin", "pi", "two words", "1st", "|a|")]
+    taken = [(name, "is a reserved or invalid name") for name in ("v", "theta", "sin", "pi", "two words", "1st", "|a|")]
     refused(lambda name: compile_formula("v", {name: 1.0}), taken)
     with pytest.raises(InputError, match="does not use the coefficient 'b'"):
         compile_formula("a*v", {"a": 1.0, "b": 2.0})

@@ -47,7 +47,7 @@ def test_a_joint_that_makes_no_sense_is_refused():
     """
     pivots = [
         ({"crank_pivot": PIVOT | {"journal": "rod"}}, "joints.crank_pivot ~ 'frame' or 'crank'"),
-        ({"crank_pivot": PIVOT | {"contact": "brass"}}, "joints: crank_pivot.contact names 'brass'"),
+        ({"crank_pivot": PIVOT | {"contact": "brass"}}, "joints: crank_pivot.contact: no entry 'brass'"),
     ]
     refused(lambda joints: mechanism(joints=joints), written(rows) + pivots)
 
@@ -62,24 +62,24 @@ def test_clearances_count_when_it_is_asked_whether_the_crank_can_turn():
 
 
 CONTACTS = """
-{law: penalty} => law penalty needs penalty_damping and penalty_depth ~ add them
-{law: penalty, penalty_damping: 10, penalty_depth: 1 um} => does not read restitution
-{restitution: null} => law lankarani_nikravesh needs restitution ~ add it
-{penalty_damping: 10} => does not read penalty_damping
-{stiffness: 1.0e+18} => stiffness 1e+18 ~ infinitely stiff ~ 3.16e+16 N/m^1.5 at most
-{stiffness: 2.0e+12, exponent: 1} => infinitely stiff ~ 1e+12 N/m^1 at most
-{exponent: 3} => exponent 3 needs stiffness in N/m^3 ~ Hertz ~ 1.5 alone
-{stribeck_speed: 0.1} => stribeck_speed is read by friction_law bengisu_akay and lugre ~ not by coulomb
+{law: penalty} => law penalty requires penalty_damping and penalty_depth ~ add them
+{law: penalty, penalty_damping: 10, penalty_depth: 1 um} => does not use restitution
+{restitution: null} => law lankarani_nikravesh requires restitution ~ add it
+{penalty_damping: 10} => does not use penalty_damping
+{stiffness: 1.0e+18} => stiffness 1e+18 ~ at most 3.16e+16 N/m^1.5
+{stiffness: 2.0e+12, exponent: 1} => stiffness 2e+12 ~ at most 1e+12 N/m^1
+{exponent: 3} => exponent 3 requires stiffness in N/m^3 ~ Hertz ~ 1.5
+{stribeck_speed: 0.1} => stribeck_speed is used by friction_law bengisu_akay and lugre ~ not by coulomb
 {friction_law: lugre, static_friction: 0.01} => static_friction 0.01 is less than friction 0.05
 {friction_law: ambrosio, dead_band_speed: 2 mm/s} => dead_band_speed 0.002 ~ 0.001 m/s
-{memory: published, reference_approach_speed: 0.1} => memory published does not read reference_approach
+{memory: published, reference_approach_speed: 0.1} => memory published does not use reference_approach
 """
 
 
 def test_a_contact_that_makes_no_sense_is_refused_once_with_the_mend():
     cases = written(CONTACTS)
     for keys in ({"memory": "fading"}, {"reference_approach_speed": 0.1}):
-        cases.append((PENALTY | keys, f"law penalty does not read {next(iter(keys))}"))
+        cases.append((PENALTY | keys, f"law penalty does not use {next(iter(keys))}"))
 
     def once(keys):
         try:
@@ -95,7 +95,7 @@ def test_a_contact_is_as_stiff_as_it_may_be_where_a_kilonewton_presses_a_nanomet
     for exponent in (1.0, 1.5, 2.2):
         stiffest = 1e3 / 1e-9**exponent
         assert with_contact(stiffness=0.999 * stiffest, exponent=exponent)
-        with pytest.raises(InputError, match="infinitely stiff"):
+        with pytest.raises(InputError, match="is too large"):
             with_contact(stiffness=1.001 * stiffest, exponent=exponent)
 
 
@@ -109,7 +109,7 @@ def test_a_contact_that_the_loads_would_press_in_by_half_the_journal_is_refused_
             with_contact(stiffness=0.999 * softest, exponent=exponent).check_contacts(speed)
     with pytest.raises(InputError, match=r"joints\.crank_pin: contact\.youngs_modulus 10000 Pa is too soft") as caught:
         with_contact(youngs_modulus="10 kPa").check_contacts(speed)
-    least = float(re.search(r"joints\.crank_pin.*give (\S+) Pa at least", str(caught.value)).group(1))
+    least = float(re.search(r"joints\.crank_pin.*give at least (\S+) Pa", str(caught.value)).group(1))
     joint = with_contact(youngs_modulus=1.01 * least).joint("crank_pin")
     assert hertz_stiffness(joint) * (radius / 2) ** 1.5 == pytest.approx(load, rel=0.02)
     ideal = {name: {"loose": False} for name in ("crank_pin", "piston_pin")}

@@ -11,7 +11,7 @@ def test_a_section_made_in_python_is_told_what_a_file_is_told():
     pin = {"journal": "crank", "journal_radius": "7 mm", "bearing_radius": "6 mm"}
     cases = [
         (lambda: Simulate(sped="600 rpm"), "Simulate: unknown key 'sped'; did you mean 'speed'?"),
-        (lambda: Simulate("600 rpm"), "Simulate: takes keys by name alone, such as Simulate(speed=...)"),
+        (lambda: Simulate("600 rpm"), "Simulate: accepts keyword arguments only, such as Simulate(speed=...)"),
         (
             lambda: Simulate(drive={"kind": "motr"}),
             "Simulate: drive.kind = 'motr': no such kind; did you mean 'motor'?",

@@ -54,5 +54,5 @@ def test_a_unit_has_a_factor_and_a_sensors_factor_makes_its_signal_a_quantity():
     refused(unit_factor, units, ValueError)
     assert scaled_unit_factor("0.35 Nm/A", "mA", "N*m") == pytest.approx(0.35e-3, rel=1e-14)
     assert scaled_unit_factor("2.5", "mm", "m") == pytest.approx(2.5e-3, rel=1e-14)
-    with pytest.raises(ValueError, match=r"needs N\*m"):
+    with pytest.raises(ValueError, match=r"requires N\*m"):
         scaled_unit_factor("0.35 N*m/V", "A", "N*m")

@@ -69,7 +69,7 @@ def test_the_best_lengths_of_a_design_are_those_of_its_clearance_vectors_in_both
 @each("measure, key", [("best_ratio", "best_lengths"), ("reduction_at_printed_local", "printed_numbers")])
 def test_what_decides_is_asked_of_what_is_measured_alone(measure, key):
     given = asked({"friction": [0.1, 0.2]}, best_lengths=False).model_dump(by_alias=True, exclude_unset=True)
-    with pytest.raises(ValueError, match=f"{measure} is not measured; set sweep.{key} to true"):
+    with pytest.raises(ValueError, match=f"{measure} is not computed; set sweep.{key} to true"):
         Scenario(**given | {"sensitivity": {"measures": [measure]}})
     Scenario(**given | {"sweep": given["sweep"] | {key: True}, "sensitivity": {"measures": [measure]}})
 
@@ -115,11 +115,11 @@ def test_the_printed_lengths_reduce_the_error_of_a_design_as_the_objective_of_it
 @each(
     "parameters, more, message",
     [
-        ({"revolution": [1]}, {"printed_numbers": False}, "revolution: says how the paper's printed numbers are"),
-        ({"revolution": [1, 3]}, {}, "revolution = 3: must be a whole number from 1 to simulate.revolutions, 2"),
+        ({"revolution": [1]}, {"printed_numbers": False}, "revolution: defines the error"),
+        ({"revolution": [1, 3]}, {}, "revolution = 3: must be an integer from 1 to simulate.revolutions, 2"),
         ({"error_measure": ["rmse"]}, {}, "error_measure = 'rmse': no such measure"),
-        ({"window_start": ["100 deg"], "window_end": ["50 deg"]}, {}, "the window must grow"),
-        ({"clearance": {"from": "0.1 mm", "to": "0.5 mm"}}, {}, "do not speak of this mechanism"),
+        ({"window_start": ["100 deg"], "window_end": ["50 deg"]}, {}, "window_start = 1.74533, window_end = 0.872665"),
+        ({"clearance": {"from": "0.1 mm", "to": "0.5 mm"}}, {}, "do not apply to this mechanism"),
     ],
 )
 def test_printed_numbers_that_cannot_be_are_refused_before_anything_is_simulated(parameters, more, message):

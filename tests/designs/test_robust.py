@@ -19,16 +19,16 @@ from jointgap.designs.optimise_robust import (
     compare,
     deviation,
     draw,
-    front_of,
     headline,
-    held_quantile,
     minimised,
     optimise_robust,
     page,
+    pareto_front,
     scenario_of,
     search,
     uncertain_of,
     verdict,
+    violation_quantile,
 )
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.region import Region, geometric
@@ -56,16 +56,16 @@ def scenario(uncertain: dict, constraints: dict | None = None, **more) -> Scenar
 @each(
     "uncertain, more, words",
     [
-        ({}, {}, "nothing is uncertain"),
+        ({}, {}, "optimise_robust.uncertain: is empty"),
         ({"frictoin": FRICTION}, {}, "did you mean 'friction'"),
-        ({"friction": [0.1]}, {}, "one value is not uncertain"),
+        ({"friction": [0.1]}, {}, "friction: has one value only"),
         ({"friction": FRICTION}, {"quantile": 1}, "quantile"),
         ({"friction": FRICTION}, {"probability": 1.5}, "probability"),
         ({"mechanism.crank.length": {"from": "149 mm", "to": "151 mm"}}, {}, "give crank_length with the tolerance"),
-        ({"crank_length": {"from": "149 mm", "to": "151 mm"}}, {}, "the length is searched"),
-        ({"friction": {"distribution": "normal", "mean": 0.05, "deviation": 0.1}}, {}, "cut the distribution off"),
-        ({"friction": FRICTION, "mechanism.joints.crank_pin.contact.friction": FRICTION}, {}, "set the same number"),
-        ({"simulate.revolutions": [2, 3]}, {}, "not uncertain"),
+        ({"crank_length": {"from": "149 mm", "to": "151 mm"}}, {}, "too large for a tolerance"),
+        ({"friction": {"distribution": "normal", "mean": 0.05, "deviation": 0.1}}, {}, "truncate the distribution"),
+        ({"friction": FRICTION, "mechanism.joints.crank_pin.contact.friction": FRICTION}, {}, "set the same value"),
+        ({"simulate.revolutions": [2, 3]}, {}, "not an uncertain parameter"),
     ],
 )
 def test_what_cannot_be_done_is_one_clear_error_before_anything_is_simulated(uncertain, more, words, monkeypatch):
@@ -143,17 +143,17 @@ def test_a_draw_that_failed_keeps_no_constraint():
     assert found["lengths"]["draws"].eq(60).all()
 
 
-@each("low, high, said", [(-0.01, 0.02, "not significant"), (-0.02, -0.01, "are worse than the original ones")])
+@each("low, high, said", [(-0.01, 0.02, "not significant"), (-0.02, -0.01, "lengths found are worse")])
 def test_where_the_gain_may_be_nothing_the_page_says_that_no_change_is_worth_it(once, low, high, said):
     gains = once.gains.assign(measure_fall=(low + high) / 2, measure_fall_low=low, measure_fall_high=high)
     found = replace(once, gains=gains)
-    assert headline(found) == "No change of the lengths is worth it"
+    assert headline(found) == "No significant improvement: keep the original lengths"
     assert any(said in sentence for sentence in verdict(found))
 
 
 def test_the_page_shows_every_pair_of_lengths_with_its_numbers(once):
     text = to_markdown(page(once, scenario({"friction": FRICTION, "crank_length": TOLERANCE}), "mine"))
-    for words in ("original lengths", "frozen motion", "best at nominal values", "robust optimum", "16 fresh draws"):
+    for words in ("original lengths", "frozen motion", "best at nominal values", "robust optimum", "16 validation"):
         assert words in text
     assert {"robust_front", "robust_errors", "robust_map"} == set(dict(draw(once)))
 
@@ -184,7 +184,7 @@ def test_the_smallest_quantile_lies_where_its_closed_form_says():
 def test_no_candidate_is_better_than_one_on_the_front_in_all_that_is_minimised():
     formula = Formula(standard_draws(), force=lambda lengths, z: 1e3 * (lengths[:, :1] / 0.15) * (1.0 + 0.1 * z))
     found = search(asked(), formula)
-    values, front = found[list(OBJECTIVES)].to_numpy(), front_of(found)
+    values, front = found[list(OBJECTIVES)].to_numpy(), pareto_front(found)
     assert len(front) > 10
     for place in front:
         assert not (np.all(values <= values[place], axis=1) & np.any(values < values[place], axis=1)).any()
@@ -222,7 +222,7 @@ def test_a_range_is_kept_with_the_tolerances_of_the_lengths():
 
 def test_statistics_count_the_draws_that_did_not_fail_and_a_quantile_of_misses_those_that_hold():
     missed = np.array([-1.0, -1.0, -1.0, 2.0])
-    assert held_quantile(missed, 0.75) <= 0.0 < held_quantile(missed, 0.76)
+    assert violation_quantile(missed, 0.75) <= 0.0 < violation_quantile(missed, 0.76)
     values = np.array([1.0, 2.0, 4.0, np.nan])
     assert deviation(values) == pytest.approx(np.std([1, 2, 4], ddof=1))
     assert minimised(OptimiseRobust(measure="quantile", quantile=0.5), values) == pytest.approx(2.0)

@@ -13,7 +13,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.schema import MEASURES
 from jointgap.designs.run import DIGEST, table_of
 from jointgap.designs.sampling import Designs, designs_of
-from jointgap.designs.sensitivity import SensitivityResult, decided, what_decides
+from jointgap.designs.sensitivity import SensitivityResult, compute_indices, sensitivity_indices
 from jointgap.designs.stages import sensitivity
 from tests.dynamics.cases import mechanism, options
 
@@ -40,7 +40,7 @@ def swept(drawn: Designs, measure, reason=None) -> pd.DataFrame:
 
 
 def decide(drawn: Designs, measure, reason=None, seed=0) -> SensitivityResult:
-    return decided(drawn, swept(drawn, measure, reason), ["stroke"], seed)
+    return compute_indices(drawn, swept(drawn, measure, reason), ["stroke"], seed)
 
 
 def quantiles(frame: pd.DataFrame) -> np.ndarray:
@@ -150,10 +150,11 @@ def test_too_many_failed_designs_or_too_few_designs_or_a_constant_have_no_index(
         return quantiles(frame)[:, 0] > 0.5
 
     few = decide(designs(EVEN, number=64), additive, half).surrogates.loc[0, "reason"]
-    assert few == "50 % of the designs lack it (32 failed), more than 10 %"
-    assert decide(designs(EVEN, number=32), additive).surrogates.loc[0, "reason"] == "32 designs have it, fewer than 50"
+    assert few == "undefined for 50 % of the designs (32 failed), more than 10 %"
+    few = decide(designs(EVEN, number=32), additive).surrogates.loc[0, "reason"]
+    assert few == "32 designs with a value, fewer than 50"
     same = decide(designs(EVEN, number=64), lambda frame: np.full(len(frame), 0.3))
-    assert same.surrogates.loc[0, "reason"] == "it is the same for all designs"
+    assert same.surrogates.loc[0, "reason"] == "equal for all designs"
 
 
 def dataset(drawn: Designs, folder: Path) -> None:
@@ -174,9 +175,9 @@ def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_pa
     drawn, folder = designs_of(made), tmp_path / "sensitivity"
     dataset(drawn, tmp_path / "designs")
     text = sensitivity(made, tmp_path / "designs", folder)
-    assert "Clearance decides 1 of 1 measures most; in 1 of them that is sure." in text
+    assert "Clearance has the largest total index for 1 of 1 measures; significant for 1." in text
     assert "noise" not in text  # no design has it
-    again = what_decides(drawn, tmp_path / "designs", made.sensitivity)
+    again = sensitivity_indices(drawn, tmp_path / "designs", made.sensitivity)
     for table, frame in again.tables.items():
         parquet.write(table, frame, written := tmp_path / Path(table.path).name)
         assert written.read_bytes() == (folder / written.name).read_bytes()
@@ -185,5 +186,5 @@ def test_the_stage_says_on_its_page_what_decides_and_finds_the_same_again(tmp_pa
 
 
 def test_parameters_that_do_not_vary_decide_nothing():
-    with pytest.raises(InputError, match="none varies"):
+    with pytest.raises(InputError, match="every parameter has one value"):
         decide(designs({"friction": [0.1]}, number=64), lambda frame: frame["friction"])

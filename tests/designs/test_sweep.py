@@ -225,9 +225,9 @@ def test_a_folder_that_holds_anything_else_is_refused_before_anything_is_simulat
     sweep(scenario(RANGE, number=5, designs_per_job=2), tmp_path, 1)
     simulated.clear()
     fewer = refused(scenario(RANGE, number=3, designs_per_job=2), tmp_path)
-    assert "part_000001.parquet: holds designs 2 to 3, but sweep.number asks for 3; ask for 5 or more" in fewer
+    assert "part_000001.parquet: contains designs 2 to 3, more than sweep.number = 3; set it to 5 or more" in fewer
     cut = refused(scenario(RANGE, number=5, designs_per_job=4), tmp_path)
-    assert "part_000001.parquet: holds designs 2 to 3, which are no part of this sweep in parts of 4" in cut
+    assert "part_000001.parquet: contains designs 2 to 3, which do not match parts of 4" in cut
     other = refused(scenario({"friction": {"from": 0, "to": 0.2}}, number=5, designs_per_job=2), tmp_path)
     assert "part_000000.parquet: belongs to another sweep" in other
     assert not simulated
@@ -241,7 +241,7 @@ def test_a_design_that_is_missing_or_there_twice_is_told(tmp_path):
     write_designs(designs, 0, 1, tmp_path / "a.parquet", "code")
     check_dataset(designs, tmp_path)
     write_designs(designs, 0, 1, tmp_path / "c.parquet", "code")
-    with pytest.raises(InputError, match=r"c\.parquet: design 0 is there twice"):
+    with pytest.raises(InputError, match=r"c\.parquet: design 0 is a duplicate"):
         check_dataset(designs, tmp_path)
     (tmp_path / "c.parquet").unlink()
     write_designs(designs, 0, 1, tmp_path / "a.parquet", "other code")
@@ -252,18 +252,21 @@ def test_a_design_that_is_missing_or_there_twice_is_told(tmp_path):
 @each(
     "parameters, message",
     [
-        ({}, "nothing is swept"),
-        ({"clearance": {"from": "1 mm", "to": "0.1 mm"}}, "clearance: from = 1 mm and to = 0.1 mm stand the wrong way"),
-        ({"clearance": {"from": "1 mm", "to": "1 mm"}}, "are the same, so it does not vary"),
+        ({}, "sweep.parameters: is empty"),
+        ({"clearance": {"from": "1 mm", "to": "0.1 mm"}}, "clearance: from = 1 mm and to = 0.1 mm are in the wrong"),
+        ({"clearance": {"from": "1 mm", "to": "1 mm"}}, "from = 1 mm and to = 1 mm are equal"),
         ({"cleerance": {"from": 0, "to": 1}}, "cleerance: no such word; did you mean 'clearance'"),
         ({"mechanism.slider.mas": {"from": 1, "to": 2}}, "mechanism.slider has no 'mas'; did you mean 'mass'"),
         ({"friction": {"from": 2, "to": 3}}, "must be less than or equal to 0.6"),
-        ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 1e-300}}, "friction: is so narrow that all"),
-        ({"friction": {"distribution": "normal", "mean": 0, "deviation": 0.01, "from": 0.1}}, "which never come"),
-        ({"crank_length": ["150 mm", "0.15 m", "151 mm"]}, "gives one value in two ways"),
-        ({"friction": {"distribution": "log_uniform", "from": 0, "to": 1}}, "a log_uniform range begins above zero"),
-        ({"clearance": [1e-4], "mechanism.joints.crank_pin.bearing_radius": [8e-3]}, "set the same number"),
-        ({"speed": [30, 40], "simulate.speed": [30, 40]}, "speed and simulate.speed set the same number"),
+        ({"friction": {"distribution": "normal", "mean": 0.1, "deviation": 1e-300}}, "all values round to 0.1"),
+        ({"friction": {"distribution": "normal", "mean": 0, "deviation": 0.01, "from": 0.1}}, "exclude all values"),
+        ({"crank_length": ["150 mm", "0.15 m", "151 mm"]}, "contains equal values"),
+        (
+            {"friction": {"distribution": "log_uniform", "from": 0, "to": 1}},
+            "a log_uniform range must begin above zero",
+        ),
+        ({"clearance": [1e-4], "mechanism.joints.crank_pin.bearing_radius": [8e-3]}, "set the same value"),
+        ({"speed": [30, 40], "simulate.speed": [30, 40]}, "speed and simulate.speed set the same value"),
     ],
 )
 def test_a_sweep_that_cannot_be_is_refused_before_anything_is_simulated(parameters, message):

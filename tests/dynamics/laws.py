@@ -11,7 +11,7 @@ def faded_damping(numbers, approach, since) -> np.ndarray:
     """Damping [s/m] of a contact `since` [s] it began: a smooth step of ninth order is an incomplete beta integral."""
     share = np.clip((since - numbers.memory_time) / numbers.fading_time, 0.0, 1.0)
     step = betainc(5.0, 5.0, share)
-    return (1 - step) * numbers.damping / approach + step * numbers.lasting_damping
+    return (1 - step) * numbers.damping / approach + step * numbers.steady_contact_damping
 
 
 def impact_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:

@@ -54,9 +54,7 @@ def test_a_motion_of_too_many_steps_says_what_each_joint_does_and_what_to_change
     whirling = mechanism(loose=("crank_pivot",), friction=0.3, clearance=2e-5)
     with pytest.raises(SimulationError, match=r"more than 30000 steps.*friction that makes a journal whirl") as told:
         simulate(whirling, options(revolutions=3, tolerance=1e-9))
-    turns = re.search(
-        r"crank pivot: \d+ contacts began, in contact, circling its clearance (\S+) times", str(told.value)
-    )
+    turns = re.search(r"crank pivot: \d+ contacts, in contact, circling its clearance (\S+) times", str(told.value))
     assert abs(float(turns[1])) > 50
     assert "crank pin:" not in str(told.value)
 

@@ -130,7 +130,7 @@ def test_a_table_that_is_no_load_of_one_period_is_refused(table):
         (1.5 * TURN, WAVE, {}, "span 537 deg ~ neither 360 nor 720 deg"),
         (TURN[::-1], WAVE, {}, "row 3: does not rise"),
         (TURN[:5], WAVE[:5], {}, "5 rows; give 8 to 4096"),
-        (TURN, WAVE, {"angle": {"column": "at", "unit": "mm"}}, "unit = 'mm' ~ needs rad"),
+        (TURN, WAVE, {"angle": {"column": "at", "unit": "mm"}}, "unit = 'mm' ~ requires rad"),
         (TURN, WAVE, {"period": 1.0}, "it is 360 or 720 deg; remove it"),
         (TURN, WAVE, {"bore": 0.07}, "pressure and bore go together"),
         (TURN, WAVE, below_zero, "column F, row 48: an absolute pressure is not below zero"),

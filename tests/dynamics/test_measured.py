@@ -7,7 +7,7 @@ from scipy.sparse import eye_array
 
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import AngleErrors, running_on, smooth_angle
+from jointgap.dynamics.drive import AngleErrors, unwrapped, smooth_angle
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import SPEED, mechanism, options
@@ -69,7 +69,7 @@ def test_an_angle_is_recovered_with_its_derivatives_within_its_steps_or_noise(
 def test_samples_beyond_a_record_are_refused(tmp_path):
     time = np.linspace(0.0, 10.0, 4001)
     p = parameters(IDEAL, along(tmp_path, time, np.pi * time, 4, resolution=STEP))
-    with pytest.raises(InputError, match=r"as far as 1800.1 deg at 10.0005\d* s, the samples to 1980 deg"):
+    with pytest.raises(InputError, match=r"ends at 1800.1 deg and 10.0005\d* s, the samples at 1980 deg"):
         integrate_to_angles(p, start_state(p), np.linspace(0.0, 11 * np.pi, 100), 1e-12)
 
 
@@ -91,7 +91,7 @@ def test_angles_run_on_over_turns_wherever_they_fall_back():
         (exact[::60], exact[::60]),
         (to_and_fro % TURN, to_and_fro),
     ):
-        np.testing.assert_allclose(running_on(read), true, atol=1e-12)
+        np.testing.assert_allclose(unwrapped(read), true, atol=1e-12)
 
 
 def with_value(row, value):
@@ -106,14 +106,14 @@ def as_it_is(table):
     "change, says, keys",
     [
         (with_value(4, np.nan), "angle.csv, column t, row 5: 'nan' is not a finite number", {}),
-        (with_value(4, 0.0), "column t, row 5: time 0 s does not rise", {}),
+        (with_value(4, 0.0), "column t, row 5: time 0 s does not increase", {}),
         (lambda table: table.rename(columns={"theta": "thetas"}), "no column 'theta'.*thetas", {}),
         (lambda table: table[:5], "5 samples are too few", {}),
         (lambda table: table.assign(theta=-table.theta % TURN), "the crank turns clockwise", {}),
         (lambda table: table.assign(theta=table.theta.mask(table.index < 99, 0.2)), "stands still or turns", {}),
-        (lambda table: table[:1000], "holds 1 whole revolutions, .*asks for 2", {}),
+        (lambda table: table[:1000], "contains 1 whole revolutions, .*revolutions is 2", {}),
         (lambda table: table[::50].iloc[:41].assign(theta=table.theta * 10), "steps by .* than half a turn", {}),
-        (as_it_is, "time and angle both name column 't'", {"angle": "t"}),
+        (as_it_is, "time and angle are both column 't'", {"angle": "t"}),
         (as_it_is, "resolution: 180 deg is more than a quarter turn", {"resolution": np.pi}),
         (as_it_is, "16999 pieces, more than 16384", {"count": 17000}),
     ],

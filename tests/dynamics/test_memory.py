@@ -14,7 +14,7 @@ from tests.dynamics.laws import faded_damping, impact_duration, joint
 from tests.rows import each
 
 CHI, APPROACH = 0.8, 0.4
-FADING = {"damping": CHI, "memory_time": 2e-3, "fading_time": 1e-3, "lasting_damping": CHI / 0.05}
+FADING = {"damping": CHI, "memory_time": 2e-3, "fading_time": 1e-3, "steady_contact_damping": CHI / 0.05}
 
 
 @each("exponent, speed", [(1.0, 0.5), (1.5, 1e-3), (3.0, 0.5)])
@@ -30,7 +30,7 @@ def test_memory_and_fading_last_as_long_as_is_documented():
         duration = impact_duration(numbers.stiffness, 1.5, mass, 1e-3)
         assert numbers.memory_time == pytest.approx(2.5 * duration, rel=1e-9)
         assert numbers.fading_time == pytest.approx(2.5 * duration, rel=1e-9)
-        assert numbers.lasting_damping == numbers.damping / 0.05
+        assert numbers.steady_contact_damping == numbers.damping / 0.05
 
 
 def test_the_published_form_and_the_penalty_form_never_fade():

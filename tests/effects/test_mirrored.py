@@ -94,5 +94,5 @@ def test_a_motor_starts_from_rest_and_turns_either_way():
 def test_a_crank_that_cannot_turn_is_refused():
     with pytest.raises(ValueError, match="speed 0: the crank does not turn; give a speed, or a motor"):
         options(speed=0.0)
-    with pytest.raises(InputError, match="clockwise: a single simulation turns so, all else does not"):
+    with pytest.raises(InputError, match="clockwise, which only single simulations support"):
         parameters(mechanism(), options(speed=-1.0))

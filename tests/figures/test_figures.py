@@ -164,7 +164,7 @@ def test_a_constant_speed_is_called_so(drawings):
 def test_figures_go_by_their_names_and_tables_and_the_registry_loads_no_matplotlib(tables, scenario):
     with pytest.raises(InputError, match="did you mean 'orbits'"):
         draw("orbit", tables, scenario)
-    with pytest.raises(InputError, match="needs the table 'kinematics'"):
+    with pytest.raises(InputError, match="requires the table 'kinematics'"):
         draw("figure_09", {}, scenario)
     assert FIGURES.needed_tables(("figure_15", "contact_forces")) == ("kinematics", "trajectory")
     code = "import sys, jointgap.scenario.figures, jointgap.campaign.figures; print(*sys.modules)"

@@ -18,7 +18,7 @@ def test_the_page_is_complete_in_itself_and_names_axes_units_and_joints(tables, 
     for words in (
         "penetration (+), gap (\\u2212) [\\u00b5m]",
         "normal force [N]",
-        "crank angle, running on [deg]",
+        "crank angle [deg]",
         "piston pin",
     ):
         assert words in drawn, words
@@ -27,7 +27,7 @@ def test_the_page_is_complete_in_itself_and_names_axes_units_and_joints(tables, 
 
 def test_without_plotly_the_page_says_in_a_line_what_to_install(tables, scenario, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly.subplots", None)
-    with pytest.raises(InputError, match=r"an interactive figure needs plotly: pip install 'jointgap\[workflow\]'"):
+    with pytest.raises(InputError, match=r"an interactive figure requires plotly: pip install 'jointgap\[workflow\]'"):
         impacts_page(tables["trajectory"], tables["events"], scenario, "paper")
 
 

@@ -161,7 +161,7 @@ def test_transmission_angle_is_a_right_angle_plus_the_rod_angle():
 
 
 def test_a_rod_that_cannot_reach_is_refused_with_its_crank_angle():
-    with pytest.raises(InputError, match=r"rod of 100 mm .* crank angle 90 deg: its crank end is 150 mm off"):
+    with pytest.raises(InputError, match=r"rod of 100 mm .* crank angle 90 deg: its crank end is 150 mm from"):
         transmission_angle(0.150, 0.100, np.radians([0.0, 45.0, 90.0]))
     short = MECHANISM.model_copy(update={"rod": MECHANISM.rod.with_length(0.1)})
     with pytest.raises(InputError, match="90 deg"):

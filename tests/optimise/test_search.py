@@ -160,7 +160,7 @@ def test_a_step_is_cut_exactly_at_the_edge_it_meets():
 
 
 def test_a_ratio_that_leaves_nothing_of_the_box_is_refused():
-    with pytest.raises(InputError, match=r"ratio_limit 0\.2 leaves nothing of the box"):
+    with pytest.raises(InputError, match=r"ratio_limit 0\.2 excludes the whole box"):
         Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.2)
 
 

@@ -30,7 +30,7 @@ from jointgap.paper.printed import OPTIMA, TRAINING_MSE, departures
 from jointgap.scenario import overview
 from tests.rows import each
 
-HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "cannot be told"
+HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "undecided"
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,7 @@ def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
     assert "a &lt; b" in html
     assert "because &amp; so" in html
     assert r"| c \| d |" in text
-    assert "Numbers: differs 1. Claims: cannot be told 1." in text
+    assert "Numbers: differs 1. Claims: undecided 1." in text
 
 
 def _moved(scenario, **amplitudes):
@@ -218,7 +218,7 @@ def test_scenarios_that_differ_in_their_loose_joints_alone_are_a_looseness_varia
     [
         ((0.30, 0.31), HOLDS, "more loose joints gains more"),
         ((0.01, 0.02), FAILS, "b (loose joints: 2) gains most, c (loose joints: 3) least"),
-        ((0.19, 0.30), UNKNOWN, "cannot be decided"),
+        ((0.19, 0.30), UNKNOWN, "Undecided: the spreads"),
     ],
 )
 def test_more_joints_are_better_only_if_every_scenario_with_more_gains_more_spreads_included(three, verdict, says):
@@ -262,7 +262,7 @@ def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scena
     text = to_markdown(overview.overview_page(found))
     assert "| 1 of 1 | 0 of 1 | 0 of 1 | 1 of 2 |" in text
     assert "| 149.000 | 564.000 | 10.00 | 20.00 | 10.00 (9.00 to 11.00) | 10.00 (9.00 to 11.00) | 1 of 1 |" in text
-    section = text[text.index("By count of loose joints") : text.index("## Gain when simulated again")]
+    section = text[text.index("By number of loose joints") : text.index("## Gain when simulated again")]
     places = [section.index(row) for row in ("| 1 | loose_crank_pin |", "| 2 | paper |", "| 3 | three_loose |")]
     assert places == sorted(places) and "motor" not in section
 

@@ -90,9 +90,9 @@ def test_failed_designs_are_left_out_and_counted():
 @each(
     "sweep, message",
     [
-        ({}, "nothing is swept"),
+        ({}, "sweep.parameters is empty"),
         ({"parameters": {"friction": {"from": 0, "to": 0.2}}}, "set sweep.printed_numbers to true"),
-        ({"parameters": {"friction": [0.1]}, "printed_numbers": True}, "no setting varies"),
+        ({"parameters": {"friction": [0.1]}, "printed_numbers": True}, "every setting has one value"),
     ],
 )
 def test_what_cannot_be_inferred_is_refused_before_anything_is_simulated(sweep, message):

@@ -80,7 +80,7 @@ def test_dates_are_seconds_since_the_first(read):
     def seconds(*stamps):
         content = "t;x\n" + "".join(f"{stamp};{x}\n" for stamp, x in zip(stamps, (1, 2, 3), strict=True))
         found = read(content, clock="t")
-        assert found.is_dated and "dates are read as seconds since 2026-03-01" in found.remarks[0]
+        assert found.is_dated and "dates are converted to seconds since 2026-03-01" in found.remarks[0]
         np.testing.assert_allclose(found.values["t"], T, atol=1e-12)
         with pytest.raises(InputError, match=r"column t, row 2: '2026.* is not a number"):
             read(content)  # of a channel that is no time
@@ -110,8 +110,8 @@ def test_parquet_is_read_by_its_content_whatever_its_name_and_kind_of_number(rea
 NO_TABLES = [
     ("", "is empty"),
     ("# nothing\n\n", "is empty"),
-    ("t,x\n", "holds headings but no samples"),
-    ("t,x\ns,mm\n", "holds headings but no samples"),
+    ("t,x\n", "has headings but no samples"),
+    ("t,x\ns,mm\n", "has headings but no samples"),
     ("time,x\n0,1\n", "row 1 ~ no column 't' ~ known here: time, x"),
     ("t,xx\n0,1\n", "no column 'x' ~ did you mean 'xx'"),
     ("0,1\n1,2\n", "no column 't'"),
@@ -121,9 +121,9 @@ NO_TABLES = [
     ("t,x\n0,1\n0.5,1_000\n", "column x, row 3 ~ '1_000' is not a number"),
     *((f"t,x\n0,1\n0.5,{number}\n", "column x, row 3 ~ infinite") for number in ("inf", "1e999", 2000 * "1")),
     ("t;x\n0;1\n0,5;1.234,5\n", "column x, row 3 ~ '1.234,5' is not a number"),
-    ("t;x\n0;1,5\n0,5;1.5\n", "column x, row 3: '1.5' is not a number ~ a decimal comma ~ throughout"),
+    ("t;x\n0;1,5\n0,5;1.5\n", "column x, row 3: '1.5' is not a number ~ a decimal comma ~ everywhere"),
     ("t,x\n0,1\n0.5\n", "row 3: has 1 cells, but there are 2 headings"),
-    ("t,x,y\n0,1\n1,2\n", "row 2: has 2 cells ~ all rows have as many; remove the heading too many"),
+    ("t,x,y\n0,1\n1,2\n", "row 2: has 2 cells ~ all rows have the same number; remove the additional heading"),
     ("t,x\n0,0,1,5\n0,5,1,5\n", "row 2: has 4 cells ~ decimals have a comma too ~ such as ';'"),
     ("t,x\n12:00:01,1\n", "column t, row 2: '12:00:01' is not a number ~ as ISO dates such as 2026-"),
     ('t,x\n0,"1\n1,"2\n', "row 2 ~ quotation mark"),

@@ -216,9 +216,9 @@ def test_a_sensor_that_reads_backwards_needs_no_other_file_but_a_sign(tmp_path):
 
 def test_signs_jitter_and_amounts_that_mean_nothing_are_refused(tmp_path):
     cases = [
-        ({"channels": sensors(time={"sign": -1})}, "time.sign has no meaning"),
+        ({"channels": sensors(time={"sign": -1})}, "time.sign does not apply"),
         ({"channels": sensors(slider_position={"sign": 2})}, "sign = 2"),
-        ({"channels": sensors(slider_position={"jitter": "1 ms"})}, "slider_position.jitter has no meaning"),
+        ({"channels": sensors(slider_position={"jitter": "1 ms"})}, "slider_position.jitter does not apply"),
         ({"nuisance": {"encoder_zero": "-3 deg"}}, "encoder_zero = '-3 deg': must be greater than 0"),
     ]
     refused(lambda over: recorded_rig.campaign(tmp_path, QUIET, over), cases, InputError)

@@ -45,7 +45,7 @@ def test_a_failed_job_is_one_line_with_the_reason_as_far_as_it_is_known(tmp_path
         ("jointgap: a remark\njointgap: error: the motor stalls\n\n", "the motor stalls"),
         ("Traceback (most recent call last):\n  ...\nMemoryError\n", "MemoryError"),
         ("jointgap: error: one\njointgap: error: two\n", "one (and 1 more in the log)"),
-        ("", "ended with exit status 2, and left no reason"),
-        (None, "ended with exit status 2, and left no reason"),
+        ("", "ended with exit status 2, without a message"),
+        (None, "ended with exit status 2, without a message"),
     ]
     each(told, cases)

@@ -143,7 +143,7 @@ def test_it_says_why_it_ends(status, targets, settings):
 
 
 def test_targets_that_are_not_finite_are_refused():
-    with pytest.raises(ValueError, match="leave gaps out"):
+    with pytest.raises(ValueError, match="remove undefined points"):
         minimise(NetworkModel(LAYOUT, INPUTS), np.where(INPUTS > 0.5, np.nan, 1.0), nguyen_widrow(LAYOUT, 0), PRECISE)
 
 

@@ -39,7 +39,7 @@ def test_what_is_written_is_what_is_read_with_the_unit_behind_each_name_and_othe
 def test_a_file_that_is_there_stays_unless_force_is_asked_for(written):
     (file,) = export(written[0])
     file.write_text("mine")
-    with pytest.raises(InputError, match="is there already; --force writes over it"):
+    with pytest.raises(InputError, match="already exists; overwrite with --force"):
         export(written[0])
     assert file.read_text() == "mine"
     export(written[0], force=True)
@@ -52,5 +52,5 @@ def test_an_unknown_unit_and_a_folder_without_tables_are_refused_before_anything
     )
     assert not (tmp_path / "csv").exists()
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="holds no Parquet file"):
+    with pytest.raises(InputError, match="contains no Parquet file"):
         export(tmp_path / "empty")

@@ -57,7 +57,7 @@ def test_a_frame_that_is_not_the_table_is_refused_and_leaves_nothing_behind(plac
         (FRAME.drop(columns="angle"), "missing columns"),
         (FRAME.assign(more=1), "unknown columns"),
         (FRAME.assign(angle=np.nan), "angle ~ non-nullable"),
-        (FRAME.assign(angle=[0.0, 1.0, np.inf]), "angle holds an infinite value"),
+        (FRAME.assign(angle=[0.0, 1.0, np.inf]), "angle contains an infinite value"),
     ]
     refused(lambda frame: parquet.write(SMALL, frame, place), cases, ValueError)
     assert list(place.parent.iterdir()) == []
@@ -97,7 +97,7 @@ def test_a_missing_a_damaged_a_wrong_file_and_one_of_another_version_are_told_ap
     refused(lambda: parquet.read(SMALL, place), [("not 'small'",)])
     other = Table("small", "as it was", (*COLUMNS[1:], Column("old", "1", "a column that is gone")))
     parquet.write(other, FRAME.drop(columns="angle").assign(old=1.0), place)
-    words = "other columns than this version's, angle (double), old (double); run"
+    words = "other columns than in this version (angle (double), old (double)); run"
     refused(lambda: parquet.read(SMALL, place), [(words,)])
     arrow = parquet.to_arrow(SMALL, FRAME)
     text = arrow.set_column(0, pa.field("angle", pa.string()), pa.array(["0.1", "x", "0.3"]))
@@ -116,6 +116,6 @@ def test_whether_a_file_can_be_written_is_found_out_without_writing_it(tmp_path)
     cases = [
         (tmp_path / "taken" / "file.parquet", "cannot be written"),
         (tmp_path / "new", "is a folder"),
-        (tmp_path / "a.parquet", tmp_path / "new" / ".." / "a.parquet", "named for two results"),
+        (tmp_path / "a.parquet", tmp_path / "new" / ".." / "a.parquet", "path of two results"),
     ]
     refused(parquet.check_writable, cases)

@@ -107,7 +107,7 @@ def test_a_dashboard_shows_optima_and_curves_keeps_what_is_published_and_ends_wi
 def test_where_nothing_can_be_shown_it_is_told_what_to_do_and_a_port_in_use_is_passed_over(
     results, monkeypatch, tmp_path
 ):
-    with pytest.raises(InputError, match=r"mlflow\.db: there is no such store; run `make run`"):
+    with pytest.raises(InputError, match=r"mlflow\.db: no such store; run `make run`"):
         dashboard(tmp_path)
     monkeypatch.setenv("MLFLOW_TRACKING_URI", "http://127.0.0.1:9")  # which is not started again
     with pytest.raises(InputError, match=r"http://127\.0\.0\.1:9 cannot be reached"):

@@ -89,10 +89,10 @@ def test_a_store_that_was_moved_or_that_is_none_is_refused(results, simulated, t
     publish(results, simulated)
     moved = results.rename(tmp_path / "moved")
     files = {name: moved / "made_up" / path.name for name, path in simulated.items()}
-    with pytest.raises(InputError, match=r"mlflow\.db was made elsewhere.*put it back there, or move the file away"):
+    with pytest.raises(InputError, match=r"mlflow\.db was created elsewhere.*move it back, or move the file away"):
         publish(moved, files)
     (moved / "mlflow.db").write_bytes(b"a letter to somebody" * 100)
-    with pytest.raises(InputError, match=r"mlflow\.db cannot be reached or used .*move it away"):
+    with pytest.raises(InputError, match=r"mlflow\.db cannot be reached or used .*move the file away"):
         publish(moved, files)
     assert (moved / "mlflow.db").read_bytes().startswith(b"a letter")
 

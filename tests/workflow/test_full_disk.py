@@ -22,4 +22,4 @@ def test_the_reason_of_a_failed_job_is_shown_though_its_log_is_empty(tmp_path):
     said = done.stdout + done.stderr
     assert done.returncode != 0 and (tmp_path / "read.log").read_text() == (tmp_path / "write.log").read_text() == ""
     assert "jointgap: error: nothing.parquet: no such file; check the path" in said and "Traceback" not in said
-    assert re.search(r"jointgap: error: .*cannot be written \(File too large\); free some space", said)
+    assert re.search(r"jointgap: error: .*cannot be written \(File too large\); free disk space", said)

@@ -97,7 +97,7 @@ def test_snakemake_itself_takes_no_configuration_that_is_wrong_in_silence(tmp_pa
         done = run(ROOT, *command)
         said = done.stdout + done.stderr
         assert done.returncode == 1 and "Traceback" not in said
-        assert f"{tmp_path / 'mine.yaml'}, line 1, column 25: 010 is one thing to some programs" in said
+        assert f"{tmp_path / 'mine.yaml'}, line 1, column 25: 010 differs between YAML versions" in said
 
 
 PATHS = [

@@ -8,7 +8,7 @@ from pathlib import Path
 from jointgap.campaign.campaign_files import campaigns
 from jointgap.campaign.figures import FIGURES as CAMPAIGN_FIGURES
 from jointgap.campaign.stages import CAMPAIGN_STAGES
-from jointgap.config import Constraints, check_whole, resolve
+from jointgap.config import Constraints, check_all_sections, resolve
 from jointgap.core.files import write_text
 from jointgap.core.joints import JOINT_NUMBERS, outputs
 from jointgap.core.progress import parts
@@ -198,7 +198,7 @@ def every_scenario(wildcards=None):
     files = ["results/overview.parquet"] if len(COMPARED) > 1 else []
     for name, scenario in SCENARIOS.items():
         try:
-            check_whole(scenario, name)
+            check_all_sections(scenario, name)
         except InputError as error:
             refuse(error)
         files += of_scenario(name, made_by([SCENARIO_STAGES[one] for one in stages_of(scenario)], SCENARIO))

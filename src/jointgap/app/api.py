@@ -1,4 +1,4 @@
-"""The package from Python."""
+"""The Python interface."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, outputs
 from jointgap.core.parquet import read_table, with_units
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.words import in_words, joined, number, reading_unit, rounded_gap
+from jointgap.core.words import format_name, joined, number, reading_unit, rounded_gap
 from jointgap.designs import ensemble as designs_ensemble
 from jointgap.designs.run import failures, table_of
 from jointgap.designs.sampling import designs_of
@@ -39,21 +39,21 @@ if TYPE_CHECKING:
     from jointgap.core.plot import Drawing
 
 _COLUMN = 24
-"""Characters of a value that stands under others; what is longer is a text of its own."""
+"""Longest value in the aligned column of a summary."""
 
 Row = tuple[str, float | int | str, str]
 """Quantity, value and unit of a line of a summary."""
 
 
 class Result:
-    """A result that shows itself: as text, as a table in a notebook, and in figures.
+    """A result with a text form, a table for notebooks, and figures.
 
     Attributes
     ----------
     remarks : tuple of str
-        What one should know before trusting it, in sentences.
+        Warnings and limitations.
     figures : mapping of str to str
-        Names that `plot` takes, with the titles of the figures; the first one is drawn without a name.
+        Names for `plot`, with the titles of the figures; the first is the default.
     """
 
     remarks: tuple[str, ...]
@@ -74,13 +74,13 @@ class Result:
         Parameters
         ----------
         name : str, optional
-            One of `figures`; the first of them by default.
+            One of `figures`; the first by default.
 
         Returns
         -------
         Drawing
-            Shows itself in a notebook; ``.save("name.png")`` writes it (``.svg`` and ``.pdf`` too), ``.figure`` is
-            matplotlib's, ``.data`` the table of all that is drawn.
+            Displayed in a notebook; ``.save("name.png")`` writes it (also ``.svg``), ``.figure`` is the matplotlib
+            figure, ``.data`` the table of the plotted data.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Result:
         """
         name = name or next(iter(self.figures), None)
         if name is None:
-            raise InputError(f"plot: there is nothing to draw; {type(self).__name__}.remarks says why")
+            raise InputError(f"plot: there are no figures; see {type(self).__name__}.remarks")
         if name not in self.figures:
             raise InputError(
                 f"plot: no figure '{name}' of this {type(self).__name__}; {did_you_mean(name, self.figures)}"
@@ -102,7 +102,7 @@ class Result:
         Returns
         -------
         pandas.DataFrame
-            Columns quantity, value and unit, a row each.
+            Columns quantity, value and unit.
         """
         return pd.DataFrame(self._rows(), columns=["quantity", "value", "unit"])
 
@@ -129,7 +129,7 @@ class Result:
 
 
 def _in_digits(value: float | int | str, unit: str) -> str:
-    """A value for the eye: lengths to the micrometre, forces in N without powers of ten, else four digits."""
+    """A formatted value: lengths to the micrometre, forces in N without exponents, otherwise four digits."""
     if isinstance(value, str | int):
         return str(value)
     if unit == "mm":
@@ -149,18 +149,18 @@ class Motion(Result):
     Attributes
     ----------
     mechanism : Mechanism
-        What moved.
+        The simulated mechanism.
     options : Simulate
-        How it was driven and sampled.
+        Drive and sampling.
     samples : pandas.DataFrame
-        One row a sample, in SI units; ``samples.attrs["units"]`` has them by column, `unit` one of them. NaN where a
-        quantity is undefined.
+        One row per sample, in SI units (``samples.attrs["units"]`` by column, or `unit`). NaN where a quantity is
+        undefined.
     events : pandas.DataFrame
-        One row a beginning or end of contact; units as of `samples`.
+        One row per beginning or end of contact; units as of `samples`.
     steps : int
-        Integration steps taken, rejected ones included.
+        Integration steps, including rejected ones.
     remarks : tuple of str
-        Where contacts do otherwise than one may think.
+        Unexpected properties of the contacts.
     """
 
     mechanism: Mechanism
@@ -183,7 +183,7 @@ class Motion(Result):
         Returns
         -------
         str
-            Such as ``"rad"``; ``"1"`` for pure numbers, empty for text.
+            For example ``"rad"``; ``"1"`` for pure numbers, empty for text.
 
         Raises
         ------
@@ -199,13 +199,13 @@ class Motion(Result):
 
     @property
     def figures(self) -> Mapping[str, str]:
-        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+        """Names for `plot`, with the titles of the figures; the first is the default."""
         loose = self.mechanism.applied().loose
         first = "orbits" if loose else "drive_and_guide"
         names = sorted(_MOTION_FIGURES, key=lambda name: name != first)
         titles = {
             name: FIGURES[_MOTION_FIGURES[name]].title.partition(" (")[0] for name in names
-        }  # the paper's numbers apart
+        }  # without the paper's figure numbers
         return {name: title for name, title in titles.items() if loose or name not in _OF_LOOSE_JOINTS}
 
     def _draw(self, name: str) -> "Drawing":
@@ -216,7 +216,7 @@ class Motion(Result):
         if "kinematics" in spec.tables:
             first = self.samples.iloc[: self.options.samples_per_revolution + 1]
             frames["kinematics"] = motion_table(linkage_frames(mechanism, first), first["crank_angle"].to_numpy())
-        # what figures take for a scenario: its settled revolution is the last one
+        # the figures expect a scenario: the last revolution is the settled one
         last = Optimise(ensemble={"settled_revolution": self.options.revolutions})
         scenario = Scenario(mechanism=mechanism, simulate=self.options).model_copy(update={"optimise": last})
         return FIGURES.draw(_MOTION_FIGURES[name], frames, scenario)
@@ -232,36 +232,37 @@ class Motion(Result):
             ("revolutions", revolutions, ""),
         ]
         for joint in FROM_FRAME:
-            words, force = in_words(joint), np.hypot(self.samples[f"{joint}_force_x"], self.samples[f"{joint}_force_y"])
+            words = format_name(joint)
+            force = np.hypot(self.samples[f"{joint}_force_x"], self.samples[f"{joint}_force_y"])
             if joint in mechanism.loose:
                 own = contacts(self.events, joint)
                 rows += [
                     (f"{words}: radial clearance", 1e3 * mechanism.clearance(joint), "mm"),
-                    (f"{words}: impacts (contacts that begin)", len(own), ""),
+                    (f"{words}: impacts (beginnings of contact)", len(own), ""),
                     (f"{words}: time in contact", 100 * (1 - time_shares(own, time[0], time[-1])["flight"]), "%"),
                 ]
             peaks = self.events.loc[self.events["joint"] == joint, "peak_force"].dropna()
-            rows.append((f"{words}: largest force, the start included", float(max([force.max(), *peaks])), "N"))
+            rows.append((f"{words}: largest force, including the start", float(max([force.max(), *peaks])), "N"))
             rows.append((f"{words}: largest force in the last revolution", float(force[last:].max()), "N"))
         return rows
 
 
 def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbation=None, **keys: Any) -> Motion:
-    """Simulate a slider-crank, any of its joints loose.
+    """Simulate a slider-crank with loose or ideal joints.
 
-    It starts with coincident joint centres and the velocities of the mechanism without clearance.
+    The motion starts with coincident joint centres and the velocities of the mechanism without clearance.
 
     Parameters
     ----------
     mechanism : Mechanism
-        From `jointgap.load_mechanism`, or made in Python.
+        From `jointgap.load_mechanism`, or created in Python.
     options : Simulate, optional
-        How it is driven and sampled; defaults where absent.
+        Drive and sampling.
     perturbation : (4,) or (6,) array_like, optional
-        Clearance vectors at the start instead of zero: r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m].
+        Initial clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y [m]; zero by default.
     **keys
-        Keys of `jointgap.Simulate`, which go over `options`: ``speed``, ``revolutions``, ``drive``, ``start_angle``,
-        ``samples_per_revolution``, ``tolerance``. With units as text, ``"600 rpm"``; plain numbers are in SI.
+        Keys of `jointgap.Simulate`, which override `options`: ``speed``, ``revolutions``, ``drive``, ``start_angle``,
+        ``samples_per_revolution``, ``tolerance``. Text with units, such as ``"600 rpm"``, or SI numbers.
 
     Returns
     -------
@@ -270,9 +271,9 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
     Raises
     ------
     InputError
-        An unknown key or an impossible value, named with what to do.
+        Unknown key or invalid value.
     SimulationError
-        The integration cannot go on; the message holds time, crank angle and state.
+        The integration failed; the message contains time, crank angle and state.
 
     Examples
     --------
@@ -290,12 +291,12 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:
-    """The `mechanism`, if it is one."""
+    """The `mechanism`; InputError for any other type."""
     return _of_kind(mechanism, Mechanism, "mechanism", "load one with load_mechanism(path)")
 
 
 def simulate_options(options: Any, keys: Mapping[str, Any]) -> Simulate:
-    """The `options`, a `Simulate` or None, with other values of some `keys`."""
+    """The `options`, a `Simulate` or None, with the values of `keys`."""
     if options is None:
         return Simulate(**keys)
     options = _of_kind(options, Simulate, "options", "write Simulate(speed='600 rpm') or speed='600 rpm'")
@@ -306,39 +307,39 @@ def _of_kind(value: Any, kind: type, name: str, fix: str) -> Any:
     if isinstance(value, kind):
         return value
     given = "text" if isinstance(value, str) else f"of type {type(value).__name__}"
-    raise InputError(f"{name}: is {given}, no {kind.__name__}; {fix}")
+    raise InputError(f"{name}: is {given}, not a {kind.__name__}; {fix}")
 
 
 def _given(**keys: Any) -> dict[str, Any]:
-    """What is not left to its default."""
+    """The arguments that are not None."""
     return {key: value for key, value in keys.items() if value is not None}
 
 
 @dataclass(frozen=True)
 class Motions:
-    """Many motions in a folder, made by `jointgap.ensemble`.
+    """The motions of an ensemble in a folder, made by `jointgap.ensemble`.
 
     Attributes
     ----------
     folder : Path
-        Holds ``runs.parquet``, ``events.parquet`` and ``samples.parquet``, for any program that reads Parquet.
+        Contains ``runs.parquet``, ``events.parquet`` and ``samples.parquet``.
     """
 
     folder: Path
 
     @cached_property
     def runs(self) -> pd.DataFrame:
-        """One row a run: what it differs in, how it started, and why it failed where it did."""
+        """One row per run: its varied values, its start, and the reason of a failure."""
         return read_table(self.folder / designs_ensemble.RUNS)
 
     @cached_property
     def events(self) -> pd.DataFrame:
-        """One row a beginning or end of contact, of all runs (column ``run``)."""
+        """One row per beginning or end of contact, of all runs (column ``run``)."""
         return read_table(self.folder / designs_ensemble.EVENTS)
 
     @cached_property
     def samples(self) -> pd.DataFrame:
-        """One row a sample, of all runs (column ``run``); of large ensembles read the file in parts instead."""
+        """One row per sample, of all runs (column ``run``); read the file in parts for large ensembles."""
         return read_table(self.folder / designs_ensemble.SAMPLES)
 
 
@@ -354,29 +355,29 @@ def ensemble(
     workers: int | None = None,
     **keys: Any,
 ) -> Motions:
-    """Simulate every combination of varied values, each from several starts, and write all to Parquet.
+    """Simulate all combinations of varied values, each from several starts, and write them to Parquet.
 
-    Memory does not grow with the number of runs. A run that fails is told in the table of runs, and the others go on.
+    The memory is independent of the number of runs. Failed runs are listed in the table of runs; the others continue.
 
     Parameters
     ----------
     mechanism : Mechanism
     options : Simulate, optional
-        Drive and samples of all runs, where they are not varied.
+        Drive and sampling of all runs, except varied values.
     folder : Path or str
-        Where the three files are written.
+        Output folder of the three files.
     vary : mapping, optional
-        Lists of values by what they set: ``speed``, ``clearance``, ``friction``, ``restitution`` (of every loose
-        joint), or the path of a key such as ``mechanism.slider.mass``. ``{"from": "200 rpm", "to": "1200 rpm",
-        "number": 6}`` stands for values evenly apart.
+        Lists of values by parameter: ``speed``, ``clearance``, ``friction``, ``restitution`` (of every loose joint), or
+        the path of a key such as ``mechanism.slider.mass``. ``{"from": "200 rpm", "to": "1200 rpm", "number": 6}``
+        gives equidistant values.
     members : int, optional
-        Starts of each combination, of which the first is not perturbed; 10 by default.
+        Starts per combination, of which the first is not perturbed; 10 by default.
     perturbation : float or str, optional
-        Standard deviation of the perturbed starting positions; ``"1e-7 m"`` by default.
+        Standard deviation of the initial positions; ``"1e-7 m"`` by default.
     seed : int, optional
         Of the perturbations; 0 by default.
     workers : int, optional
-        Threads; as many as there are cores by default. Results do not depend on it.
+        Threads; the number of cores by default. Results do not depend on it.
     **keys
         Keys of `jointgap.Simulate`, as `jointgap.simulate` takes them.
 
@@ -387,7 +388,7 @@ def ensemble(
     Raises
     ------
     InputError
-        An unknown key, an impossible value, or a folder that cannot be written.
+        Unknown key, invalid value, or a folder that is not writable.
 
     Examples
     --------
@@ -408,34 +409,34 @@ def ensemble(
 
 @dataclass(frozen=True, repr=False)
 class SweptDesigns(Result):
-    """Many designs, each simulated and measured, made by `jointgap.sweep`.
+    """The designs of a sweep, made by `jointgap.sweep`.
 
     Attributes
     ----------
     folder : Path
-        Holds ``designs``, Parquet files that are one table for pandas, polars and duckdb, and ``summary.html``.
+        Contains ``designs``, a dataset of Parquet files for pandas, polars and duckdb, and ``summary.html``.
     """
 
     folder: Path
-    _drawn: Any  # jointgap.designs.sampling.Designs, which the documentation has no page of
+    _drawn: Any  # jointgap.designs.sampling.Designs, which is not in the documentation
 
-    _HEADLINE = "Designs of a sweep: medians of what was measured"
+    _HEADLINE = "Designs of a sweep: medians of the measures"
 
     @property
     def dataset(self) -> Path:
-        """The folder of Parquet files, a row a design."""
+        """The folder of Parquet files, one row per design."""
         return self.folder / "designs"
 
     @cached_property
     def designs(self) -> pd.DataFrame:
-        """One row a design: its parameters, what was measured, and the reason where it failed.
+        """One row per design: its parameters, its measures, and the reason of a failure.
 
-        In SI units (``attrs["units"]``). Of large sweeps read some columns instead: `read`.
+        In SI units (``attrs["units"]``). For large sweeps, `read` single columns instead.
         """
         return self.read(*table_of(self._drawn).names)
 
     def read(self, *columns: str) -> pd.DataFrame:
-        """Some columns of all designs, without the others in memory.
+        """Read some columns of all designs.
 
         Parameters
         ----------
@@ -445,7 +446,7 @@ class SweptDesigns(Result):
         Returns
         -------
         pandas.DataFrame
-            In SI units, which ``attrs["units"]`` holds by column.
+            In SI units (``attrs["units"]`` by column).
 
         Raises
         ------
@@ -465,17 +466,17 @@ class SweptDesigns(Result):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Why designs failed, where some did."""
+        """Reasons of failed designs."""
         return tuple(f"{count} designs failed: {why}" for why, count in failures(self.dataset).most_common())
 
     @property
     def figures(self) -> Mapping[str, str]:
-        """Names that `plot` takes, those of the measures, with what they are; the first one is drawn without a name."""
+        """Names for `plot`, those of the measures, with their labels; the first is the default."""
         return {name: column.description for name, column in _MEASURES.items() if name in self._measured}
 
     @cached_property
     def _measured(self) -> dict[str, float]:
-        """Medians by measure [SI], where some design has one."""
+        """Medians by measure [SI], without undefined ones."""
         names = [column.name for column in self._drawn.measured]
         frame = self.read(*names)
         return {name: float(frame[name].median()) for name in names if frame[name].notna().any()}
@@ -524,37 +525,37 @@ def sweep(
 ) -> SweptDesigns:
     """Simulate and measure many designs, and write them to a dataset of Parquet files.
 
-    Memory does not grow with the number of designs, but of a Latin hypercube, which is drawn whole. A design that is
-    impossible, or whose simulation fails, is a row with its reason. What the folder holds already is kept: a sweep that
-    was interrupted goes on, and one with a larger `number` of the same Sobol sequence simulates the new designs alone.
+    The memory is independent of the number of designs, except for a Latin hypercube. Infeasible or failed designs are
+    rows with their reason. Existing results are kept: an interrupted sweep resumes, and a larger `number` extends a
+    Sobol sequence.
 
     Parameters
     ----------
     mechanism : Mechanism
     options : Simulate, optional
-        Drive and samples of all designs, where they are not varied.
+        Drive and sampling of all designs, except varied values.
     folder : Path or str
-        Where ``designs``, the dataset, and the summary are written.
+        Output folder of the dataset ``designs`` and the summary.
     parameters : mapping
-        What varies, by a word (``speed``; ``clearance``, ``friction``, ``restitution`` of every loose joint;
-        ``crank_length``, ``rod_length``) or by the path of a key such as ``mechanism.slider.mass``: a list of values,
-        or ``{"from": "0.1 mm", "to": "1 mm"}``, with ``"distribution"`` one of ``uniform`` (default), ``log_uniform``,
-        ``normal`` (with ``mean`` and ``deviation``) and ``triangular`` (with ``peak``).
+        Varied parameters: a word (``speed``; ``clearance``, ``friction``, ``restitution`` of every loose joint;
+        ``crank_length``, ``rod_length``) or the path of a key such as ``mechanism.slider.mass``. Values: a list, or
+        ``{"from": "0.1 mm", "to": "1 mm"}`` with ``"distribution"`` ``uniform`` (default), ``log_uniform``, ``normal``
+        (with ``mean`` and ``deviation``) or ``triangular`` (with ``peak``).
     design : str, optional
         ``"sobol"`` (default), ``"latin_hypercube"`` or ``"grid"``.
     number : int, optional
-        Designs; 1024 by default.
+        Number of designs; 1024 by default.
     seed : int, optional
-        Of the drawing; 0 by default.
+        Of the samples; 0 by default.
     window : sequence of two, optional
-        Crank angles of the first revolution over which the error of the transmission angle is measured too; all of it
-        by default.
+        Crank angles in the first revolution for an additional error of the transmission angle; by default the whole
+        revolution.
     best_lengths : bool, optional
-        Whether each design is measured too by its best lengths by the paper's method; False by default.
+        Whether to compute the best lengths of each design by the paper's method; False by default.
     designs_per_job : int, optional
-        Designs of a file; 5000 by default.
+        Designs per file; 5000 by default.
     workers : int, optional
-        Threads; as many as there are cores by default. Results do not depend on it.
+        Threads; the number of cores by default. Results do not depend on it.
     **keys
         Keys of `jointgap.Simulate`, as `jointgap.simulate` takes them.
 
@@ -565,8 +566,8 @@ def sweep(
     Raises
     ------
     InputError
-        An unknown key, an impossible value, or a folder that holds another sweep or cannot be written; before anything
-        is simulated.
+        Unknown key, invalid value, or a folder that contains another sweep or is not writable; raised before any
+        simulation.
 
     Examples
     --------
@@ -596,41 +597,41 @@ _WRITTEN = SCENARIO_STAGES["optimise"].writes
 
 @dataclass(frozen=True, repr=False)
 class Optimum(Result):
-    """The link lengths found, and what they bring once simulated with; made by `jointgap.optimise`.
+    """Optimised link lengths and their re-simulated effects; made by `jointgap.optimise`.
 
     Attributes
     ----------
     mechanism : Mechanism
-        With the lengths found; effects that only change its data are in these.
+        With the new lengths; effects that only modify its data are applied.
     original : Motion
         The motion with the original lengths.
     tables : mapping of str to pandas.DataFrame
-        All that the search came to, by name, in SI units (``attrs["units"]``): ``optima``, ``resimulated``, ``worth``,
-        ``loads`` and others, as the workflow writes them.
+        Results of the search by name, in SI units (``attrs["units"]``): ``optima``, ``resimulated``, ``worth``,
+        ``loads`` and others, as in the workflow.
     """
 
     mechanism: Mechanism
     original: Motion
     tables: Mapping[str, pd.DataFrame]
-    _outcome: Any  # jointgap.scenario.outcome.Outcome, which the documentation has no page of
+    _outcome: Any  # jointgap.scenario.outcome.Outcome, which is not in the documentation
 
     _HEADLINE = "Link lengths with the smallest error of the transmission angle"
 
     @property
     def lengths(self) -> tuple[float, float]:
-        """Of crank and rod [m]."""
+        """Crank and rod length [m]."""
         return self._outcome.lengths
 
     @property
     def at_bounds(self) -> tuple[str, ...]:
-        """The bounds and constraints that the lengths lie at, in words; empty where they lie within."""
+        """Labels of the active bounds and constraints."""
         return self._outcome.bounds
 
     @property
     def gain(self) -> float:
-        """By which share the RMS error of the transmission angle falls [1]: simulated again, median.
+        """Relative reduction of the RMS error of the transmission angle [1]: simulated again, median.
 
-        Over a whole revolution once the motion has settled; over the window, where one is asked for.
+        Over a settled revolution, or over the configured window.
         """
         return float(self._outcome.gain["reduction"])
 
@@ -638,18 +639,18 @@ class Optimum(Result):
     def interval(self) -> tuple[float, float]:
         """5 % and 95 % quantile of `gain` over pairs of runs from slightly different starts [1].
 
-        Ends of both signs mean that a single run may show a loss as well.
+        An interval that contains 0 means no significant gain.
         """
         return tuple(self._outcome.gain[["reduction_low", "reduction_high"]].astype(float))
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to know before taking the lengths over, in sentences."""
+        """Warnings and limitations of the lengths found."""
         return remarks(self._outcome)
 
     @property
     def figures(self) -> Mapping[str, str]:
-        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+        """Names for `plot`, with the titles of the figures; the first is the default."""
         return {name: FIGURES[name].title for name in ("valley", "resimulation")}
 
     def _draw(self, name: str):
@@ -660,7 +661,7 @@ class Optimum(Result):
         found, gain = self._outcome, self._outcome.gain
         (old_crank, old_rod), (crank, rod) = found.original, found.lengths
         before, after = (row for _, row in found.pair("optimise_worth", "simulated").iterrows())
-        error = f"RMS error of the transmission angle over {found.words_of(found.stretch)}"
+        error = f"RMS error of the transmission angle over {found.stretch_label(found.stretch)}"
         shares = {
             "": "reduction",
             ", 5 % of pairs of runs": "reduction_low",
@@ -668,15 +669,15 @@ class Optimum(Result):
         }
         return [
             ("crank length", 1e3 * crank, "mm"),
-            ("changes by", 1e3 * (crank - old_crank), "mm"),
+            ("change of the crank length", 1e3 * (crank - old_crank), "mm"),
             ("rod length", 1e3 * rod, "mm"),
-            ("changes by", 1e3 * (rod - old_rod), "mm"),
-            ("lies at a bound", joined(found.bounds) or "no", ""),
+            ("change of the rod length", 1e3 * (rod - old_rod), "mm"),
+            ("active bounds", joined(found.bounds) or "none", ""),
             (f"{error}, before", float(np.degrees(gain["original_error"])), "deg"),
             (f"{error}, after", float(np.degrees(gain["error"])), "deg"),
-            *((f"falls by{which}", 100.0 * float(gain[share]), "%") for which, share in shares.items()),
+            *((f"reduction{which}", 100.0 * float(gain[share]), "%") for which, share in shares.items()),
             *(
-                (f"{in_words(name)} changes by", 1e3 * float(after[name] - before[name]), "mm")
+                (f"change of the {format_name(name)}", 1e3 * float(after[name] - before[name]), "mm")
                 for name in ("stroke", "outer_dead_centre", "inner_dead_centre")
             ),
             ("largest force in a pin, before", float(found.peak_force[0]), "N"),
@@ -692,28 +693,27 @@ def optimise(
     surrogate: Surrogate | None = None,
     **keys: Any,
 ) -> Optimum:
-    """Search link lengths that bring the transmission angle near what it would be without clearance.
+    """Optimise the link lengths for the smallest error of the transmission angle.
 
-    The mechanism is simulated; with the motion in its joints frozen, a genetic and a local optimiser search crank and
-    rod length; what they find is simulated again, from several slightly perturbed starts. The best lengths for a whole
-    revolution are taken, once the motion has settled (over the window, where one is asked for). Needs pymoo: the extra
-    ``learn``.
+    The mechanism is simulated. With frozen joint motion, a genetic and a local optimiser search crank and rod length.
+    The optima are simulated again from several slightly perturbed starts. The result has the smallest error over a
+    settled revolution (or over the configured window). Requires pymoo: the extra ``learn``.
 
     Parameters
     ----------
     mechanism : Mechanism
-        With the original lengths, at which the desired transmission angle is taken.
+        With the original lengths, which define the desired transmission angle.
     options : Simulate, optional
-        Drive and samples; of its revolutions ``ensemble.settled_revolution`` (4 by default) counts.
+        Drive and sampling; the revolution ``ensemble.settled_revolution`` (4 by default) is used.
     networks : bool
-        Search too as the paper does, on networks trained on the motion (needs PyTorch: the extra ``learn``). Of all
-        lengths found, those are taken that do best once simulated again.
+        Whether to search also with networks trained on the motion, as in the paper (requires PyTorch: the extra
+        ``learn``). The best re-simulated lengths of all searches are returned.
     surrogate : Surrogate, optional
-        How the networks are trained.
+        Training of the networks.
     **keys
-        Keys of `jointgap.Optimise`, with units as text: ``boxes`` (bounds of the lengths by name, the first one counts;
-        5 % around the mechanism's own by default), ``constraints`` (stroke, dead centres, space, largest force in a
-        pin), ``ratio_limit``, ``window``, ``genetic``, ``ensemble``.
+        Keys of `jointgap.Optimise`: ``boxes`` (bounds of the lengths by name, the first for the result; default: 5 %
+        around the mechanism's lengths), ``constraints`` (stroke, dead centres, space, largest pin force),
+        ``ratio_limit``, ``window``, ``genetic``, ``ensemble``.
 
     Returns
     -------
@@ -722,9 +722,9 @@ def optimise(
     Raises
     ------
     InputError
-        An unknown key or an impossible value, no joint that is loose, or a package that is missing.
+        Unknown key, invalid value, no loose joint, or a missing package.
     SimulationError
-        The mechanism cannot be simulated.
+        The simulation failed.
 
     Examples
     --------
@@ -743,17 +743,17 @@ def optimise(
     scenario = Scenario(**sections)
     applied = scenario.mechanism.applied()
     if not applied.loose:
-        raise InputError("optimise: all joints are ideal, so the transmission angle has no error; make one loose")
+        raise InputError("optimise: all joints are ideal, so the transmission angle has no error; make a joint loose")
     motion = simulate(mechanism, scenario.simulate)
     trained = {}
     if "surrogate" in sections:
-        from jointgap.networks.train import train  # PyTorch takes seconds to start
+        from jointgap.networks.train import train  # slow import: PyTorch
 
         for name in outputs(applied.loose):
-            if "_" not in name:  # clearance vectors are all that the search takes
+            if "_" not in name:  # the search requires the clearance vectors only
                 trained[name] = train(motion.samples, name, scenario.surrogate)
     fits = {"networks": {name: own[0].network.values_and_slopes for name, own in trained.items()}} if trained else {}
-    # without networks no samples are kept from them: the points of their grid are the two ends
+    # without networks all samples are used: only the two ends are training points
     points = scenario.surrogate.training_points if trained else 2
     found = optimised(applied, scenario.simulate, scenario.optimise, points, motion.samples, fits)
     tables = {table.name: getattr(found, table.name.removeprefix("optimise_")) for table in _WRITTEN}
@@ -766,24 +766,24 @@ def optimise(
 
 @dataclass(frozen=True)
 class Finding:
-    """One parameter of one effect that a verdict names.
+    """One parameter of an effect named by a verdict.
 
     Attributes
     ----------
     effect : str
-        In words: ``Coulomb friction of the slider``.
+        Label, such as ``Coulomb friction of the slider``.
     name, site : str
-        Of the effect in configurations.
+        In configuration files.
     parameter : str
         Of the effect.
     size : float or str
-        Its value in `unit`; a formula where that is what was found.
+        Value in `unit`, or an identified formula.
     unit : str
         SI unit, ``"1"`` for pure numbers.
     sd : float or None
-        Standard error; None where it is not known.
+        Standard error; None if unknown.
     interval : tuple of float or None, or None
-        90 % interval; an end is None where it is open, and all of it where it is not known.
+        90 % interval; an open end is None; None if unknown.
     """
 
     effect: str
@@ -798,12 +798,12 @@ class Finding:
 
 @dataclass(frozen=True, repr=False)
 class Verdict(Result):
-    """What a campaign comes to, made by `jointgap.analyse` or `jointgap.read_verdict`.
+    """Result of a campaign, made by `jointgap.analyse` or `jointgap.read_verdict`.
 
     Attributes
     ----------
     folder : Path
-        Holds ``verdict.json``, the mechanism with what was found, and all tables (`jointgap.read_table`).
+        Contains ``verdict.json``, the identified mechanism, and all tables (`jointgap.read_table`).
     document : dict
         Content of ``verdict.json``.
     """
@@ -824,12 +824,11 @@ class Verdict(Result):
 
     @property
     def sentence(self) -> str:
-        """The verdict in a sentence or two."""
         return say.answer(self.document)
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What is named, one entry a parameter; empty where nothing is."""
+        """The named effects, one entry per parameter."""
         found = []
         for effect in self.document["effects"]:
             words, name, site = say.effect_in_words(effect), effect["name"], effect["site"]
@@ -843,7 +842,7 @@ class Verdict(Result):
 
     @property
     def effect(self) -> str | None:
-        """The effect that is named, in words; of several the first, see `findings`. None where none is."""
+        """Label of the first named effect (all: `findings`), or None."""
         return self.findings[0].effect if self.findings else None
 
     @property
@@ -863,17 +862,17 @@ class Verdict(Result):
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The mechanism with what was found, to simulate or optimise with."""
+        """The mechanism with the named effects, to simulate or optimise."""
         return load.load_mechanism(self.folder / MECHANISM)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the data made worth saying, before anything was concluded from them."""
+        """Warnings about the data."""
         return tuple(ResultsFolder(self.folder).read("remarks")["remark"])
 
     @property
     def figures(self) -> Mapping[str, str]:
-        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+        """Names for `plot`, with the titles of the figures; the first is the default."""
         return {name: spec.title for name, spec in CAMPAIGN_FIGURES.items()}
 
     def _draw(self, name: str):
@@ -883,7 +882,7 @@ class Verdict(Result):
         return CAMPAIGN_FIGURES.draw(name, frames, self.document)
 
     def _rows(self) -> list[Row]:
-        rows: list[Row] = [("verdict", in_words(self.kind), "")]
+        rows: list[Row] = [("verdict", format_name(self.kind), "")]
         rows += [(name, say.sure_value(*row), "") for name, *row in say.parameter_rows(self.document["effects"])]
         rows += [
             (f"explanation {place}", joined(map(say.effect_in_words, effects)), "")
@@ -898,17 +897,17 @@ class Verdict(Result):
 
 
 def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool = False) -> Verdict:
-    """Find where the measured runs of a campaign disagree with its model, and what is missing in the model.
+    """Compare the measured runs of a campaign with its model, and identify the effect that the model lacks.
 
     Parameters
     ----------
     campaign : Path or str
-        A campaign file (config/README.md has its keys), or a folder that holds one.
+        A campaign file (keys: config/README.md), or a folder with one.
     folder : Path or str, optional
-        Where all tables, the mechanism with what was found and ``verdict.json`` are written;
-        ``results/campaigns/{name of the campaign}`` by default. What an earlier analysis concluded there is removed.
+        Output folder of all tables, the identified mechanism and ``verdict.json``; by default
+        ``results/campaigns/{name of the campaign}``. Conclusions of an earlier analysis there are removed.
     anyway : bool
-        Whether to go on where channels contradict each other, such as two columns that are swapped.
+        Whether to continue if channels contradict each other, for example because two columns are swapped.
 
     Returns
     -------
@@ -917,10 +916,9 @@ def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool
     Raises
     ------
     InputError
-        Campaign or data cannot be used, channels contradict each other, or the folder cannot be written; the message
-        says what to do.
+        The campaign or its data are invalid, channels contradict each other, or the folder is not writable.
     SimulationError
-        The model as it stands cannot be simulated.
+        The model could not be simulated.
 
     Examples
     --------
@@ -938,12 +936,12 @@ def analyse(campaign: Path | str, folder: Path | str | None = None, anyway: bool
 
 
 def read_verdict(folder: Path | str) -> Verdict:
-    """The verdict of an analysis that has been made, by `analyse` or by the workflow.
+    """Read the verdict of an earlier analysis, by `analyse` or by the workflow.
 
     Parameters
     ----------
     folder : Path or str
-        Results of a campaign, such as ``results/campaigns/demonstration``.
+        Results folder of a campaign, such as ``results/campaigns/demonstration``.
 
     Returns
     -------
@@ -952,7 +950,7 @@ def read_verdict(folder: Path | str) -> Verdict:
     Raises
     ------
     InputError
-        No verdict is there.
+        The folder has no verdict.
 
     Examples
     --------
@@ -964,12 +962,12 @@ def read_verdict(folder: Path | str) -> Verdict:
 
 
 def campaign_file(path: Path | str) -> Path:
-    """The campaign file at a `path`, or the only one in a folder.
+    """The campaign file at `path`, or the only one in a folder.
 
     Raises
     ------
     InputError
-        The folder holds none, or several.
+        The folder contains none, or several.
     """
     path = Path(path)
     if not path.is_dir():
@@ -979,25 +977,25 @@ def campaign_file(path: Path | str) -> Path:
     )
     if len(files) != 1:
         names = ", ".join(file.name for file in files)
-        what = f"holds several campaign files ({names}); name one" if files else "holds no campaign file; name one"
+        what = f"contains {f'several campaign files ({names})' if files else 'no campaign file'}; give the path of one"
         raise InputError(f"{path}: {what}")
     return files[0]
 
 
 @dataclass(frozen=True, repr=False)
 class Preflight(Result):
-    """What a planned campaign can show, made by `jointgap.preflight`.
+    """Identifiability of a planned campaign, made by `jointgap.preflight`.
 
     Attributes
     ----------
     campaign : str
         Its name.
     detectable : pandas.DataFrame
-        Smallest size of every effect that these runs and channels show.
+        Smallest detectable size of every effect, with these runs and channels.
     confusability : pandas.DataFrame
-        Which effects look how much alike.
+        Similarity of the effects.
     advice : pandas.DataFrame or None
-        Which further speed or channel would help most; None where it was not sought.
+        Most useful further speed or channel; None if not requested.
     """
 
     campaign: str
@@ -1007,54 +1005,54 @@ class Preflight(Result):
 
     @property
     def _HEADLINE(self) -> str:
-        return f"What the campaign {self.campaign} can show"
+        return f"Identifiability of the campaign {self.campaign}"
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Noise that was assumed where the campaign states none."""
+        """Assumed noise, where the campaign states none."""
         return tuple(f"assumed noise: {text}" for text in plan.assumed(self.detectable))
 
     @property
     def merged(self) -> list[list[str]]:
-        """Groups of effects that these runs and channels cannot tell apart."""
+        """Groups of effects that these runs and channels cannot distinguish."""
         return plan.confusable_groups(self.confusability)
 
     @property
     def text(self) -> str:
-        """What was found as lines of text, as `jointgap preflight` prints it; without what was not sought."""
+        """The report of `jointgap preflight`."""
         return plan.preflight_in_words(self.detectable, self.confusability, self.advice)
 
     @property
     def figures(self) -> Mapping[str, str]:
-        """Names that `plot` takes, with the titles of the figures; the first one is drawn without a name."""
+        """Names for `plot`, with the titles of the figures; the first is the default."""
         return {name: CAMPAIGN_FIGURES[name].title for name in ("detectable", "confusability")}
 
     def _draw(self, name: str):
-        told = {"preflight": {"merged": self.merged}}
-        return CAMPAIGN_FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, told)
+        content = {"preflight": {"merged": self.merged}}
+        return CAMPAIGN_FIGURES.draw(name, {each: getattr(self, each) for each in self.figures}, content)
 
     def _rows(self) -> list[Row]:
         shown = self.detectable[self.detectable["detectable"]].itertuples()
         sizes = ((row, "shows " if row.falls else "shows from ") for row in shown)
         rows: list[Row] = [(say.label_in_words(row.label), words + say.shown_size(row), "") for row, words in sizes]
         rows += [(say.label_in_words(label), "not detectable", "") for label in plan.undetectable(self.detectable)]
-        rows += [("cannot be told apart", joined(map(say.label_in_words, group)), "") for group in self.merged]
+        rows += [("cannot be distinguished", joined(map(say.label_in_words, group)), "") for group in self.merged]
         return rows
 
 
 def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
-    """Say before anything is measured what a campaign will be able to show.
+    """Analyse the identifiability of a planned campaign.
 
-    Which effects its speeds and channels can detect, from which size on, which of them they cannot tell apart, and
-    which further speed or channel would help most. Files of runs need not exist; of those that do, samples are counted.
+    The result contains the smallest detectable size of every effect, the effects that cannot be distinguished, and the
+    most useful further speed or channel. Files of runs may be missing; existing ones give the number of samples.
     Nothing is written.
 
     Parameters
     ----------
     campaign : Path or str
-        A campaign file, or a folder that holds one.
+        A campaign file, or a folder with one.
     advice : bool
-        Whether further speeds and channels are tried too, which takes several times as long.
+        Whether to try further speeds and channels, which takes several times as long.
 
     Returns
     -------
@@ -1063,9 +1061,9 @@ def preflight(campaign: Path | str, advice: bool = True) -> Preflight:
     Raises
     ------
     InputError
-        The campaign cannot be used; the message says what to do.
+        The campaign is invalid.
     SimulationError
-        The model as it stands cannot be simulated.
+        The model could not be simulated.
 
     Examples
     --------

@@ -18,7 +18,7 @@ import click
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.core import schema as known
 from jointgap.core.files import check_writable, write_text
-from jointgap.core.progress import heard_by
+from jointgap.core.progress import progress_listener
 from jointgap.core.schema import Table
 from jointgap.core.stage import Stage
 from jointgap.designs.stages import DESIGN_STAGES
@@ -35,12 +35,12 @@ options_option = click.option(
     "--options", required=True, help="The scenario: path of a YAML or JSON file (config/README.md), or JSON text."
 )
 workers_option = click.option(
-    "--workers", type=click.IntRange(min=1), help="Runs side by side; as many as there are cores when absent."
+    "--workers", type=click.IntRange(min=1), help="Parallel runs; the number of cores by default."
 )
 
 
 def need(flag: str, meaning: str, kind: click.Path = FILE) -> Callable:
-    """A required option `flag` that names a file, or a folder if `kind` is `FOLDER`; `meaning` is its help."""
+    """A required option `flag` for a file, or for a folder if `kind` is `FOLDER`; `meaning` is its help."""
     return click.option(flag, type=kind, required=True, help=meaning)
 
 
@@ -53,7 +53,7 @@ def open_results(options: str, path: Path, places: Mapping[str, Path] | None = N
 
 
 def add_command(stage: Stage, command: Callable[..., str | None], options: Sequence[Callable], section: str) -> None:
-    """Add the subcommand of a stage: `options`, and those in the annotations of its function."""
+    """Add the subcommand of a stage, with `options` and those annotated in its function."""
 
     def show(**given: Any) -> None:
         if shown := command(**given):
@@ -72,7 +72,7 @@ def add_command(stage: Stage, command: Callable[..., str | None], options: Seque
 
 
 class SectionedGroup(click.Group):
-    """A group whose help lists the subcommands by what they are for."""
+    """A group whose help lists the subcommands by purpose."""
 
     sections: dict[str, list[str]]
     """Names of subcommands by heading, in order."""
@@ -81,9 +81,9 @@ class SectionedGroup(click.Group):
     """Commands of earlier versions, with what to use instead."""
 
     def resolve_command(self, ctx: click.Context, args: list[str]):
-        """The subcommand that `args` name; of one that is gone a line with what to use instead."""
+        """The subcommand in `args`; a removed one fails with its replacement."""
         if args and args[0] in self.removed:
-            ctx.fail(f"{args[0]} is gone; {self.removed[args[0]]}.")
+            ctx.fail(f"{args[0]} was removed; {self.removed[args[0]]}.")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -99,10 +99,10 @@ class SectionedGroup(click.Group):
 @click.group(cls=SectionedGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(package_name="jointgap")
 def cli() -> None:
-    """Slider-cranks with loose joints: simulate, learn, optimise, compare.
+    """Slider-cranks with loose joints: simulate, optimise, identify missing effects.
 
-    `make run` and `make campaign` call the stages of the workflow in their order. Every stage reads and writes Parquet
-    files whose columns carry units; `jointgap describe FILE` shows them.
+    `make run` and `make campaign` run all stages of the workflow. Stages read and write Parquet files with units;
+    `jointgap describe FILE` shows them.
     """
 
 
@@ -130,22 +130,22 @@ cli.sections = {
 
 _campaign = click.argument("campaign", type=FILE)
 _folder = click.option(
-    "--folder", type=FOLDER, help="Folder of the campaign's results; results/campaigns/NAME when absent."
+    "--folder", type=FOLDER, help="Folder of the campaign's results; default: results/campaigns/NAME."
 )
 _go_on = click.option(
-    "--go-on", is_flag=True, help="A stage that only adds to the verdict does not fail: the verdict says what it lacks."
+    "--go-on", is_flag=True, help="Continue if an optional stage fails; the verdict lists what is missing."
 )
 _then = click.option(
     "--then",
     type=click.Choice([name for name, stage in CAMPAIGN_STAGES.items() if not stage.command_options]),
     metavar="STAGE",
     multiple=True,
-    help="Another stage, of those without options of their own, to run afterwards in the same process; repeatable.",
+    help="Further stage to run in the same process, without options of its own; repeatable.",
 )
 
 
 def _end_if_something_failed(state: "CampaignState") -> None:
-    """Exit code 3 and a line for each thing that could not be made beside the verdict."""
+    """Exit code 3 and a line per failed stage, if an optional stage failed."""
     from jointgap.campaign.campaign_files import failures
 
     failed = failures(state.folder)
@@ -163,8 +163,7 @@ def _campaign_command(name: str) -> None:
         part, parts = given.get("part", 0), given.get("parts", 1)
         if part >= parts:
             raise InputError(
-                f"--part {part}: parts are counted from 0, and --parts {parts} has none of that number; give "
-                f"{parts - 1} at most, or more --parts"
+                f"--part {part}: must be 0 to {parts - 1} with --parts {parts}; give a smaller part, or more --parts"
             )
         state = CampaignState(campaign, folder)
         stages = [CAMPAIGN_STAGES[each] for each in (name, *then)]
@@ -195,9 +194,9 @@ for _name in CAMPAIGN_STAGES:
 @_folder
 @click.option("--anyway", is_flag=True, help="Go on where channels contradict each other.")
 def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
-    """Find what is missing in the model of CAMPAIGN: every stage in one go, down to verdict.json, summary and figures.
+    """Identify the effect that the model of CAMPAIGN lacks: all stages, up to verdict.json, summary and figures.
 
-    `make campaign` does the same with stages side by side, goes on where it was stopped, and optimises again.
+    `make campaign` does the same with parallel stages, resumes interrupted runs, and optimises again.
     """
     from jointgap.app.report import verdict_lines
     from jointgap.campaign.analyse import analyse as analyse_campaign
@@ -218,31 +217,31 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     type=FOLDER,
     default=Path("results/campaigns"),
     show_default=True,
-    help="Folder that holds the results of the campaigns, each in a folder of its name.",
+    help="Folder of the campaigns' results, each in a folder of its name.",
 )
 @click.option(
-    "--folder", type=FOLDER, default=Path("results/trend"), show_default=True, help="Folder to write the trend into."
+    "--folder", type=FOLDER, default=Path("results/trend"), show_default=True, help="Output folder of the trend."
 )
 def trend(campaigns: tuple[Path, ...], results: Path, folder: Path) -> None:
-    """Show by date how clearances, and sizes of other effects, grow: one or more analysed campaigns of one rig.
+    """Show the growth over time of clearances and other effects, from analysed campaigns of one rig.
 
-    Each campaign file states its `date`; `make campaign` or `jointgap analyse` comes first.
+    Each campaign file has its `date`; run `make campaign` or `jointgap analyse` first.
     """
     from jointgap.campaign.trend import trend as write_trend
 
     click.echo(write_trend(campaigns, results, folder))
 
 
-WIDTH = 100  # columns; also where the output is no terminal and its width unknown
+WIDTH = 100  # columns, also without a terminal
 
 
 @cli.command()
 @click.argument("name", required=False)
 def effects(name: str | None) -> None:
-    """Show the physical effects that a mechanism file can list: law, parameters with units and bounds, reference; and
-    the faults of sensors that a campaign looks for.
+    """List the physical effects for mechanism files (law, parameters with units and bounds, reference), and the sensor
+    faults that a campaign checks.
 
-    With NAME, show that effect in full, and what to paste into the mechanism file.
+    With NAME, show this effect in full, with an example for the mechanism file.
     """
     import yaml
 
@@ -261,10 +260,10 @@ def effects(name: str | None) -> None:
     if name is None:
         click.echo("\n\n".join(_in_lines(key, effect) for key, effect in EFFECTS.items()))
         click.echo("\nv, x: slider's velocity, position; w, theta: crank's speed, angle; t: time.")
-        click.echo("None acts unless it is listed. One in full, with what to paste: jointgap effects NAME\n")
+        click.echo("Effects act only where listed. Details and an example: jointgap effects NAME\n")
     for key in (key for key in FAULTS if name in (None, key)):
         fault = FAULTS[key]
-        law = f"fault of a sensor, which reads y of the true u: {fault.law}"
+        law = f"sensor fault; reading y of the true value u: {fault.law}"
         parameter = f"parameter: {fault.parameter} [{fault.unit or 'unit of the channel'}]"
         click.echo("\n".join([click.style(key, bold=True), *map(_wrapped, (law, parameter)), ""]))
 
@@ -276,7 +275,7 @@ def _wrapped(line: str) -> str:
 
 
 def _in_lines(name: str, effect: Any, meaning: str = "") -> str:
-    """An effect with its law and its parameters; these with their meaning where its own is shown."""
+    """An effect with its law and parameters; with a `meaning`, in full."""
     from jointgap.effects.base import parameters_of
 
     texts = {"": meaning, "site: ": effect.SITE, "law: ": effect.LAW, "reference: ": effect.REFERENCE}
@@ -300,10 +299,10 @@ def _aligned(rows: Sequence[Sequence[str]]) -> str:
 @need("--folder", "Folder to write samples.parquet, events.parquet and runs.parquet to.", FOLDER)
 @workers_option
 def ensemble(options: str, folder: Path, workers: int | None) -> None:
-    """Simulate many motions: every combination of varied values, each from several starts.
+    """Simulate an ensemble: all combinations of varied values, each from several starts.
 
-    The scenario's section `ensemble` says what varies: speed, clearance, friction and restitution (of all loose
-    joints), or any key by its path. A run that fails is reported in runs.parquet with its reason; the others go on.
+    The scenario's section `ensemble` lists what varies: speed, clearance, friction and restitution (of all loose
+    joints), or any key by its path. Failed runs are listed in runs.parquet with their reason; the others continue.
 
     \b
     Example:
@@ -339,10 +338,10 @@ def ensemble(options: str, folder: Path, workers: int | None) -> None:
 @click.option("--change", default="1e-11 m", show_default=True, help="Size of the change of the start.")
 @workers_option
 def growth(options: str, growth: Path, change: str, workers: int | None) -> None:
-    """Tell how far samples of a motion can be compared, and from where on statistics alone.
+    """Estimate how long samples of a motion are reproducible (growth of small perturbations).
 
-    Simulates the scenario's motion again from starts that differ by a hair, and prints what the difference grows to. In
-    a chaotic motion another code, or the same on another machine, gives other samples after that angle.
+    Simulates the motion from slightly perturbed starts and prints the growth of the difference. If the motion is
+    chaotic, other codes or machines give other samples beyond the printed angle; compare only statistics there.
     """
     from jointgap.config import parse_options
     from jointgap.core.errors import InputError
@@ -364,7 +363,7 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
 @need("--events", "Parquet file to read: its events.")
 @need(
     "--folder",
-    "Folder to write section.parquet, revolutions.parquet, impacts.parquet and eccentricity.parquet to.",
+    "Output folder of section.parquet, revolutions.parquet, impacts.parquet and eccentricity.parquet.",
     FOLDER,
 )
 @click.option("--angle", default="0 deg", show_default=True, help="Crank angle of the Poincare section.")
@@ -373,10 +372,10 @@ def growth(options: str, growth: Path, change: str, workers: int | None) -> None
     type=click.IntRange(min=1),
     default=2,
     show_default=True,
-    help="First revolution that counts as settled.",
+    help="First settled revolution.",
 )
 def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: str, first_revolution: int) -> None:
-    """Statistics over revolutions: contact, impacts, orbits, Poincare section, and whether the motion repeats."""
+    """Compute statistics over revolutions: contact, impacts, orbits, Poincaré section, periodicity."""
     from jointgap.config import parse_options
     from jointgap.core.parquet import read, write
     from jointgap.designs.statistics import cycles
@@ -394,7 +393,6 @@ def cycles(options: str, trajectory: Path, events: Path, folder: Path, angle: st
 
 
 def _quantity(option: str, text: str, unit: str) -> float:
-    """The value of an option in `unit`."""
     from jointgap.core.errors import InputError
     from jointgap.core.units import to_si
 
@@ -405,7 +403,7 @@ def _quantity(option: str, text: str, unit: str) -> float:
 
 
 def _flagged(stage: Stage) -> dict[str, Table]:
-    """Tables of a stage whose files can be named one by one, by the name of the option."""
+    """Tables of a stage with an option of their own for the file, by its name."""
     named = stage.writes and set(stage.reads) <= {known.TRAJECTORY}
     return {Path(table.path).stem: table for table in (*stage.reads, *stage.writes)} if named else {}
 
@@ -417,7 +415,7 @@ def _results_command(stage: Stage) -> None:
         files = {flag: given.pop(flag) for flag in flagged}
         if results is None and None in files.values():
             missing = next(flag for flag, file in files.items() if file is None)
-            raise click.UsageError(f"Missing option '--{missing}', or '--results' for all of them.")
+            raise click.UsageError(f"Missing option '--{missing}' (or '--results' for all tables).")
         places = {flagged[flag].name: file for flag, file in files.items() if file is not None}
         stored = open_results(options, results or Path(), places)
         if "siblings" in given:
@@ -427,7 +425,7 @@ def _results_command(stage: Stage) -> None:
             check_writable(*written, *(stored.path / file for file in stage.files))
         return stage.function(stored, **given)
 
-    meaning = "The scenario's results folder: tables are read and written at their places in it."
+    meaning = "The scenario's results folder, from which tables are read and to which they are written."
     own = [options_option, click.option("--results", type=FOLDER, required=not flagged, help=meaning)]
     for flag, table in flagged.items():
         meaning = f"{table.description[0].lower()}{table.description[1:]}"
@@ -446,7 +444,7 @@ def _scenario_command(stage: Stage) -> None:
         keys = re.compile(rf"(?:{'|'.join(type(scenario).model_fields)})[.:]")
         try:
             return stage.function(scenario, **given)
-        except InputError as error:  # lines about a key begin with the file
+        except InputError as error:  # prefix lines about a key with the file
             lines = (f"{source}: {line}" if keys.match(line) else line for line in error.args)
             raise InputError(*lines) from error
 
@@ -464,7 +462,7 @@ _scenarios = {"nargs": 2, "multiple": True, "help": "Name and options of a scena
 for _stage in (*SCENARIO_STAGES.values(), *DESIGN_STAGES.values()):
     if _stage.name == "overview":
         _where = need(
-            "--results", "Folder of the scenarios' folders; overview.md, .html and .parquet go there.", FOLDER
+            "--results", "Folder of the scenarios' folders; receives overview.md, .html and .parquet.", FOLDER
         )
         _given = click.option("--scenario", "scenarios", required=True, **_scenarios)
         add_command(_stage, _overview, [_where, _given], OF_SCENARIO)
@@ -480,7 +478,7 @@ for _stage in (*SCENARIO_STAGES.values(), *DESIGN_STAGES.values()):
 @click.option("--scenario", "scenarios", **_scenarios)
 @click.option("--campaign", "campaigns", multiple=True, help="Name of a campaign, repeatable.")
 def report(results: Path, report: Path, scenarios: tuple[tuple[str, str], ...], campaigns: tuple[str, ...]) -> None:
-    """Put what came out of a run on one page in one file, with its figures."""
+    """Write the report: the results of all scenarios and campaigns of a run, with figures, in one HTML file."""
     from jointgap.app.report import write_report
 
     check_writable(report)
@@ -489,13 +487,11 @@ def report(results: Path, report: Path, scenarios: tuple[tuple[str, str], ...], 
 
 
 @cli.command()
-@click.option(
-    "--results", type=FOLDER, default=Path("results"), show_default=True, help="Folder that holds the default store."
-)
+@click.option("--results", type=FOLDER, default=Path("results"), show_default=True, help="Folder of the default store.")
 @click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="First port to try.")
 @click.option("--browser/--no-browser", default=True, show_default=True, help="Open the comparison in the browser.")
 def dashboard(results: Path, port: int, browser: bool) -> None:
-    """Serve MLflow's pages on this machine, open the comparison of the scenarios, and print its address."""
+    """Serve MLflow's pages locally, and open the comparison of the scenarios."""
     from jointgap.app.dashboard import dashboard
 
     dashboard(results, port, say=click.echo, browse=browser)
@@ -504,7 +500,7 @@ def dashboard(results: Path, port: int, browser: bool) -> None:
 @cli.command()
 @click.argument("file", type=FILE)
 def describe(file: Path) -> None:
-    """Show the columns of a Parquet FILE with their units and meaning."""
+    """Show the columns of a Parquet FILE with units and descriptions."""
     from jointgap.core.parquet import describe
 
     click.echo(f"{file}\n" + _aligned([("column", "unit", "description"), *describe(file).to_numpy()]))
@@ -517,11 +513,11 @@ def describe(file: Path) -> None:
     "--unit",
     "units",
     multiple=True,
-    help="Unit to write instead of the SI unit of its dimension, such as mm, deg or rpm; repeatable.",
+    help="Unit to write instead of the SI unit, such as mm, deg or rpm; repeatable.",
 )
 @click.option("--force", is_flag=True, help="Write over files that are there.")
 def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -> None:
-    """Write a Parquet FILE, or all of a FOLDER, as CSV with the unit behind each name, for spreadsheets and MATLAB.
+    """Convert a Parquet FILE, or all in a FOLDER, to CSV with units in the column names, for spreadsheets and MATLAB.
 
     \b
     Example:
@@ -538,8 +534,8 @@ def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -
 @click.option("--scenario", help="Name of the scenario; the first one of `run` when absent.")
 @click.option("--sources", is_flag=True, help="Print a table instead: each key, its value as written, and its file.")
 def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None:
-    """Check the configuration FILES, each laid over those before it, and print one scenario, complete and in SI, as
-    JSON for --options.
+    """Check configuration FILES, each overriding those before it, and print one scenario, with all keys in SI, as JSON
+    for --options.
     """
     from jointgap.config import load, read_yaml
     from jointgap.config.yaml_files import Layer, merged
@@ -553,7 +549,7 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     check_constraints(scenarios, source)
     name = scenario or next(iter(scenarios))
     if name not in scenarios:
-        raise InputError(f"{source}: no scenario '{name}' in run; {did_you_mean(name, scenarios)}")
+        raise InputError(f"{source}: run lists no scenario '{name}'; {did_you_mean(name, scenarios)}")
     if not sources:
         click.echo(scenarios[name].model_dump_json(indent=2, by_alias=True))
         return
@@ -565,7 +561,7 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
 @click.option("--write", "path", type=FILE, help="File to write; printed when absent.")
 @click.option("--campaign", is_flag=True, help="Of a campaign file, not of a configuration.")
 def schema(path: Path | None, campaign: bool) -> None:
-    """Give the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
+    """Print the JSON schema of a configuration or a campaign, for editors that complete and check YAML."""
     from jointgap.config.load import campaign_json_schema, json_schema
 
     text = json.dumps(campaign_json_schema() if campaign else json_schema(), indent=2, ensure_ascii=False) + "\n"
@@ -575,13 +571,13 @@ def schema(path: Path | None, campaign: bool) -> None:
         write_text(path, text)
 
 
-_SECONDS_OF_SILENCE = 2.0  # work that is over sooner shows nothing
+_SECONDS_OF_SILENCE = 2.0  # no progress before
 _SECONDS_BETWEEN_LINES = 60.0
 
 
 @contextmanager
 def progress_shown() -> Iterator[None]:
-    """Show how far long work has come until the block ends: bars on a terminal, else a line now and then."""
+    """Show the progress of long computations: bars on a terminal, otherwise a line from time to time."""
     terminal = sys.stderr.isatty() and os.environ.get("TERM", "dumb") != "dumb"
     last, bars, tasks = time.monotonic(), None, {}
 
@@ -597,7 +593,7 @@ def progress_shown() -> Iterator[None]:
                 tasks[what] = bars.add_task(what, total=total)
             bars.update(tasks[what], completed=done, total=total, visible=done != total)
 
-    with heard_by(hear):
+    with progress_listener(hear):
         try:
             yield
         finally:
@@ -610,18 +606,18 @@ def _started() -> Any:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    # what the command answers goes where it was sent, not to the terminal of the bars
+    # the command's output may be redirected; the bars stay on the terminal
     bars = Progress(*columns, transient=True, console=Console(stderr=True), redirect_stdout=sys.stdout.isatty())
     bars.start()
     return bars
 
 
 def main() -> None:
-    """Run the command line; a mistake in the input ends with its message and exit code 2, not a traceback."""
+    """Run the command line; an InputError ends with its message and exit code 2, without a traceback."""
     from jointgap.core.errors import InputError, SimulationError
 
-    # One thread, though Snakemake says as many as the job has: matrices are small, so that further threads cost more
-    # processor time than they save, and sums in another order would change the last bits.
+    # One thread, even if Snakemake allows more: for small matrices further threads cost more processor time than they
+    # save, and another order of summation changes the last bits.
     for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ[f"{library}_NUM_THREADS"] = "1"
     try:
@@ -633,13 +629,13 @@ def main() -> None:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
             raise
         where = error.filename or "the log of this command, or a temporary file"
-        message = f"{where}: cannot be written ({error.strerror}); free some space, then run it again"
+        message = f"{where}: cannot be written ({error.strerror}); free disk space, then run the command again"
     else:
         return
     text = "".join(f"jointgap: error: {line}\n" for line in message.splitlines())
     try:
         click.echo(text, err=True, nl=False)
-    except OSError:  # the log of a job has no room: the terminal of the workflow, an open file by its number
+    except OSError:  # no space for the job's log: write to the open file number of the workflow's terminal
         if terminal := os.environ.get("JOINTGAP_TERMINAL"):
             os.write(int(terminal), text.encode())
     sys.exit(2)

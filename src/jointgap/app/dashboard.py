@@ -1,4 +1,4 @@
-"""The dashboard: addresses in MLflow's pages that compare runs, and MLflow's own server to open them."""
+"""The dashboard: links to comparisons in MLflow's pages, and MLflow's server."""
 
 import json
 import os
@@ -13,8 +13,8 @@ from jointgap.core.errors import InputError
 from jointgap.core.publish import EXPERIMENT, OUTPUT, artifact_folder, opened, sqlite_file, store_address
 
 HOST = "127.0.0.1"
-_PORTS = 100  # that are tried, from the one asked for on
-_MOST_COMPARED = 50  # runs in an address
+_PORTS = 100  # ports to try
+_MOST_COMPARED = 50  # runs per link
 
 _COMPARED = {
     "optimise": "optima of all scenarios",
@@ -23,7 +23,7 @@ _COMPARED = {
     "campaign": "verdicts of all campaigns",
     "blind": "scores of all blind trials",
 }
-"""Stages whose runs are compared, and what that shows."""
+"""Stages whose runs are compared, with the link's title."""
 
 _WAIT_AND_OPEN = """
 import sys, time, urllib.request, webbrowser
@@ -40,11 +40,11 @@ for _ in range(120):
 
 
 def dashboard(results: Path, port: int = 5000, say: Callable[[str], object] = print, browse: bool = False) -> None:
-    """Print what to open, then become MLflow's server until it is interrupted."""
+    """Print the links, then become MLflow's server until it is interrupted."""
     address = store_address(results)
     remote, file = address.startswith("http"), sqlite_file(address)
     if file is not None and not file.exists():
-        raise InputError(f"{file}: there is no such store; run `make run` (or `jointgap track`) first")
+        raise InputError(f"{file}: no such store; run `make run` (or `jointgap track`) first")
     base = address.rstrip("/") if remote else f"http://{HOST}:{free_port(port)}"
     links = addresses(address, base)
     for title, link in {"dashboard": base, **links}.items():
@@ -55,32 +55,32 @@ def dashboard(results: Path, port: int = 5000, say: Callable[[str], object] = pr
     if browse and has_screen:
         _open_when_served(next(iter(links.values()), base), base)
     if not remote:
-        say("It answers in some seconds. Ctrl-C ends it.")
+        say("The server starts in a few seconds. Stop it with Ctrl-C.")
         _become_server(address, artifact_folder(address, results), base.rpartition(":")[2])
 
 
 def _open_when_served(link: str, base: str) -> subprocess.Popen:
-    """Open `link` once something answers at `base`, in a process of its own: this one becomes the server."""
+    """Open `link` once the server answers at `base`, in another process because this one becomes the server."""
     command = [sys.executable, "-c", _WAIT_AND_OPEN, base, link]
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
 def _become_server(address: str, artifacts: Path, port: str) -> None:
-    """MLflow's own server command in place of this process: a signal reaches it, and nothing is left to tidy up."""
+    """Replace this process by MLflow's server command, which then receives all signals."""
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", address, "--host", HOST, "--port", port]
-    command += ["--artifacts-destination", artifacts.as_uri(), "--workers", "1"]  # of what is published through it
-    # a browser may keep its connection open; every request on a line of its own would hide the addresses above
+    command += ["--artifacts-destination", artifacts.as_uri(), "--workers", "1"]
+    # a browser may keep its connection open; request logs would hide the links
     command += ["--uvicorn-opts", "--timeout-graceful-shutdown 1 --log-level warning"]
     sys.stdout.flush()
     os.execve(sys.executable, command, os.environ | {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"})
 
 
 def free_port(first: int) -> int:
-    """The first port from `first` on that nothing on this machine listens on."""
+    """The first free port from `first` on."""
     ports = range(first, min(first + _PORTS, 65536))
     for port in ports:
         with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # one just given up counts as free
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a port just released counts as free
             try:
                 probe.bind((HOST, port))
             except OSError:
@@ -90,7 +90,7 @@ def free_port(first: int) -> int:
 
 
 def addresses(store: str, base: str) -> dict[str, str]:
-    """Addresses by what they show: runs side by side with all parameters and metrics, in the order of their names."""
+    """Links by title: comparisons of runs with all parameters and metrics, sorted by name."""
     links = {}
     with opened(store) as client:
         for stage, title in _COMPARED.items():

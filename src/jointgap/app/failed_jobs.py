@@ -1,30 +1,30 @@
-"""A failed job of the workflow in one line: which it was, why, and where its log lies."""
+"""One-line messages for failed jobs of the workflow: job, reason and log."""
 
 import logging
 import re
 from pathlib import Path
 
-_OURS = "jointgap: error: "  # how `jointgap.app.cli` begins what it says of a mistake
+_OURS = "jointgap: error: "  # prefix of error messages of `jointgap.app.cli`
 _SAID_AGAIN = re.compile(
     "Shutting down, this might take some time|WorkflowError:\nAt least one job did not complete successfully"
 )
 _STATUS = re.compile(r"returned non-zero exit status (\d+)|died with <(Signals\.\w+)")
-_LONGEST = 300  # [characters] of a reason that is not ours
+_LONGEST = 300  # [characters] of the reason from other programs
 
 
 class OneLineForAFailedJob(logging.Filter):
-    """A filter of Snakemake's logger: the twenty lines about a failed job, and those at the end, are one.
+    """A filter of Snakemake's logger that shortens the twenty lines about a failed job to one.
 
-    `--show-failed-logs` asks for all of it: then the filter is not set.
+    Not used with `--show-failed-logs`.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self._messages: dict[int, str] = {}
-        self._status: dict[int, str] = {}  # by thread: Snakemake says how a command ended before it says of which job
+        self._status: dict[int, str] = {}  # exit status by thread: Snakemake logs it before the job's name
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the `record` is shown; one of a failed job is rewritten."""
+        """Whether the `record` is shown; one about a failed job is rewritten."""
         event = getattr(getattr(record, "event", None), "name", None)
         text = str(record.msg)
         if event == "JOB_INFO":
@@ -41,15 +41,13 @@ class OneLineForAFailedJob(logging.Filter):
         logs = [Path(path) for path in record.log or ()]
         status = self._status.pop(record.thread, "")
         reasons = filter(None, map(reason_in, logs))
-        why = next(reasons, f"ended with {status}, and left no reason" if status else "left no reason")
+        why = next(reasons, f"ended with {status}, without a message" if status else "no message")
         where = f" (log: {', '.join(map(str, logs))})" if logs else ""
         record.msg, record.args, record.event = f"failed: {job}: {why}{where}", (), None
 
 
 def reason_in(log: Path) -> str:
-    """Why a job failed, by its log: what `jointgap` said of a mistake, else the last line; empty where there is
-    none.
-    """
+    """Reason of a failed job from its log: jointgap's error message, else the last line; '' for an empty log."""
     try:
         lines = [line.strip() for line in log.read_text(encoding="utf-8", errors="replace").splitlines()]
     except OSError:

@@ -1,4 +1,4 @@
-"""The report over scenarios and campaigns, and what came out at the end of a run."""
+"""The report on scenarios and campaigns, and the lines printed at the end of a run."""
 
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -19,40 +19,40 @@ from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.plot import FigureSpec
-from jointgap.core.words import fall_in_percent
+from jointgap.core.words import format_falls
 from jointgap.scenario import overview
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
 
 MOST_BYTES = 6_000_000
-"""Of the images that a report takes in: as text in the page they have a third more, and the page stays below 10 MB."""
+"""[bytes] of the images in a report; encoded they grow by a third, and the page stays below 10 MB."""
 
 _KEY_FIGURES = ("resimulation", "valley", "figure_12", "contact_forces")
 _KEY_FIGURES_OF_CAMPAIGNS = ("measured_against_model", "disagreement", "ranking")
-"""Figures that stand in a report of so many scenarios that all would be too large for a page; the others are linked."""
+"""Figures in reports with too many scenarios for all figures; the others are linked."""
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A scenario or a campaign as the report shows it."""
+    """A scenario or a campaign in the report."""
 
     name: str
     heading: str
-    result: str  # In a line; empty where nothing was optimised
+    result: str  # In one line; empty without an optimisation
     texts: tuple[str, ...]
     links: tuple[Link, ...]
     place: str  # Folder of its figures, relative to the page
-    specs: Mapping[str, FigureSpec]  # Of the figures that were drawn
+    specs: Mapping[str, FigureSpec]  # Of its figures
     key_figures: Collection[str]
 
     def figure(self, key: str, spec: FigureSpec, several: bool) -> FigureBlock:
-        """A figure; its title has the part's name where there are several parts."""
+        """A figure; with `several` parts, its title includes the part's name."""
         title = f"{spec.title}: {self.name}" if several else spec.title
         return FigureBlock(f"{self.place}{key}", title, spec.caption, spec.moving)
 
     def blocks(self, whole: bool, several: bool, shown: str) -> Iterator[Block]:
-        """All of it but the figure `shown` before: figures by category or, unless the report is `whole`, key figures
-        and links to the others.
+        """All except the figure `shown` before: figures by category, or key figures and links unless the report is
+        `whole`.
         """
         yield Heading(self.heading)
         yield from (Paragraph(text, strong=text == f"{self.result}.") for text in self.texts)
@@ -70,12 +70,11 @@ class _Part:
 
 
 def write_report(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], folder: Path, file: Path) -> None:
-    """Put the results of a run on one page in one file, with its figures."""
+    """Write the results of a run to one HTML file, with figures."""
     write_text(file, pages.to_html(page(scenarios, campaigns, folder), folder))
 
 
 def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], folder: Path) -> Page:
-    """The results of a run."""
     learned = {name: own for name, own in scenarios.items() if own.scenario.mechanism.applied().loose}
     summaries = {name: _summary(own) for name, own in learned.items()}
     parts = [_scenario(own, summaries.get(name)) for name, own in scenarios.items()]
@@ -89,9 +88,9 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
         blocks.append(parts[0].figure(key, specs[key], several))
     first = blocks[0].stem if blocks else ""
     if several:
-        results = ((part, part.result or "all joints are ideal: simulated") for part in parts)
+        results = ((part, part.result or "all joints are ideal: motion only") for part in parts)
         blocks.append(
-            Bullets(tuple(Link(part.name, f"#{pages.place_of(part.heading)}", f": {said}") for part, said in results))
+            Bullets(tuple(Link(part.name, f"#{pages.place_of(part.heading)}", f": {text}") for part, text in results))
         )
     compared = {name: own for name, own in learned.items() if own.scenario.paper}
     if len(compared) > 1:
@@ -112,27 +111,27 @@ def _summary(own: ScenarioResults) -> Mapping[str, Any]:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: is no summary of a scenario ({error}); run `jointgap summarise` first") from error
+        raise InputError(f"{path}: is not a summary of a scenario ({error}); run `jointgap summarise` first") from error
 
 
 def _headline(summaries: Mapping[str, Any], parts: Sequence[_Part]) -> str:
     if len(summaries) > 1:
-        falls = fall_in_percent(known["reduction_percent"]["median"] for known in summaries.values())
+        falls = format_falls(known["reduction_percent"]["median"] for known in summaries.values())
         error = f"the RMS error of the transmission angle {falls} at the lengths found, simulated again"
         return f"In {len(summaries)} scenarios {error}"
     if summaries:
         return next(iter(summaries.values()))["headline"]
     results = {part.name: part.result for part in parts if part.result}
-    told = [result if len(results) == 1 else f"{name}: {result}" for name, result in results.items()]
-    return "; ".join(told) or "The motion of the mechanism, simulated"
+    lines = [result if len(results) == 1 else f"{name}: {result}" for name, result in results.items()]
+    return "; ".join(lines) or "The motion of the mechanism, simulated"
 
 
 def _scenario(own: ScenarioResults, summary: Mapping[str, Any] | None) -> _Part:
     name, result = own.path.name, summary["headline"] if summary else ""
     pages = {
         "summary.html": "lengths, gain and side effects",
-        "figures/impacts.html": "zoom into the impacts",
-        "comparison.html": "the paper's numbers and claims compared",
+        "figures/impacts.html": "impacts, interactive",
+        "comparison.html": "comparison with the paper",
     }
     links = tuple(Link(words, f"{name}/{path}") for path, words in pages.items() if (own.path / path).is_file())
     specs = {key: FIGURES[key] for key in FIGURES.still if (own.path / f"figures/{key}.png").is_file()}
@@ -151,42 +150,38 @@ def _campaign(folder: Path, name: str) -> _Part:
 
 
 def _shows(picture: Path) -> bool:
-    """Whether a figure was drawn, and not a sheet that says why there is nothing to draw: that has no plotted data."""
+    """Whether a figure was drawn; a sheet with a message instead has no plotted data."""
     plotted = picture.with_suffix(".parquet")
     return picture.is_file() and (not plotted.is_file() or parquet.read_footer(plotted).num_rows > 0)
 
 
 SUMMARY, SUMMARY_PAGE = "summary.json", "summary.html"
-"""Files of a scenario: what came out for programs, and for people."""
+"""Result files of a scenario: JSON and page."""
 
-_MOST_PAGES = 3  # that are named one by one
+_MOST_PAGES = 3  # listed singly
 
 _HEADS = ("scenario", "crank [mm]", "rod [mm]", "error [deg]", "change [%]")
 _LEGEND = (
-    "error: RMS error of the transmission angle at the original lengths and at those found, simulated again over a",
-    "settled revolution, or over the window that a scenario asks for; change: median (5 to 95 % of an ensemble)",
+    "error: RMS error of the transmission angle at the original and the new lengths, simulated again, over a settled",
+    "revolution, or over the configured window; change: median (5 to 95 % of an ensemble)",
 )
 
 
 def verdict_lines(folder: Path) -> list[str]:
-    """The verdict of a campaign: the answer, sizes with their intervals, the gap on held-out data, and the page."""
+    """The verdict of a campaign: answer, sizes with intervals, gap on held-out data, and the page's path."""
     content = verdict_json.read(folder / VERDICT)
-    told = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
+    basis = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
     lines = [f"campaign {content['campaign']}: {say.answer(content)}", *say.left_out_in_words(content)]
     for effect in content["effects"]:
         for words, *row in say.parameter_rows([effect]):
             lines.append(f"{say.effect_in_words(effect)}: {words} {say.sure_value(*row)}")
     gap = say.held_out_in_words(content)
-    lines.append(f"gap (1 is noise), {told[content['basis']]}: {gap[:1].lower()}{gap[1:]}")
+    lines.append(f"gap (1 is noise), {basis[content['basis']]}: {gap[:1].lower()}{gap[1:]}")
     return "\n  ".join([*lines, f"page: {folder / SUMMARIES[1]}"]).split("\n")
 
 
 def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
-    """A table of the optima that scenarios came to, a row each; then the remarks on them.
-
-    The numbers are those of ``summary.json``, which the scenarios' pages have too. Scenarios without that file are left
-    out; empty where there is none.
-    """
+    """A table of the scenarios' optima, one row each, then the remarks; empty without ``summary.json`` files."""
     paths = {name: results / name / SUMMARY for name in names}
     known = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items() if path.is_file()}
     if not known:
@@ -194,13 +189,13 @@ def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
     rows = [_optimum(name, summary) for name, summary in known.items()]
     pages = [f"page of {name}: {results / name / SUMMARY_PAGE}" for name in known]
     shown = pages if len(pages) <= _MOST_PAGES else [f"pages: {results}/*/{SUMMARY_PAGE}"]
-    told: dict[str, list[str]] = {}  # what several share is told once
+    owners_of: dict[str, list[str]] = {}  # scenarios by remark: shared remarks are printed once
     for name, summary in known.items():
         for remark in summary["remarks"]:
-            told.setdefault(remark, []).append(name)
+            owners_of.setdefault(remark, []).append(name)
     remarks = [
         f"remark on {'all scenarios' if len(known) > 1 and owners == [*known] else ', '.join(owners)}: {sentence}"
-        for sentence, owners in told.items()
+        for sentence, owners in owners_of.items()
     ]
     table = pd.DataFrame(rows, columns=_HEADS).to_string(index=False)
     return [*table.splitlines(), *_LEGEND, *remarks, *shown]

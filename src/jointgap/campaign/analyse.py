@@ -13,7 +13,7 @@ from jointgap.campaign.page import conclude
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.campaign.state import CampaignState
 from jointgap.core.files import write_text
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import ADVICE, CAMPAIGN_OPTIMUM, DECISION
 from jointgap.core.stage import Stage
@@ -37,7 +37,7 @@ def analyse(
     _remove_conclusions(state.folder)
     # advice is sought where the verdict needs it
     options = {"measure": {"pictures": pictures}, "preflight": {"advice": False}, "noise": {"anyway": anyway}}
-    for stage in followed(stages, "stages of the analysis"):
+    for stage in with_progress(stages, "stages of the analysis"):
         begin, own = time.monotonic(), options.get(stage.name, {})
         _ = stage.function(state, **own) if stage.name in made_from else run_if_possible(stage, state, **own)
         seconds[stage.name] = round(time.monotonic() - begin, 3)

@@ -17,7 +17,7 @@ from jointgap.config.load import validate
 from jointgap.core.errors import InputError
 from jointgap.core.schema import MISSING_FORCE
 from jointgap.core.units import split_quantity
-from jointgap.core.words import nuisance_in_words
+from jointgap.core.words import format_nuisance
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.equations import crank_losses, slider_force
 from jointgap.dynamics.simulation import simulate
@@ -120,7 +120,7 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict.replace('_', ' ')}."]
     for p, estimate in nuisances_as_read(chosen, clockwise(campaign)):
         kept = "" if p.run or is_taken_over(p, estimate) else ": not taken over"
-        name, *row = estimate_row(nuisance_in_words(p.key), estimate, p.unit)
+        name, *row = estimate_row(format_nuisance(p.key), estimate, p.unit)
         lines.append(f"{name}: {sure_value(*row)}{kept}")
     for candidate in chosen.hypothesis:
         effect = {"name": candidate.name, "site": candidate.site, "parameters": effect_estimates(chosen, candidate)}

@@ -9,7 +9,7 @@ import pandas as pd
 
 from jointgap.core import plot
 from jointgap.core.plot import CRANK_ANGLE, WIDTH, Drawing, Panel, Quantity, Sheet
-from jointgap.core.words import in_words, percent, size_for_the_eye, unit_in_words
+from jointgap.core.words import format_name, format_size, format_unit, percent
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
 FIGURES = plot.Figures()
@@ -99,7 +99,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
     shown = _one_revolution(samples) if angular else samples
     angle = shown["crank_angle"].to_numpy(dtype=float)
     x = np.degrees(angle % tau) if angular else shown["sample"].to_numpy(dtype=float)
-    words, unit = in_words(channel), unit_in_words(error["unit"])
+    words, unit = format_name(channel), format_unit(error["unit"])
     less = angle if channel == "crank_angle" else 0.0
     name = "less steady rotation" if channel == "crank_angle" else words.split()[-1]
     names = ["measured", *(MODELS[moment] for moment in moments), "spread"]
@@ -154,7 +154,7 @@ def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     shares = [0.75 + len(runs) for runs in runs_of.values()]
     sheet, above = Sheet(1.25 + 0.32 * sum(shares), len(shares), 1, height_ratios=shares), None
     for row, (channel, runs) in enumerate(runs_of.items()):
-        above = panel = sheet.panel((row, 0), in_words(channel), CRANK_ANGLE, _RUN, below=above)
+        above = panel = sheet.panel((row, 0), format_name(channel), CRANK_ANGLE, _RUN, below=above)
         for place, run in enumerate(runs):
             own, windows = (
                 table[(table["channel"] == channel) & (table["run"] == run)] for table in (bins, tables["map_windows"])
@@ -217,7 +217,7 @@ def residuals(tables: Tables, verdict: Verdict) -> Drawing:
     last = samples.groupby("run")["channel"].last()
     for (run, channel), own in samples.groupby(["run", "channel"], sort=False):
         angular = own["crank_angle"].notna().any()
-        title = f"{run}{', held out' if own['held_out'].all() else ''}: {in_words(channel)}"
+        title = f"{run}{', held out' if own['held_out'].all() else ''}: {format_name(channel)}"
         place, x = (channels.index(channel), runs.index(run)), CRANK_ANGLE if angular else _SAMPLE
         panel = sheet.panel(place, title, x, Quantity("residual", "noise sd"))
         _dots(panel, own.dropna(subset=["crank_angle"]) if angular else own, moments, angular)
@@ -282,7 +282,7 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     fits = tables["ranking"].query("kind != 'base'").dropna(subset=["delta_bic"]).sort_values("delta_bic")[list(base)]
     best = fits.groupby(fits["kind"] == "single").tail(RANKED)
     best = pd.concat([best, pd.DataFrame([base])]).sort_values("delta_bic", ascending=False, kind="stable")
-    names = [in_words(label).replace(" + ", " +\n") for label in best["explanation"]]
+    names = [format_name(label).replace(" + ", " +\n") for label in best["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
     shown = {
         Quantity("evidence against it: BIC above the best", "1"): best["delta_bic"].max() - best["delta_bic"],
@@ -386,7 +386,7 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
         own = own.loc[order.sort_values(["alone", "run", "one"], kind="stable").index]
         labels = [
             ("all runs" if one.run == "all" else f"run {one.run}")
-            + ("" if one.channel == "all" else f", {in_words(one.channel)}")
+            + ("" if one.channel == "all" else f", {format_name(one.channel)}")
             for one in own.itertuples()
         ]
         above = panel = sheet.panel((row, 0), ROLES[role], GAP, _RUN, below=above)
@@ -450,7 +450,7 @@ def optimum(tables: Tables, verdict: Verdict) -> Drawing:
         panel.axes.locator_params(axis="x", nbins=4)
     error.axes.set_xlim(0.0, 1.08e3 * np.degrees(optima["rms_before"].max()))
     for panel in panels:
-        list_rows(panel, [f"{row.series}, {in_words(row.source)}" if panel is panels[0] else "" for row in rows])
+        list_rows(panel, [f"{row.series}, {format_name(row.source)}" if panel is panels[0] else "" for row in rows])
         panel.axes.set_ylim(len(rows) - 0.4, -0.75)
     sheet.legend([error])
     return sheet.drawing()
@@ -498,7 +498,7 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
         edge.set(edgecolor=plot.COLOURS["before"], label=series, zorder=3)
         panel.axes.add_patch(edge)
         panel.record(series, places, places, label=[labels[place] for place in places])
-    names = [in_words(label) for label in labels]
+    names = [format_name(label) for label in labels]
     panel.axes.set_xticks(range(count), names, rotation=90, fontsize=7.0)
     panel.axes.set_yticks(range(count), names, fontsize=7.0)
     panel.axes.set(xlabel="", ylabel="")
@@ -540,7 +540,7 @@ def detectable(tables: Tables, verdict: Verdict) -> Drawing:
     panel = sheet.panel((0, 0), "from which size on this campaign shows an effect", quantity, _EFFECT)
     seen = effects[effects["detectable"].astype(bool)]
     panel.marks("smallest detectable size", seen["ratio"], seen.index, "after", labels=list(seen["label"]))
-    list_rows(panel, [in_words(label) for label in effects["label"]])
+    list_rows(panel, [format_name(label) for label in effects["label"]])
     panel.vertical_line("size that makes a gap of 1.5", 1.0)
     panel.axes.set_xscale("log")
     panel.axes.set_xlim(0.7 * np.fmin(seen["ratio"].min(), 0.2), 2.0 * np.fmax(seen["ratio"].max(), 1.0))
@@ -556,5 +556,5 @@ def detectable(tables: Tables, verdict: Verdict) -> Drawing:
 def _detectable_size(effect) -> str:
     if pd.notna(effect.failed):
         return "not simulated"
-    size = size_for_the_eye(effect.smallest_detectable, effect.unit) if effect.detectable else "no size shows"
+    size = format_size(effect.smallest_detectable, effect.unit) if effect.detectable else "no size shows"
     return f"up to {size}" if effect.detectable and effect.falls else size

@@ -18,7 +18,7 @@ from jointgap.core import schema, words
 from jointgap.core.files import write_text
 from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.core.results_folder import ResultsFolder
-from jointgap.core.words import in_words, joined, percent, reading_unit, rounded_gap, unit_in_words
+from jointgap.core.words import format_name, format_unit, joined, percent, reading_unit, rounded_gap
 from jointgap.identification.fit import AT_BOUND
 
 _MOST_WINDOWS = 7  # the largest disagreements; the map shows all
@@ -77,8 +77,8 @@ def frame_block(
     own = {column.name: column for column in table.columns}
     for column in map(own.get, names):
         unit, factor = si if column.unit == "SI" else reading_unit(column.unit)
-        shown = unit_in_words(unit) if unit not in ("", "1") and " " not in unit else ""
-        heads.append(in_words(column.name.removesuffix("_deg")) + (f" [{shown}]" if shown else ""))
+        shown = format_unit(unit) if unit not in ("", "1") and " " not in unit else ""
+        heads.append(format_name(column.name.removesuffix("_deg")) + (f" [{shown}]" if shown else ""))
         align += "l" if column.kind in ("text", "bool") else "r"
         columns.append([_cell(column, value, factor) for value in frame[column.name]])
     return TableBlock(tuple(heads), tuple(zip(*columns, strict=True)), align, caption)
@@ -91,7 +91,7 @@ def _cell(column: schema.Column, value: Any, factor: float) -> str:
         return f"{factor * value:.4g}"
     if column.kind == "bool":
         return "yes" if value else "no"
-    return {"channel": in_words, "source": in_words, "unit": unit_in_words}.get(column.name, str)(value)
+    return {"channel": format_name, "source": format_name, "unit": format_unit}.get(column.name, str)(value)
 
 
 def _figure(name: str) -> FigureBlock:
@@ -142,7 +142,7 @@ def _gap(verdict: Verdict, gaps: pd.DataFrame | None, shown: Sequence[str]) -> l
         blocks.append(frame_block(schema.GAPS, runs[runs["channel"] == "all"], names, caption))
         gap, high = (gaps[f"after{end}"].fillna(gaps[f"before{end}"]) for end in ("", "_high"))
         low = gaps.assign(gap=gap)[(high < _BELOW_NOISE) & (gaps["channel"] != "all") & (gaps["run"] != "all")]
-        if channels := [f"{in_words(row.channel)} ({row.run} {rounded_gap(row.gap)})" for row in low.itertuples()]:
+        if channels := [f"{format_name(row.channel)} ({row.run} {rounded_gap(row.gap)})" for row in low.itertuples()]:
             text = (
                 f"The gap of {joined(channels)} is far below 1: the noise is overestimated. State or correct `noise`."
             )
@@ -201,7 +201,7 @@ def _nuisances(nuisances: Mapping[str, Mapping[str, Any]]) -> list[Block]:
         return []
     units, rows, notes = NUISANCES | {"first_angle": "rad", "friction_speed": "m/s"}, [], {}
     for key, estimate in nuisances.items():
-        *row, remark = say.estimate_row(words.nuisance_in_words(key), estimate, units.get(key.partition("@")[0], ""))
+        *row, remark = say.estimate_row(words.format_nuisance(key), estimate, units.get(key.partition("@")[0], ""))
         if not key.startswith(_UNLISTED):
             if estimate.get("kept") and "@" not in key:
                 remark = "; ".join(filter(None, (remark, "stated value kept")))
@@ -280,9 +280,9 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
             for run in campaign.runs
         )
         heads = ("run", "file", "crank speed [rpm]", "used", "samples", "whole revolutions")
-        measured = f" Measured on {words.day_in_words(campaign.date)}." if campaign.date else ""
+        measured = f" Measured on {words.format_day(campaign.date)}." if campaign.date else ""
         columns = (
-            (in_words(name), f"`{one.column}`", unit_in_words(one.unit)) for name, one in campaign.channels.items()
+            (format_name(name), f"`{one.column}`", format_unit(one.unit)) for name, one in campaign.channels.items()
         )
         blocks.append(TableBlock(heads, runs, "llrlrr", f"Runs of the campaign.{measured}"))
         blocks.append(

@@ -8,7 +8,7 @@ from typing import Any
 
 from jointgap.config.campaign import CHANNELS, NUISANCES
 from jointgap.core import words
-from jointgap.core.words import in_words, joined, number, percent, reading_unit, rounded_gap
+from jointgap.core.words import format_name, joined, number, percent, reading_unit, rounded_gap
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import parameters_of
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -114,7 +114,7 @@ def parameter_in_words(effect: str, name: str) -> str:
     """``force of friction`` for ``force_N``, ``zero of run slow`` for ``zero_rad@slow``."""
     key, _, run = name.partition("@")
     meaning = _parameters(effect).get(key, ("", ""))[0]
-    without_unit = in_words(re.sub(r"_(?:rad|deg|[A-Z]\w*|k?g|m|s)$", "", key))
+    without_unit = format_name(re.sub(r"_(?:rad|deg|[A-Z]\w*|k?g|m|s)$", "", key))
     words = re.sub(r"^\w+, ", "", re.split("; |, which ", meaning)[0]) or without_unit
     return f"{words} of run {run}" if run else words
 
@@ -148,7 +148,7 @@ def estimate_row(name: str, estimate: Mapping[str, Any], unit: str) -> tuple[str
         error = (high - low) / 4.0  # for the digits alone
     shown = ["–" if end is None else words.with_error(end, error)[0] for end in (low, high)]
     interval = "–" if shown == ["–", "–"] else " to ".join(shown)
-    text = words.with_unit(words.with_error(value, error)[0], words.unit_in_words(unit))
+    text = words.with_unit(words.with_error(value, error)[0], words.format_unit(unit))
     return name, text, interval, estimate.get("remark", "")
 
 
@@ -158,7 +158,7 @@ def shown_size(row: Any) -> str:
     effect = row.label.partition(":")[0]
     name = f"{parameter_in_words(effect, row.parameter)} " if len(_parameters(effect)) > 1 else ""
     unit, factor = reading_unit(row.unit, row.smallest_detectable)
-    size = words.with_unit(number(factor * row.smallest_detectable), words.unit_in_words(unit))
+    size = words.with_unit(number(factor * row.smallest_detectable), words.format_unit(unit))
     return f"{name}{'up to ' * row.falls}{size}"
 
 
@@ -172,7 +172,7 @@ def _in_words(found: re.Match) -> str:
     name, site = found["name"], found["site"]
     if name in EFFECTS or name in FAULTS:
         return label_in_words(f"{name}:{site}" if site else name)
-    return words.nuisance_in_words(name) if name in NUISANCES else in_words(name)
+    return words.format_nuisance(name) if name in NUISANCES else format_name(name)
 
 
 _CODE_NAME = re.compile(
@@ -190,7 +190,7 @@ def place_of(run: str, channel: str, start: float, end: float) -> str:
         where = "all crank angles"
     elif end < start < end + 180.0:
         where = f"all crank angles but {end:.0f} to {start:.0f} deg"
-    return f"run {run}, {in_words(channel)}, {where}"
+    return f"run {run}, {format_name(channel)}, {where}"
 
 
 def answer(verdict: Mapping[str, Any]) -> str:
@@ -217,7 +217,9 @@ def answer(verdict: Mapping[str, Any]) -> str:
         certain = f" All contain {joined(map(effect_in_words, shared))}." if shared else ""
         return f"Something is missing: {count} explanations fit equally well.{certain} None was added to the model."
     if doubted := verdict["doubted_channels"]:
-        said = f"The data contradict each other, so nothing can be identified: check {joined(map(in_words, doubted))}."
+        said = (
+            f"The data contradict each other, so nothing can be identified: check {joined(map(format_name, doubted))}."
+        )
     elif best := verdict["best_known"]:
         share = f"{part} of the misfit beyond noise" if (part := share_explained(best)) else "the misfit"
         said = f"Something is missing. The best candidate, {explanation_in_words(best['effects'])}, explains {share}; "
@@ -248,7 +250,7 @@ def left_out_in_words(verdict: Mapping[str, Any]) -> tuple[str, ...]:
     """Which runs a verdict does not rest on, and what could not be made beside it, and why, a sentence each."""
     left = [f"Run {one['run']} is left out: {one['because']}." for one in verdict.get("left_out", ())]
     failed = verdict.get("failed", {})
-    return (*left, *(f"{in_words(what)} could not be made: {why}." for what, why in failed.items()))
+    return (*left, *(f"{format_name(what)} could not be made: {why}." for what, why in failed.items()))
 
 
 def share_explained(best: Mapping[str, Any]) -> str:

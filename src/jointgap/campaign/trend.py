@@ -23,7 +23,7 @@ from jointgap.core.page import FigureBlock, Page, Paragraph, to_markdown
 from jointgap.core.plot import Drawing, Quantity, Sheet, matplotlib_style, save
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
-from jointgap.core.words import in_words, joined, with_unit
+from jointgap.core.words import format_name, joined, with_unit
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS
 
 _SHOWN_UNITS = {"m": (1e6, "µm")}  # by SI unit, and how many of them that is
@@ -221,7 +221,7 @@ def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
     for place, line in enumerate(growth.to_dict("records")):
         factor, unit = _SHOWN_UNITS.get(line["unit"], (1.0, line["unit"]))
         own, date = sizes[sizes["label"] == line["label"]], Quantity("date", "d since 1970-01-01")
-        above = panel = sheet.panel((place, 0), in_words(line["label"]), date, Quantity("size", unit), below=above)
+        above = panel = sheet.panel((place, 0), format_name(line["label"]), date, Quantity("size", unit), below=above)
         panel.axes.set_xlabel("date")
         counts, stated = own[own["counts"]], own["value"].notna()
         others = own[stated & ~own["counts"]]

@@ -1,6 +1,6 @@
 """Typed, frozen, validated configuration; SI inside."""
 
-from jointgap.config.load import check_whole, load_mechanism, parse_options, resolve, stands_alone, validate
+from jointgap.config.load import check_all_sections, is_complete, load_mechanism, parse_options, resolve, validate
 from jointgap.config.mechanism import Contact, Joint, Joints, Link, Mechanism, Slider, hertz_stiffness
 from jointgap.config.scenario import (
     Box,

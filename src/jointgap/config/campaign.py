@@ -1,4 +1,4 @@
-"""The campaign file: a mechanism, the runs measured on its rig, their columns, and what is known within bounds."""
+"""The campaign file: a mechanism, the measured runs, their columns, and bounds of uncertain quantities."""
 
 import math
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ from jointgap.config.scenario import MotorDrive
 from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
-from jointgap.core.section import Name, Section, Word, checked, text_of
+from jointgap.core.section import ConfigModel, Name, Word, checked, text_of
 from jointgap.core.units import Angle, quantity, scaled_unit_factor, split_quantity, split_share, to_si, unit_factor
 from jointgap.effects.clearance import LEAST_CLEARANCE
 
@@ -42,7 +42,7 @@ CHANNELS = {
     "frame_force_x": "N",
     "frame_force_y": "N",
 }
-"""SI unit of every channel that a rig can have."""
+"""SI unit of every possible channel."""
 
 UNITS = {
     "s": ("s", "ms", "us"),
@@ -54,15 +54,15 @@ UNITS = {
     "N*m": ("N*m", "N*cm", "N*mm", "kN*m", "lbf*ft"),
     "N": ("N", "kN", "lbf", "mN"),
 }
-"""Units, by the SI unit, that are proposed where none is stated or the stated one does not fit."""
+"""Units, by SI unit, suggested where none is given or the given one does not convert."""
 
 FILTER_ORDER = 4
-"""Of the Butterworth low-pass by which a campaign file describes a sensor's bandwidth."""
+"""Order of the Butterworth low-pass that describes a sensor's bandwidth."""
 
 _UNIT_HINTS = {
     "g": "g is the gram; the standard acceleration of gravity is g_n",
     "nm": "nm is the nanometre; a torque is N*m",
-    "Hz": "Hz may or may not mean turns; write rpm, turn/s or rad/s",
+    "Hz": "Hz is ambiguous for turns; write rpm, turn/s or rad/s",
     **dict.fromkeys(
         ("count", "counts"),
         "give the factor of the counts: counts_per_turn of an angle, rate of time, scale of other channels",
@@ -70,7 +70,7 @@ _UNIT_HINTS = {
 }
 
 _COUNTED = {"counts_per_turn": ("turn", ""), "rate": ("s", "Hz")}
-"""Keys that make a column of whole numbers one of parts of a unit: that unit, and the unit of the key."""
+"""Keys that define the unit of a column of integers as a part of a unit: that unit, and the unit of the key."""
 
 _AMOUNT = [{"type": "number", "exclusiveMinimum": 0}, {"type": "string"}]
 _AMOUNTS = [*_AMOUNT, {"type": "null"}, {"type": "object", "additionalProperties": {"anyOf": _AMOUNT}}]
@@ -79,24 +79,24 @@ Step = Annotated[float | None, WithJsonSchema({"anyOf": _AMOUNTS[:3]})]
 Noise = Annotated[float | dict[str, float] | None, WithJsonSchema({"anyOf": _AMOUNTS})]
 
 
-class Channel(Section):
-    """A column of the runs' files, and what is known of its sensor."""
+class Channel(ConfigModel):
+    """A column of the runs' files and its sensor."""
 
     column: Name = Field(description="heading of the column in every run's file")
     unit: str = Field(description="pint name such as deg, g_n, N*m or rpm; not needed with counts_per_turn or rate")
     scale: Scale = Field(None, description="factor of a sensor's signal, such as 0.35 N*m/A for a column in A")
     counts_per_turn: quantity("", gt=0) | None = Field(None, description="of an angle in an encoder's counts")
-    rate: quantity("Hz", gt=0) | None = Field(None, description="of time in sample numbers: how many a second, 2 kHz")
+    rate: quantity("Hz", gt=0) | None = Field(None, description="sampling rate, for time in sample numbers: 2 kHz")
     noise: Noise = Field(None, description="standard deviation in the column's unit, one or by run; null: estimated")
-    resolution: Step = Field(None, description="step of an encoder in the column's unit; null: not known")
+    resolution: Step = Field(None, description="step of an encoder in the column's unit; null: unknown")
     bandwidth: quantity("Hz", gt=0) | None = Field(None, description="corner of the samples' fourth-order low-pass")
-    filter: Literal["zero_phase", "causal"] = Field("zero_phase", description="whether that low-pass delays")
-    sign: Literal[1, -1] = Field(1, description="-1: the sensor reads the opposite of what the axes say")
+    filter: Literal["zero_phase", "causal"] = Field("zero_phase", description="phase of that low-pass")
+    sign: Literal[1, -1] = Field(1, description="-1: the sensor's axis is opposite to the definition of the channel")
     jitter: quantity("s", gt=0) | None = Field(
         None, description="of time: standard deviation of its stamps; null: estimated"
     )
-    repeated: Literal["first", "last"] | None = Field(None, description="of time: which of rows of one time is kept")
-    reads_gravity: bool = Field(False, description="whether an accelerometer's reading has gravity in it")
+    repeated: Literal["first", "last"] | None = Field(None, description="of time: row to keep of rows with equal times")
+    reads_gravity: bool = Field(False, description="whether an accelerometer's reading includes gravity")
 
     @model_validator(mode="before")
     @classmethod
@@ -107,7 +107,7 @@ class Channel(Section):
             try:
                 unit = f"{whole}/{checked(quantity(own, gt=0), given[key]):.17g}"
             except ValueError:
-                return {"unit": whole} | given  # its own check says what is wrong
+                return {"unit": whole} | given  # rejected by the key's own check
             if given.get("unit", "count") not in ("count", "counts", unit):
                 raise ValueError(f"unit = {given['unit']!r} and {key} are both given; remove one of them")
             given = ({"resolution": 1} if key == "counts_per_turn" else {}) | given | {"unit": unit}
@@ -117,7 +117,7 @@ class Channel(Section):
     @classmethod
     def _is_text(cls, scale: Any) -> Any:
         if scale is not None and not to_si(split_quantity(str(scale))[0], "") > 0:
-            raise ValueError("must be greater than 0; write 'sign: -1' for a sensor that reads the opposite")
+            raise ValueError("must be greater than 0; write 'sign: -1' for a sensor with the opposite axis")
         return scale if scale is None else str(scale)
 
     @field_validator("unit")
@@ -126,7 +126,7 @@ class Channel(Section):
         try:
             whole, _ = split_share(unit)
             unit_factor(whole, whole)
-        except Exception as error:  # what pint makes of text that is no unit is of a dozen kinds
+        except Exception as error:  # pint raises a dozen kinds
             hint = "is not a unit; write one such as s, deg, mm, g_n, N*m or rpm"
             raise ValueError(_UNIT_HINTS.get(unit, hint)) from error
         return unit
@@ -135,19 +135,19 @@ class Channel(Section):
     @classmethod
     def _is_in_the_columns_unit(cls, value: Any, info: ValidationInfo) -> Any:
         unit = info.data.get("unit")
-        if value is None or unit is None:  # the unit is refused itself
+        if value is None or unit is None:  # an invalid unit has its own error
             return None
         if info.field_name == "noise" and isinstance(value, dict):
             return {text_of(run): _amount(own, unit, f"{run}: ") for run, own in value.items()}
         return _amount(value, unit)
 
     def noise_of(self, run: str) -> float | None:
-        """Stated standard deviation of the noise in a run, in the column's unit; None where it is to be estimated."""
+        """Standard deviation of the noise in a run, in the column's unit; None if it is to be estimated."""
         return self.noise.get(run) if isinstance(self.noise, dict) else self.noise
 
 
 def _amount(value: Any, unit: str, where: str = "") -> float:
-    """A number > 0 in the column's unit, of a number in it or a text with a unit of its own."""
+    """A number > 0 in the column's unit, from a number or a text with a unit."""
     whole, parts = split_share(unit)
     try:
         amount = to_si(value, whole)
@@ -156,29 +156,29 @@ def _amount(value: Any, unit: str, where: str = "") -> float:
     except ValueError as error:
         raise ValueError(f"{where}{error}") from error
     if not amount > 0:
-        raise ValueError(f"{where}{amount:g} must be greater than 0; leave the key out where it is not known")
+        raise ValueError(f"{where}{amount:g} must be greater than 0; remove the key if it is unknown")
     return amount
 
 
 def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
-    """How much of the SI unit of the channel `name` one `unit` of its column is."""
+    """SI value of one `unit` of the column of the channel `name`."""
     base = CHANNELS[name]
     try:
         return unit_factor(unit, base) if scale is None else scaled_unit_factor(scale, unit, base)
     except ValueError as error:
         key = f"unit = '{unit}'" if scale is None else f"scale = '{scale}' of a column in {unit}"
-        hint = _UNIT_HINTS.get(unit, f"of a sensor's signal give the factor, such as scale: 1 {base}/{unit}")
+        hint = _UNIT_HINTS.get(unit, f"for a sensor's signal give the factor, such as scale: 1 {base}/{unit}")
         raise ValueError(f"{name}.{key} {error}; {hint}") from error
 
 
 _ANGLES = {"crank_angle", "rod_angle"}
 _NEEDS_CHANNEL = (
-    (("counts_per_turn", "resolution"), _ANGLES, "only crank_angle and rod_angle are read in steps"),
-    (("rate", "repeated", "jitter"), {"time"}, "it is of time alone"),
-    (("noise", "bandwidth", "filter", "sign"), CHANNELS.keys() - {"time"}, "time is taken as exact but for its jitter"),
-    (("reads_gravity",), {name for name in CHANNELS if "acceleration" in name}, "only accelerations can have gravity"),
+    (("counts_per_turn", "resolution"), _ANGLES, "only crank_angle and rod_angle are encoder readings"),
+    (("rate", "repeated", "jitter"), {"time"}, "it applies to time only"),
+    (("noise", "bandwidth", "filter", "sign"), CHANNELS.keys() - {"time"}, "time is exact except for its jitter"),
+    (("reads_gravity",), {name for name in CHANNELS if "acceleration" in name}, "only accelerations include gravity"),
 )
-"""Keys, the channels that can have them, and why others cannot."""
+"""Keys, the channels that accept them, and the reason why others do not."""
 
 
 def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
@@ -187,9 +187,9 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
         for keys, allowed, why in _NEEDS_CHANNEL:
             given = [key for key in keys if getattr(channel, key) != Channel.model_fields[key].default]
             if given and name not in allowed:
-                yield f"{name}.{given[0]} has no meaning, for {why}; remove it"
+                yield f"{name}.{given[0]} does not apply: {why}; remove it"
         if channel.filter != "zero_phase" and channel.bandwidth is None:
-            yield f"{name}.filter has no meaning, for it needs the bandwidth that is filtered to; remove it"
+            yield f"{name}.filter requires bandwidth; add bandwidth, or remove filter"
         try:
             channel_factor(name, channel.unit, channel.scale)
         except ValueError as error:
@@ -204,20 +204,20 @@ _CLEARANCE = ("m", {"ge": LEAST_CLEARANCE})
 _TURN = ("rad", {"ge": -math.tau, "le": math.tau})
 
 SHARED = {"joint_friction": ("", {"ge": 0, "le": 0.6}), "restitution": ("", {"ge": 1e-3, "lt": 1})}
-"""Quantities that both pins share unless they are listed for each."""
+"""Quantities that both pins share unless they are listed per pin."""
 
 MOTOR_LINE = ("stall_torque", "no_load_speed")
-"""The torque-speed line of a motor: supply and winding are not alike in all runs."""
+"""The torque-speed line of a motor: supply and winding may differ between runs."""
 
 RUN_NUISANCES = ("speed", "encoder_zero", "slider_position_zero", *MOTOR_LINE)
-"""Quantities that every run has for itself."""
+"""Quantities with one value per run."""
 
 NEEDED_CHANNELS = {
     "encoder_zero": ("crank_angle",),
     "slider_position_zero": ("slider_position",),
     "encoder_lag": ("time", "crank_angle"),
 }
-"""Nuisances of sensors, nominally 0 where the bounds do not say otherwise, and the channels that they act on."""
+"""Nuisances of sensors (nominally 0 unless the bounds differ), and the channels that they act on."""
 
 _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
     "slider_mass": ("kg", _POSITIVE),
@@ -237,23 +237,23 @@ _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
     "encoder_lag": ("s", {}),
     "slider_position_zero": ("m", {}),
 }
-"""Unit of a nuisance, and its limits in a simulation."""
+"""Unit of a nuisance, and its physical limits."""
 
 NUISANCES = {key: unit for key, (unit, _) in _LIMITS.items()}
-"""SI unit of every quantity that may be listed under ``nuisance``; ``''`` for pure numbers."""
+"""SI unit of every quantity accepted under ``nuisance``; ``''`` for pure numbers."""
 
 _AMOUNT_EXAMPLES = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'"}
-"""By which a quantity of the unit may differ from nominal either way, for example."""
+"""Example of a deviation from nominal, by unit."""
 
 
 def _share_or_bounds(key: str, value: Any, nominals: tuple[float, ...]) -> float | tuple[float, float]:
-    """The `value` of a nuisance in a campaign file: a share of its nominal value, or its bounds [SI]."""
-    unit, what = NUISANCES[key], " is no range"
+    """The `value` of a nuisance in a campaign file: a share of its nominal value, or bounds [SI]."""
+    unit, what = NUISANCES[key], " is not a range"
     try:
         if isinstance(value, list | tuple) and len(value) == 2:
             low, high = (_possible(key, bound) for bound in value)
             if low >= high:
-                raise ValueError("is upside down or empty; write the lower bound first")
+                raise ValueError("is in the wrong order or empty; write the lower bound first")
             return low, high
         if isinstance(value, str):
             number, own = split_quantity(value.strip().removeprefix("+-"))
@@ -265,29 +265,29 @@ def _share_or_bounds(key: str, value: Any, nominals: tuple[float, ...]) -> float
             if own and unit in _AMOUNT_EXAMPLES:
                 amount = checked(quantity(unit, gt=0), value)
                 if len(set(nominals)) != 1:
-                    raise ValueError("lies around one nominal value, and there are several or none")
+                    raise ValueError("requires exactly one nominal value")
                 return _possible(key, nominals[0] - amount), _possible(key, nominals[0] + amount)
     except ValueError as error:
         what = f": {error}"
-    # of what is nominally 0 a percentage is no range
+    # a percentage of a nominal 0 is not a range
     instead = [] if key in NEEDED_CHANNELS else ["a percentage such as '5 %'"]
     instead += [f"an amount such as {_AMOUNT_EXAMPLES[unit]}"] if unit in _AMOUNT_EXAMPLES else []
     raise ValueError(f"{key} = {value!r}{what}; give {' or '.join(instead)} or bounds such as [low, high]")
 
 
 def _possible(key: str, value: Any) -> float:
-    """The `value` [SI] of a nuisance, which can be simulated."""
+    """The `value` [SI] of a nuisance; ValueError outside of its limits."""
     unit, limits = _LIMITS[key]
     return checked(quantity(unit, **limits), value)
 
 
 def _as_written(value: float | tuple[float, float]) -> str | list[float]:
-    """What `_share_or_bounds` reads as `value`, to the last digit."""
+    """The inverse of `_share_or_bounds`, exactly."""
     return list(value) if isinstance(value, tuple) else f"{Decimal(repr(value)) * 100} %"
 
 
 def _nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
-    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has nothing to act on."""
+    """Values [SI] of the nuisance `key` in a `mechanism`, one or one per pin; () where it has no effect."""
     if key in NEEDED_CHANNELS:
         return (0.0,)
     part, _, name = key.partition("_")
@@ -301,40 +301,40 @@ def _nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
 
 
 RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_snapshot")
-"""No run may be called so: a sum over runs is, and the tables that stand beside the pictures of the runs are."""
+"""Reserved names of results: a sum over runs, and tables next to the figures of the runs."""
 
 
-class Start(Section):
-    """Where the motion began before the first sample: at an angle of the crank, or so far or so long before.
+class Start(ConfigModel):
+    """Beginning of the motion before the first sample: a crank angle, and turns or time before it.
 
-    It began as in the paper, with coincident joint centres and the velocities of the ideal mechanism.
+    The joint centres coincide and the velocities are those of the ideal mechanism, as in the paper.
     """
 
-    angle: Angle | None = Field(None, description="crank angle, passed nearest to turned or ran, else last")
+    angle: Angle | None = Field(None, description="crank angle; the passage nearest to turned or ran, else the last")
     turned: quantity("rad", gt=0) | None = Field(
-        None, description="how far the crank had turned by the first sample: 3 turn"
+        None, description="rotation of the crank before the first sample: 3 turn"
     )
-    ran: quantity("s", gt=0) | None = Field(None, description="how long it had run by the first sample: 0.5 s")
+    ran: quantity("s", gt=0) | None = Field(None, description="time before the first sample: 0.5 s")
 
     def errors(self) -> Iterator[str]:
         if self.turned is not None and self.ran is not None:
-            yield "how far it had turned and how long it ran are both given; remove turned or ran"
+            yield "turned and ran are both given; remove one of them"
         if self.angle is None and self.turned is None and self.ran is None:
-            yield "says nothing; give angle, turned or ran, such as {angle: 40 deg, turned: 3 turn}"
+            yield "is empty; give angle, turned or ran, such as {angle: 40 deg, turned: 3 turn}"
 
 
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
 
-class CampaignRun(Section):
+class CampaignRun(ConfigModel):
     """One file of samples, measured at one speed."""
 
     id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
     file: str = Field(min_length=1, description="table of samples, CSV or Parquet, from the campaign file's folder")
     speed: quantity("rad/s") = Field(description="nominal speed of the crank")
-    role: Literal["identify", "confirm", "split"] = Field(description="split: the last third confirms")
-    start: Literal[_STARTS] | Start = Field("settled", description="how the motion began, or where and how long before")
-    first_angle: Angle | None = Field(None, description="crank angle at the first sample, if no channel has it")
+    role: Literal["identify", "confirm", "split"] = Field(description="split: the last third is held out for confirm")
+    start: Literal[_STARTS] | Start = Field("settled", description="beginning of the motion, or its angle, turns, time")
+    first_angle: Angle | None = Field(None, description="crank angle at the first sample, without such a channel")
     direction: Literal["counter_clockwise", "clockwise"] = "counter_clockwise"
 
     @field_validator("start", mode="before")
@@ -350,32 +350,32 @@ class CampaignRun(Section):
         if self.speed <= 0:
             yield f"speed {self.speed:g} rad/s must be greater than 0; or give 'direction: clockwise'"
         if self.id in RESERVED_IDS:
-            yield f"id '{self.id}' would be taken for another result of that name; choose another id"
+            yield f"id '{self.id}' is a reserved name of results; choose another id"
 
 
 def _day(given: Any) -> Any:
     try:
         return given if type(given) is Date else Date.fromisoformat(given)
     except (TypeError, ValueError):
-        raise ValueError("is no day; write year, month and day, such as 2026-03-01") from None
+        raise ValueError("is not a date; write year, month and day, such as 2026-03-01") from None
 
 
 Day = Annotated[Date, BeforeValidator(_day)]
 
 
-class Campaign(Section):
-    """Everything that the naming of effects knows of a rig but the samples."""
+class Campaign(ConfigModel):
+    """A rig and its measurements, without the samples."""
 
     name: Word = Field(description="name of the campaign, and of its folder of results")
     date: Day | None = Field(None, description="day of the measurement, for trends: 2026-03-01")
-    mechanism: Mechanism = Field(description="the mechanism as it is simulated so far")
+    mechanism: Mechanism = Field(description="the current model of the mechanism")
     drive: Literal["constant_speed", "measured_angle", "motor"] = Field("constant_speed", description="of the crank")
     motor: MotorDrive | None = Field(None, description="torque-speed line of the motor")
-    runs: tuple[CampaignRun, ...] = Field(min_length=1, description="the runs, a file each")
-    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(min_length=1, description="what was measured")
-    nuisance: dict[str, float | tuple[float, float]] = Field({}, description="what is known within bounds only")
-    csv: Csv = Field(Csv(), description="how text files are written")
-    folder: Path = Field(Path(), description="folder of the runs' files, from the campaign file's own")
+    runs: tuple[CampaignRun, ...] = Field(min_length=1, description="the runs, one file each")
+    channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(min_length=1, description="the measured quantities")
+    nuisance: dict[str, float | tuple[float, float]] = Field({}, description="bounds of uncertain quantities")
+    csv: Csv = Field(Csv(), description="format of text files")
+    folder: Path = Field(Path(), description="folder of the runs' files, relative to the campaign file's")
 
     @field_validator("channels")
     @classmethod
@@ -394,8 +394,8 @@ class Campaign(Section):
                 raise ValueError(f"unknown key 'nuisance.{key}'; {did_you_mean(key, NUISANCES)}")
             shared = next((shared for shared in SHARED if key.startswith(f"{shared}_")), None)
             if shared in given:
-                raise ValueError(f"{shared} of both pins and {key} are listed; give one of them")
-        mechanism = info.data.get("mechanism")  # absent where it is refused itself
+                raise ValueError(f"{shared} (both pins) and {key} are listed; give one of them")
+        mechanism = info.data.get("mechanism")  # None where it is invalid itself
         if mechanism is None:
             return {}
         nominals = {key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key) for key in given}
@@ -425,7 +425,7 @@ class Campaign(Section):
                 if other.file == run.file:
                     yield f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or role split"
         roles = {run.role for run in self.runs}
-        for needed, purpose in (("identify", "fitting"), ("confirm", "confirming what is found")):
+        for needed, purpose in (("identify", "fitting"), ("confirm", "validation")):
             if not roles & {needed, "split"}:
                 yield f"runs: none is for {purpose}; give one the role {needed} (or split, for both)"
 
@@ -439,29 +439,29 @@ class Campaign(Section):
             yield "channels: neither time nor crank_angle is given; add one of them"
         needed = {"constant_speed": set(), "measured_angle": {"time", "crank_angle"}, "motor": {"time"}}[self.drive]
         if missing := sorted(needed - has):
-            yield f"channels: drive {self.drive} needs the channel {' and '.join(missing)}; add it"
+            yield f"channels: drive {self.drive} requires the channel {' and '.join(missing)}; add it"
         inputs = {"time"} if self.drive != "measured_angle" and "time" in has else {"time", "crank_angle"}
         if not has - inputs:
-            yield "channels: there is nothing to compare; add a channel such as crank_torque"
+            yield "channels: no measured quantity to compare; add a channel such as crank_torque"
         for run in self.runs:
             if self.drive == "measured_angle" and isinstance(run.start, Start):
-                yield f"runs: '{run.id}' starts where no angle was measured; give start: settled or dead_centre"
+                yield f"runs: '{run.id}' has a start angle, but none was measured; give start: settled or dead_centre"
             if run.first_angle is not None and "crank_angle" in has:
-                yield f"runs: '{run.id}' has a first_angle, which the channel crank_angle gives; remove it"
+                yield f"runs: '{run.id}' has first_angle, but the channel crank_angle contains it; remove first_angle"
 
     def _errors_of_nuisance(self, key: str) -> Iterator[str]:
         nominals = self.nominals(key)
         if key in SHARED and len(set(nominals)) > 1:
             values = " and ".join(f"{value:g} in {pin}" for value, pin in zip(nominals, PINS, strict=True))
             own = " and ".join(f"{key}_{pin}" for pin in PINS)
-            yield f"nuisance: {key} of both pins would be one number, but is {values}; list {own}"
+            yield f"nuisance: {key} requires equal values in both pins, but they are {values}; list {own}"
         for nominal in nominals:
             low, high = self.bounds(key, nominal)
             where = f"nuisance: {key} is {nominal:g}"
             if low == high:
-                yield f"{where}, of which a percentage is no range; give [low, high]"
+                yield f"{where}, so a percentage is not a range; give [low, high]"
             if not low <= nominal <= high:
-                yield f"{where}, outside of [{low:g}, {high:g}]; widen them or correct the value"
+                yield f"{where}, outside of its bounds [{low:g}, {high:g}]; widen them or correct the value"
             for bound in (low, high):
                 try:
                     _possible(key, bound)
@@ -469,7 +469,7 @@ class Campaign(Section):
                     yield f"{where}, and {bound:g} at {_as_written(self.nuisance[key])} {error}; narrow it"
 
     def nominals(self, key: str) -> tuple[float, ...]:
-        """Nominal values [SI] of the nuisance `key`, one or one for each pin or run; () where it is of nothing here."""
+        """Nominal values [SI] of the nuisance `key`, one or one per pin or run; () where it has no effect."""
         if key == "speed":
             return tuple(run.speed for run in self.runs)
         if key in MOTOR_LINE:
@@ -480,18 +480,16 @@ class Campaign(Section):
         return _nominal_values(self.mechanism, key)
 
     def bounds(self, key: str, nominal: float) -> tuple[float, float]:
-        """Lowest and highest value of the nuisance `key` [SI] around its `nominal` value [SI]."""
+        """Bounds of the nuisance `key` [SI] around its `nominal` value [SI]."""
         given = self.nuisance[key]
         return given if isinstance(given, tuple) else (nominal * (1 - given), nominal * (1 + given))
 
     def factor(self, channel: str) -> float:
-        """How many SI units one unit of the channel's column is, whatever its sign."""
+        """SI value of one unit of the channel's column, without its sign."""
         return channel_factor(channel, self.channels[channel].unit, self.channels[channel].scale)
 
     def shown_unit(self, channel: str) -> tuple[str, float]:
-        """Unit in which pages show a channel, and how many SI units it is: the column's, unless that has counts or a
-        sensor's signal.
-        """
+        """Display unit of a channel, and its SI value: the column's unit, except for counts and sensor signals."""
         stated = self.channels[channel]
         if stated.scale is None and split_share(stated.unit)[1] == 1.0:
             return stated.unit, self.factor(channel)
@@ -500,7 +498,7 @@ class Campaign(Section):
 
     @property
     def idle_nuisances(self) -> tuple[str, ...]:
-        """Nuisances that are left out: those that have nothing to act on, and a speed that the records contain."""
+        """Listed nuisances without effect, including a speed that the records contain."""
         recorded = {"time", "crank_angle"} <= self.channels.keys()
 
         def is_idle(key: str) -> bool:
@@ -512,5 +510,5 @@ class Campaign(Section):
 
     @property
     def jitter(self) -> float | None:
-        """Standard deviation of the time stamps [s] as stated; None where it is not."""
+        """Standard deviation of the time stamps [s] as stated, or None."""
         return self.channels["time"].jitter if "time" in self.channels else None

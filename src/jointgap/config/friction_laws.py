@@ -1,4 +1,4 @@
-"""The friction laws by name; as functions of the sliding speed they stand in `jointgap.dynamics.friction`."""
+"""Parameters of the friction laws by name; the laws themselves are in `jointgap.dynamics.friction`."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,9 @@ from typing import NamedTuple
 class FrictionLaw(NamedTuple):
     """A friction law."""
 
-    code: int  # what `JointParameters.friction_law` holds in the compiled equations
-    reads: tuple[str, ...] = ()  # keys of a contact beyond friction and friction_speed
-    slope_at_zero: float | None = None  # of the coefficient over friction and of the speed over friction_speed
+    code: int  # value of `JointParameters.friction_law` in the compiled equations
+    reads: tuple[str, ...] = ()  # keys of a contact besides friction and friction_speed
+    slope_at_zero: float | None = None  # of the coefficient over friction, by the speed over friction_speed
 
 
 _STRIBECK = ("static_friction", "stribeck_speed")
@@ -20,7 +20,7 @@ FRICTION_LAWS = {
     "bengisu_akay": FrictionLaw(3, _STRIBECK),
     "lugre": FrictionLaw(4, (*_STRIBECK, "viscous_friction", "bristle_stiffness", "bristle_damping")),
 }
-"""Two laws with the same friction and with friction_speed proportional to the slope at zero rise alike at the start."""
+"""Laws with equal friction, and friction_speed proportional to this slope, have the same slope at zero speed."""
 
 FRICTION_KEYS = ("dead_band_speed", *FRICTION_LAWS["lugre"].reads)
-"""Keys of a contact that not every law reads."""
+"""Keys of a contact that only some laws read."""

@@ -1,4 +1,4 @@
-"""Reading configurations and campaign files, and their JSON schemas; errors name the key, the value and the fix."""
+"""Reads configurations and campaign files, and writes their JSON schemas."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,13 +13,13 @@ from jointgap.config.scenario import Scenario
 from jointgap.config.yaml_files import Layer, leaves, mechanism_layers, merged, read_json, read_yaml, sources, with_file
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import MOST_PARTS
-from jointgap.core.section import Name, Section, Word, complaints, whole_number
+from jointgap.core.section import ConfigModel, Name, Word, complaints, whole_number
 
-_MOST_LINES = 20  # of an error: who has corrected these sees the others
+_MOST_LINES = 20  # of an error
 
 
 def validate(model: type[BaseModel], data: Any, source: str) -> Any:
-    """`data` as a `model`, or one InputError that names every wrong key."""
+    """`data` as a `model`, or one InputError with all wrong keys."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -29,7 +29,7 @@ def validate(model: type[BaseModel], data: Any, source: str) -> Any:
 
 
 def load_mechanism(path: Path | str) -> Mechanism:
-    """The mechanism in a file, or the one of a name such as ``"erkaya2009"`` that comes with jointgap.
+    """The mechanism in a file, or a shipped one by its name such as ``"erkaya2009"``.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def load_mechanism(path: Path | str) -> Mechanism:
     Raises
     ------
     InputError
-        No such file, an unknown key, a value that is impossible; the message names file, key, value and what to do.
+        No such file, unknown key, or invalid value; the message contains file, key, value and a hint.
 
     Examples
     --------
@@ -56,19 +56,19 @@ def load_mechanism(path: Path | str) -> Mechanism:
 
 
 def _mechanism(mechanism: Any, folders: tuple[Path, ...], key: str) -> Any:
-    """The whole content of a mechanism: of its file, and of what it is laid over."""
+    """The complete content of a mechanism, with its bases."""
     return merged(mechanism_layers(mechanism, folders, "", key))["mechanism"]
 
 
 def _with_mechanism(data: dict[str, Any], folders: tuple[Path, ...], source: str = "") -> dict[str, Any]:
-    """`data` with the whole content of its mechanism, whose files are looked for in `folders`."""
+    """`data` with the complete content of its mechanism, with files resolved in `folders`."""
     if "mechanism" not in data:
         return data
     return data | {"mechanism": _mechanism(data["mechanism"], folders, f"{source}mechanism")}
 
 
 def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...], source: str) -> dict[str, Any]:
-    """`data` of a `source` with the file of a measured drive looked for in `folders`."""
+    """`data` of a `source` with the file of a measured drive resolved in `folders`."""
     if not isinstance(data.get("simulate"), Mapping):
         return data
     return data | {"simulate": with_file(data["simulate"], "drive", folders, f"{source}: simulate.drive.file")}
@@ -77,23 +77,23 @@ def _with_drive_file(data: dict[str, Any], folders: tuple[Path, ...], source: st
 _DEFAULT_SECTIONS: dict[str, Any] = {
     name: {} for name, field in Scenario.model_fields.items() if isinstance(field.default, BaseModel)
 }
-_RESERVED = ("campaigns", "blind", "logs", "mlflow-artifacts")  # folders of results that are no scenario's
+_RESERVED = ("campaigns", "blind", "logs", "mlflow-artifacts")  # folders of other results
 
 
-class Configuration(Section):
-    """What a configuration holds beside the sections that its scenarios share."""
+class Configuration(ConfigModel):
+    """The keys of a configuration besides the sections of its scenarios."""
 
     run: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(
-        None, description="scenarios to run; all when absent"
+        None, description="scenarios to run; all by default"
     )
     scenarios: Annotated[dict[Word, dict[str, Any] | None], Field(min_length=1)] = Field(
-        description="scenarios by name; each holds the keys in which it differs from the sections beside"
+        description="scenarios by name, each with the keys that differ from the common sections"
     )
-    campaigns: tuple[str, ...] = Field((), description="paths of the campaign files to analyse; none when absent")
+    campaigns: tuple[str, ...] = Field((), description="paths of the campaign files to analyse; none by default")
     fit_parts: whole_number(ge=1, le=MOST_PARTS) | None = Field(
-        None, description="jobs that share the fits of a campaign; null: two where joints are loose, else one"
+        None, description="parallel jobs for the fits of a campaign; null: two where joints are loose, else one"
     )
-    anyway: bool = Field(False, description="analyse campaigns whose channels contradict each other too")
+    anyway: bool = Field(False, description="analyse also campaigns whose channels contradict each other")
 
 
 def resolve(
@@ -102,7 +102,7 @@ def resolve(
     source: str = "configuration",
     whole: bool = True,
 ) -> dict[str, Scenario]:
-    """The scenarios that a configuration asks to run."""
+    """The scenarios that a configuration runs."""
     defaults = _DEFAULT_SECTIONS if whole else {}
     found = {}
     for name, layers in scenario_layers(config, folders, source).items():
@@ -111,19 +111,19 @@ def resolve(
     return found
 
 
-def check_whole(scenario: Scenario, name: str, source: str = "configuration") -> None:
-    """Whether all sections of a scenario go together, those that it leaves to their defaults too."""
+def check_all_sections(scenario: Scenario, name: str, source: str = "configuration") -> None:
+    """InputError where the sections of a scenario, with defaults, are inconsistent."""
     validate(Scenario, scenario.model_dump(by_alias=True), f"{source}, scenario {name}")
 
 
 def scenario_layers(
     config: Mapping[str, Any], folders: tuple[Path, ...] = (Path(),), source: str = "configuration"
 ) -> dict[str, list[Layer]]:
-    """What the scenarios of a configuration are made of, by name; parameters as those of `resolve`."""
+    """The layers of a configuration's scenarios, by name; parameters as in `resolve`."""
     allowed = {*Configuration.model_fields, *Scenario.model_fields}
     for key in config:
         if key in Scenario.removed:
-            raise InputError(f"{source}: key '{key}' is gone; {Scenario.removed[key]}")
+            raise InputError(f"{source}: key '{key}' was removed; {Scenario.removed[key]}")
         if key not in allowed:
             raise InputError(f"{source}: unknown key '{key}'; {did_you_mean(key, allowed)}")
     base = {key: value for key, value in config.items() if key not in Configuration.model_fields}
@@ -132,9 +132,9 @@ def scenario_layers(
     for name in asked.run or asked.scenarios:
         where = f"{source}, scenario {name}"
         if name not in asked.scenarios:
-            raise InputError(f"{source}: run names '{name}'; {did_you_mean(name, asked.scenarios)}")
+            raise InputError(f"{source}: run lists '{name}'; {did_you_mean(name, asked.scenarios)}")
         if name in _RESERVED:
-            raise InputError(f"{where}: results of another kind have that folder; choose another name")
+            raise InputError(f"{where}: the name is reserved for other results; choose another one")
         given = [Layer(source, base), Layer(where, asked.scenarios[name] or {})]
         lowest = next((layer for layer in reversed(given) if "mechanism" in layer.data), None)
         if lowest is None:
@@ -146,26 +146,26 @@ def scenario_layers(
     return layers
 
 
-def stands_alone(config: Mapping[str, Any]) -> bool:
-    """Whether a configuration is whole by itself: it brings the scenarios that it runs, and their mechanisms.
+def is_complete(config: Mapping[str, Any]) -> bool:
+    """Whether a configuration is complete: it contains the scenarios that it runs, and their mechanisms.
 
-    One that does not, such as one that changes a speed, is laid over the shipped one.
+    An incomplete one, such as a change of speed, overrides the shipped configuration.
     """
     scenarios = config.get("scenarios")
     try:
         own = [scenarios[name] for name in config.get("run", scenarios)]
         return bool(own) and ("mechanism" in config or all("mechanism" in each for each in own))
-    except (KeyError, TypeError):  # a scenario that is not there, or something else than mappings
+    except (KeyError, TypeError):  # a missing scenario, or not mappings
         return False
 
 
 def sources_of(
     scenario: Scenario, name: str, files: Sequence[Layer], folders: tuple[Path, ...] = (Path(),)
 ) -> list[tuple[str, str, str]]:
-    """Where the values of a scenario are written: of each key its path, its source and its value as text."""
+    """The source of each value of a scenario: path of the key, source and value as text."""
     written = sources(files)
     own = f", scenario {name}"
-    places = {"": (), own: ("scenarios", name)}  # of what is in no file of a mechanism
+    places = {"": (), own: ("scenarios", name)}  # keys outside of mechanism files
     found = {}
     for path, (value, source) in sources(scenario_layers(merged(files), folders, "")[name]).items():
         found[path] = (value, written[*places[source], *path][1] + source if source in places else source)
@@ -177,7 +177,7 @@ def sources_of(
 
 
 def load_campaign(path: Path | str) -> Campaign:
-    """The campaign in a YAML or JSON file; its mechanism and its runs' files are looked for from its folder on."""
+    """The campaign in a YAML or JSON file; relative paths in it start from its folder."""
     path = Path(path)
     data = _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ")
     if isinstance(data.get("folder", ""), str):
@@ -186,19 +186,19 @@ def load_campaign(path: Path | str) -> Campaign:
 
 
 def mechanism_as_written(path: Path | str) -> Any:
-    """The mechanism of the campaign in a file as its user wrote it, with units and without what they left out."""
+    """The mechanism of a campaign file as its user wrote it, with units and without defaults."""
     path = Path(path)
     return _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ").get("mechanism")
 
 
 def parse_options(options: str) -> Scenario:
-    """The scenario in an ``--options`` argument: JSON text, or the path of a YAML or JSON file."""
+    """The scenario of an ``--options`` argument: JSON text, or the path of a YAML or JSON file."""
     if options.lstrip().startswith("{"):
         return validate(Scenario, read_json(options, "--options"), "--options")
     data = read_yaml(options)
     if "scenarios" in data:
         raise InputError(
-            f"{options}: holds scenarios, and one is needed; take one out with "
+            f"{options}: contains several scenarios; extract one with "
             f"`jointgap config {options} --scenario NAME > NAME.json` and give NAME.json"
         )
     folders = (Path(), Path(options).parent)
@@ -219,9 +219,9 @@ def json_schema() -> dict[str, Any]:
 def campaign_json_schema() -> dict[str, Any]:
     """The JSON schema of a campaign file."""
     schema = _schema(Campaign)
-    schema["$defs"]["Channel"]["required"].remove("unit")  # counts_per_turn and rate say it
+    schema["$defs"]["Channel"]["required"].remove("unit")  # not required with counts_per_turn and rate
     bounds = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 2}
-    share = {"type": "string", "description": "percentage of nominal, or amount, either way"}
+    share = {"type": "string", "description": "percentage of nominal, or amount, in both directions"}
     schema["properties"]["nuisance"] |= {
         "propertyNames": {"enum": list(NUISANCES)},
         "additionalProperties": {"anyOf": [share, bounds]},
@@ -229,13 +229,13 @@ def campaign_json_schema() -> dict[str, Any]:
     return schema | {"title": "jointgap campaign"}
 
 
-def _schema(model: type[Section]) -> dict[str, Any]:
-    """The schema of a file, whose mechanism may be named or laid over another one, and its contacts named."""
+def _schema(model: type[ConfigModel]) -> dict[str, Any]:
+    """The schema of a file in which mechanisms and contacts may be given by name, and mechanisms by a base."""
     schema = model.model_json_schema()
     contact = schema["$defs"]["Joint"]["properties"]["contact"]
     schema["$defs"]["Joint"]["properties"]["contact"] = {"anyOf": [{"type": "string"}, contact]}
-    path = {"type": "string", "description": "path of a mechanism file, or name of one that comes with jointgap"}
-    base = {"type": "string", "description": "path or name of the mechanism over which the other keys are laid"}
+    path = {"type": "string", "description": "path of a mechanism file, or name of a shipped one"}
+    base = {"type": "string", "description": "path or name of the mechanism that the other keys modify"}
     over = {"type": "object", "required": ["base"], "properties": {"base": base}}
     schema["properties"]["mechanism"] = {"anyOf": [path, over, schema["properties"]["mechanism"]]}
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, ValidationInfo, WrapValidator, fiel
 from jointgap.config.friction_laws import FRICTION_KEYS, FRICTION_LAWS
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINT, REFERENCE_APPROACH_SPEED
-from jointgap.core.section import Section, complaints
+from jointgap.core.section import ConfigModel, complaints
 from jointgap.core.units import Angle, Length, PositiveLength, PositiveMass, PositiveNumber, PositiveSpeed, quantity
 from jointgap.effects import AnyEffect
 
@@ -28,41 +28,41 @@ Law = Literal[
     "penalty",
 ]
 
-FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9  # [N] must press a journal in by more than this [m], a few atoms
+FIRM_FORCE, FIRM_PENETRATION = 1e3, 1e-9  # limit of stiffness: [N] force, and [m] its smallest penetration
 
 BRISTLE_ACCELERATION = 1e4
-"""[m/s^2] Default bristle_damping is critical for a body pressed on with this force per mass (1 kN on 0.1 kg)."""
+"""[m/s^2] Default bristle_damping is critical for a body with this normal force per mass (1 kN on 0.1 kg)."""
 
 
-class Contact(Section):
-    """Material, restitution and friction of one pair of journal and bearing."""
+class Contact(ConfigModel):
+    """Material, restitution and friction of a journal in its bearing."""
 
-    law: Law = Field("lankarani_nikravesh", description="how damping follows from the restitution; or penalty")
+    law: Law = Field("lankarani_nikravesh", description="relation of damping and restitution, or penalty")
     youngs_modulus: quantity("Pa", gt=0, le=1e13) = Field(207e9, description="of journal and bearing")
     poisson_ratio: quantity("", ge=0, lt=0.5) = Field(0.3, description="of journal and bearing")
-    restitution: quantity("", ge=1e-3, lt=1) | None = Field(None, description="asked for; law penalty has none")
-    least_approach_speed: PositiveSpeed = Field(0.001, description="a slower impact is damped as one at this speed")
+    restitution: quantity("", ge=1e-3, lt=1) | None = Field(None, description="coefficient; not with law penalty")
+    least_approach_speed: PositiveSpeed = Field(0.001, description="lower limit of the approach speed in the damping")
     memory: Literal["fading", "published"] | None = Field(
         None, description="damping of a lasting contact: fading to that at reference_approach_speed, or as published"
     )
     reference_approach_speed: PositiveSpeed | None = Field(None, description="of memory: fading; null: 0.05 m/s")
     penalty_damping: quantity("N*s/m", ge=0, le=1e9) | None = Field(None, description="law penalty: largest damping")
-    penalty_depth: PositiveLength | None = Field(None, description="law penalty: from it on the damping is largest")
+    penalty_depth: PositiveLength | None = Field(None, description="law penalty: penetration of the largest damping")
     stiffness: PositiveNumber | None = Field(None, description="in N/m^exponent; null: Hertz, from material and radii")
-    exponent: quantity("", ge=1, le=10) = Field(1.5, description="of the penetration; another than 3/2 needs stiffness")
+    exponent: quantity("", ge=1, le=10) = Field(1.5, description="of the penetration; not 3/2: requires stiffness")
     friction_law: Literal[tuple(FRICTION_LAWS)] = Field("coulomb", description="friction over the sliding speed")
     friction: quantity("", ge=0, le=0.6) = Field(
-        0.0, description="coefficient of kinetic friction; 0: none with any law"
+        0.0, description="coefficient of kinetic friction; 0: none, for all laws"
     )
-    friction_speed: PositiveSpeed = Field(0.001, description="sliding speed over which friction rises from zero")
+    friction_speed: PositiveSpeed = Field(0.001, description="sliding speed up to which friction rises from zero")
     dead_band_speed: quantity("m/s", ge=0) | None = Field(
-        None, description="ambrosio: no friction below it, all above friction_speed; null: a tenth of friction_speed"
+        None, description="ambrosio: no friction below it, full above friction_speed; null: a tenth of friction_speed"
     )
     static_friction: quantity("", ge=0, le=1) | None = Field(
-        None, description="bengisu_akay, lugre: coefficient of static friction; null: as friction"
+        None, description="bengisu_akay, lugre: coefficient of static friction; null: friction"
     )
     stribeck_speed: PositiveSpeed | None = Field(
-        None, description="bengisu_akay, lugre: speed over which static friction falls to kinetic; null: 0.01 m/s"
+        None, description="bengisu_akay, lugre: speed scale from static to kinetic friction; null: 0.01 m/s"
     )
     viscous_friction: quantity("", ge=0) | None = Field(None, description="lugre: sigma_2 in s/m; null: 0")
     bristle_stiffness: PositiveNumber | None = Field(None, description="lugre: sigma_0 in 1/m; null: 1e5 1/m")
@@ -73,46 +73,46 @@ class Contact(Section):
         if self.law == "penalty":
             needed, spare = spare, ("restitution", "memory", "reference_approach_speed")
         if missing := [key for key in needed if getattr(self, key) is None]:
-            yield f"law {self.law} needs {' and '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}"
+            yield f"law {self.law} requires {' and '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}"
         for key in self._given(spare):
-            yield f"law {self.law} does not read {key}; leave it out or set it to null, or choose another law"
+            yield f"law {self.law} does not use {key}; remove it or set it to null, or choose another law"
         if self.memory == "published" and self.reference_approach_speed is not None:
-            yield "memory published does not read reference_approach_speed; leave it out, or choose memory fading"
+            yield "memory published does not use reference_approach_speed; remove it, or choose memory fading"
         for key in self._given(FRICTION_KEYS):
             readers = [name for name, law in FRICTION_LAWS.items() if key in law.reads]
             if self.friction_law not in readers:
-                yield f"{key} is read by friction_law {' and '.join(readers)}, not by {self.friction_law}; leave it out"
+                yield f"{key} is used by friction_law {' and '.join(readers)}, not by {self.friction_law}; remove it"
         if self.static_friction is not None and self.static_friction < self.friction:
             yield f"static_friction {self.static_friction:g} is less than friction {self.friction:g}; raise it"
         if self.dead_band_speed is not None and self.dead_band_speed >= self.friction_speed:
-            yield f"dead_band_speed {self.dead_band_speed:g} is not below friction_speed {self.friction_speed:g} m/s"
+            yield f"dead_band_speed {self.dead_band_speed:g} must be below friction_speed {self.friction_speed:g} m/s"
         unit = f"N/m^{self.exponent:g}"
         if self.stiffness is None and self.exponent != 1.5:
-            yield f"exponent {self.exponent:g} needs stiffness in {unit}; Hertz's holds for exponent 1.5 alone"
+            yield f"exponent {self.exponent:g} requires stiffness in {unit}; Hertz's law has exponent 1.5"
         stiffest = FIRM_FORCE / FIRM_PENETRATION**self.exponent
         if self.stiffness is not None and self.stiffness > stiffest:
-            yield f"stiffness {self.stiffness:g} {unit} is infinitely stiff; give {stiffest:.3g} {unit} at most"
+            yield f"stiffness {self.stiffness:g} {unit} is too large; give at most {stiffest:.3g} {unit}"
 
     def _given(self, keys: tuple[str, ...]) -> list[str]:
         return [key for key in keys if getattr(self, key) is not None]
 
     @property
     def reference_speed(self) -> float | None:
-        """Approach speed [m/s] as whose impact a lasting contact is damped; None where nothing fades."""
+        """Approach speed [m/s] that determines the damping of a lasting contact; None where it does not fade."""
         if self.law == "penalty" or self.memory == "published":
             return None
         return self.reference_approach_speed or REFERENCE_APPROACH_SPEED
 
     def friction_parameters(self) -> dict[str, float]:
-        """Every key of the friction laws in SI, defaults filled in."""
+        """All keys of the friction laws in SI, with defaults."""
         values = {
             "friction": self.friction,
             "friction_speed": self.friction_speed,
             "dead_band_speed": 0.1 * self.friction_speed,
             "static_friction": self.friction,
-            "stribeck_speed": 0.01,  # friction has fallen from its static to its kinetic value some times above it
+            "stribeck_speed": 0.01,  # friction is kinetic at some times this speed
             "viscous_friction": 0.0,
-            "bristle_stiffness": 1e5,  # friction 0.1 is reached after a micrometre, the size of asperities
+            "bristle_stiffness": 1e5,  # friction 0.1 after a micrometre, the size of asperities
         }
         values |= {key: getattr(self, key) for key in self._given(FRICTION_KEYS)}
         critical = 2 * math.sqrt(values["bristle_stiffness"] / BRISTLE_ACCELERATION)
@@ -120,13 +120,13 @@ class Contact(Section):
 
 
 SOFT_SHARE = 0.5
-"""Share of the journal's radius by which its loads may press it in: laws of contact are for small depths."""
+"""Largest penetration over the journal's radius: contact laws apply to small penetrations."""
 
 
-class Joint(Section):
-    """A revolute joint with its journal, its bearing and their contact; it may be loose or ideal."""
+class Joint(ConfigModel):
+    """A revolute joint with journal, bearing and contact; loose or ideal."""
 
-    loose: bool = Field(True, description="false: ideal, with the same data at hand")
+    loose: bool = Field(True, description="false: ideal, keeping the data")
     journal: Literal["frame", "crank", "rod", "slider"] = Field(description="the body that carries the journal")
     journal_radius: quantity("m", ge=1e-6) = Field(description="radius of the journal")
     bearing_radius: PositiveLength = Field(description="radius of the bearing")
@@ -138,7 +138,7 @@ class Joint(Section):
             yield f"{radii} {self.bearing_radius:g} m; a loose joint needs a clearance"
 
     def too_soft_for(self, load: float) -> str:
-        """Why its contact is too soft for a force of `load` [N], and what to do; empty where it is not."""
+        """Error message if the contact is too soft for a force of `load` [N], or ''."""
         hertz, exponent = self.contact.stiffness is None, self.contact.exponent
         stiffness = hertz_stiffness(self) if hertz else self.contact.stiffness
         softest = load / (SOFT_SHARE * self.journal_radius) ** exponent
@@ -148,25 +148,25 @@ class Joint(Section):
         if hertz:
             key, value, unit = "youngs_modulus", self.contact.youngs_modulus, "Pa"
         return (
-            f"contact.{key} {value:g} {unit} is too soft: {load:.4g} N would press the journal in by "
+            f"contact.{key} {value:g} {unit} is too soft: the penetration at {load:.4g} N would be "
             f"{(load / stiffness) ** (1 / exponent):.3g} m, more than {SOFT_SHARE:g} of journal_radius "
-            f"{self.journal_radius:g} m; give {value * softest / stiffness:.3g} {unit} at least"
+            f"{self.journal_radius:g} m; give at least {value * softest / stiffness:.3g} {unit}"
         )
 
     @property
     def clearance(self) -> float:
-        """Radial clearance r_c = r_B - r_J [m] (equation 1) of the joint's data, be it loose or not."""
+        """Radial clearance r_c = r_B - r_J [m] (equation 1) of the data, for loose and ideal joints."""
         return self.bearing_radius - self.journal_radius
 
 
 def hertz_stiffness(joint: Joint) -> float:
-    """K [N/m^1.5] of a journal in a bearing of the same material; conforming contact of Hertz."""
+    """K [N/m^1.5] of a journal in a bearing of the same material: conforming Hertz contact."""
     material = (1 - joint.contact.poisson_ratio**2) / joint.contact.youngs_modulus
     return 4 / (3 * 2 * material) * math.sqrt(joint.bearing_radius * joint.journal_radius / joint.clearance)
 
 
 def _joint(name: str) -> Any:
-    """Type of a joint: ideal, or with a journal that one of its two bodies carries."""
+    """Type of a joint: ideal, or with a journal on one of its two bodies."""
     carriers = JOINT[name].partner, JOINT[name].body
 
     def read(joint: Any, _) -> Any:
@@ -176,13 +176,13 @@ def _joint(name: str) -> Any:
             raise ValueError("must be 'ideal' or a mapping with journal, journal_radius, bearing_radius and contact")
         made = Joint.model_validate(joint)
         if made.journal not in carriers:
-            raise ValueError(f"journal must be '{carriers[0]}' or '{carriers[1]}', the bodies that meet in this joint")
+            raise ValueError(f"journal must be '{carriers[0]}' or '{carriers[1]}', the bodies of this joint")
         return made
 
     return Annotated[Literal["ideal"] | Joint, WrapValidator(read)]
 
 
-class Joints(Section):
+class Joints(ConfigModel):
     """The three revolute joints."""
 
     crank_pivot: _joint("crank_pivot") = Field("ideal", description="joint of frame and crank")
@@ -191,44 +191,44 @@ class Joints(Section):
 
 
 _INERTIA_ARM = 2.0
-"""Radius of gyration of a link [lengths] beyond which its inertia is refused: a uniform rod has 0.29."""
+"""Largest radius of gyration over the length of a link; a uniform rod has 0.29."""
 
 
-class Link(Section):
-    """A rigid link that turns in the plane."""
+class Link(ConfigModel):
+    """A rigid link in plane motion."""
 
     length: PositiveLength = Field(description="distance between the link's two joints")
     mass: PositiveMass = Field(description="mass")
     inertia: quantity("kg*m^2", gt=0) = Field(description="moment of inertia about the mass centre")
-    mass_centre: Length = Field(description="its distance along the link from the joint nearer the crank pivot")
+    mass_centre: Length = Field(description="its distance along the link from the joint nearer to the crank pivot")
     mass_centre_across: Length = Field(0.0, description="of a crank: its distance from the line, 90 deg ahead")
 
     def errors(self) -> Iterator[str]:
         for name in ("mass_centre", "mass_centre_across"):
             distance = getattr(self, name)
             if abs(distance) > self.length:
-                yield f"{name} {distance:g} m lies beyond the link's length {self.length:g} m; correct one of them"
+                yield f"{name} {distance:g} m is beyond the link's length {self.length:g} m; correct one of them"
         most = self.mass * (_INERTIA_ARM * self.length) ** 2
         if self.inertia > most:
             yield (
                 f"inertia {self.inertia:g} kg*m^2 is too large for mass {self.mass:g} kg and length {self.length:g} m; "
-                f"give {most:.3g} kg*m^2 at most (check the units), and a flywheel's as the motor's inertia"
+                f"give at most {most:.3g} kg*m^2 (check the units), and a flywheel's inertia as that of the motor"
             )
 
     def with_length(self, length: float) -> "Link":
-        """The link at another length [m]: `mass_centre` keeps its share, all else stays."""
+        """The link with another length [m]; `mass_centre` is scaled, all else is unchanged."""
         return self.model_copy(update={"length": length, "mass_centre": self.mass_centre * length / self.length})
 
 
-class Slider(Section):
-    """The slider (piston), which moves along x at y = offset without turning."""
+class Slider(ConfigModel):
+    """The slider (piston), in translation along x at y = offset."""
 
     mass: PositiveMass = Field(description="mass")
     offset: Length = Field(0.0, description="the slide is the line y = offset")
 
 
-class Mechanism(Section):
-    """One slider-crank: everything that a simulation needs but its speed."""
+class Mechanism(ConfigModel):
+    """A slider-crank, without its drive."""
 
     crank: Link
     rod: Link
@@ -236,7 +236,7 @@ class Mechanism(Section):
     contacts: dict[str, Contact] = Field({}, description="contacts by name, for the joints to refer to")
     joints: Joints
     gravity_direction: Angle = Field(-math.pi / 2, description="direction of gravity in the plane, from +x")
-    effects: tuple[AnyEffect, ...] = Field((), description="physical effects beyond contact and friction in the joints")
+    effects: tuple[AnyEffect, ...] = Field((), description="effects besides contact and friction in the joints")
 
     @field_validator("joints", mode="before")
     @classmethod
@@ -249,41 +249,41 @@ class Mechanism(Section):
             key = joint.get("contact") if isinstance(joint, dict) else None
             if not isinstance(key, str):
                 continue
-            if contacts is None:  # they are refused themselves
+            if contacts is None:  # they have their own errors
                 joints[name] = joint | {"contact": Contact.model_construct(restitution=0.5)}
             elif key in contacts:
                 joints[name] = joint | {"contact": contacts[key]}
             else:
-                hint = did_you_mean(key, contacts) if contacts else "there is no section contacts"
-                raise ValueError(f"{name}.contact names '{key}', which is not under contacts; {hint}")
+                hint = did_you_mean(key, contacts) if contacts else "the section contacts is missing"
+                raise ValueError(f"{name}.contact: no entry '{key}' in contacts; {hint}")
         return joints
 
     def errors(self) -> Iterator[str]:
         if self.rod.mass_centre_across != 0:
-            yield "rod.mass_centre_across is not 0: only a crank's mass centre may lie off its line; leave it out"
+            yield "rod.mass_centre_across must be 0: only a crank's mass centre may lie off its line; remove it"
         clearances = sum(self.clearance(name) for name in self.loose)
         if self.crank.length + abs(self.slider.offset) + clearances >= self.rod.length:
             yield (
                 f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m plus clearances "
-                f"{clearances:g} m reach rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank"
+                f"{clearances:g} m exceed rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank"
             )
         places = [(effect.name, effect.place) for effect in self.effects]
         for name, place in places:
             if places.count((name, place)) > 1:
-                yield f"effects: {name} at {place} is listed more than once; add its parameters up in one"
+                yield f"effects: {name} at {place} is listed more than once; combine its parameters in one entry"
         if any(effect.changes_data(self) for effect in self.effects):
-            self.applied()  # complains itself, and checks the rest
+            self.applied()  # raises for invalid data
             return
         for effect in self.effects:
             effect.check(self)
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files that its effects read."""
+        """Files of its effects."""
         return tuple(effect.parameters.file for effect in self.effects if hasattr(effect.parameters, "file"))
 
     def joint(self, name: str) -> Joint | None:
-        """The data of the joint `name`; None where it is the bare word ideal."""
+        """The data of the joint `name`; None for ``ideal`` without data."""
         joint = getattr(self.joints, name)
         return joint if isinstance(joint, Joint) else None
 
@@ -298,19 +298,19 @@ class Mechanism(Section):
         return joint.clearance if joint is not None and joint.loose else 0.0
 
     def effect(self, name: str, site: str | None = None) -> Any:
-        """Parameters of the effect `name`, at `site` where it has a choice; None where it is not listed."""
+        """Parameters of the effect `name`, at `site` if it has several; None if it is not listed."""
         found = (one.parameters for one in self.effects if one.name == name and site in (None, one.place))
         return next(found, None)
 
     @property
     def gravity(self) -> np.ndarray:
-        """Acceleration of free fall, shape (2,) [m/s^2]; zero unless the effect is listed."""
+        """Gravitational acceleration, shape (2,) [m/s^2]; zero unless the effect is listed."""
         listed = self.effect("gravity")
         size = listed.acceleration_m_s2 if listed else 0.0
         return size * np.array([math.cos(self.gravity_direction), math.sin(self.gravity_direction)])
 
     def mirrored(self) -> "Mechanism":
-        """The mechanism as seen from behind, where a clockwise crank turns counter-clockwise: mirrored in y = 0."""
+        """The mirror image in y = 0, in which a clockwise crank turns counter-clockwise."""
         return self.model_copy(
             update={
                 "crank": self.crank.model_copy(update={"mass_centre_across": -self.crank.mass_centre_across}),
@@ -323,7 +323,7 @@ class Mechanism(Section):
     def check_contacts(self, speed: float) -> None:
         """InputError where a loose joint's contact is too soft for its loads at a crank speed of `speed` [rad/s].
 
-        The loads are about the largest in a joint without clearance: inertia of what it moves, weight and effects.
+        The loads are approximately the largest ones without clearance: inertia of the moved bodies, weight and effects.
         """
         crank, rod = self.crank, self.rod
         swing = crank.length * speed**2 * (1 + crank.length / rod.length)  # of the slider at its outer dead centre
@@ -334,14 +334,14 @@ class Mechanism(Section):
         for name in self.loose:
             if why := self.joint(name).too_soft_for(moved[name] * acceleration + stated):
                 raise InputError(
-                    f"mechanism.joints.{name}: {why} (load: inertia at {speed * 30 / math.pi:.4g} rpm, weight and the "
-                    "forces of effects)"
+                    f"mechanism.joints.{name}: {why} (load: inertia at {speed * 30 / math.pi:.4g} rpm, weight and "
+                    "effects)"
                 )
 
     def applied(self) -> "Mechanism":
-        """The mechanism with all effects that merely change its data folded into them; `effects` keeps the others.
+        """The mechanism with its parameters modified by the effects that only change data; `effects` keeps the others.
 
-        An InputError names the effects where the changed data are impossible.
+        InputError where the modified data are invalid.
         """
         folded = [effect for effect in self.effects if effect.changes_data(self)]
         if not folded:
@@ -357,6 +357,6 @@ class Mechanism(Section):
             raise InputError(f"with the effects {names}: {'; '.join(complaints(error, data))}") from error
 
     def with_lengths(self, crank_length: float, rod_length: float) -> "Mechanism":
-        """The mechanism with other lengths [m]; mass centres keep their share, all else stays."""
+        """The mechanism with other lengths [m]; mass centres are scaled, all else is unchanged."""
         links = {"crank": self.crank.with_length(crank_length), "rod": self.rod.with_length(rod_length)}
         return self.model_copy(update=links)

@@ -1,4 +1,4 @@
-"""A scenario: a mechanism, and the sections that say what each stage does with it."""
+"""A scenario: a mechanism, and the options of each stage."""
 
 import math
 from collections.abc import Iterator
@@ -14,43 +14,43 @@ from jointgap.config.designs import InferSettings, OptimiseRobust, Sensitivity, 
 from jointgap.config.mechanism import Mechanism
 from jointgap.core.errors import InputError
 from jointgap.core.schema import PRINTED_OPTIMA
-from jointgap.core.section import Section, Seed, Word, checked, distinct, whole_number
+from jointgap.core.section import ConfigModel, Seed, Word, checked, distinct, whole_number
 from jointgap.core.units import Angle, OpenFraction, PositiveLength, quantity, split_quantity, unit_factor
 
-MOST_SAMPLES = 20_000_000  # of a run: with all columns they take some 10 GB
-MOST_WEIGHTS = 5000  # of a network: the matrices of its training have as many rows or columns, some 200 MB
-MOST_COMBINATIONS = 10_000  # of varied values: each is a mechanism of its own in memory
+MOST_SAMPLES = 20_000_000  # per run: 10 GB with all columns
+MOST_WEIGHTS = 5000  # per network: 200 MB per matrix of its training
+MOST_COMBINATIONS = 10_000  # of varied values: each is a mechanism in memory
 
 TOLERANCE_SHARE = 1e-4
-"""Largest local error of positions as a share of a clearance: with more, steps jump over contacts."""
+"""Largest tolerance over the clearance; larger steps would miss contacts."""
 
 SampleCount = whole_number(ge=1, le=MOST_SAMPLES)
 Iterations = whole_number(ge=1, le=10_000_000)
 
-_OWN_SHARE, _OWN_DIGITS = 0.05, 6  # half width as a share of the lengths, and digits [m], of the box around the own
-_LENGTH_ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are one length
+_OWN_SHARE, _OWN_DIGITS = 0.05, 6  # default box: half width over the lengths, and digits [m]
+_LENGTH_ROUNDING = 1e-9  # [m] 564 mm and 0.564 m are equal
 _CLEARANCE_ROUNDING = 1e-9  # relative: a clearance is the difference of two radii
 
 
-class ConstantDrive(Section):
-    """The crank turns at simulate.speed, whatever it takes."""
+class ConstantDrive(ConfigModel):
+    """The crank turns at simulate.speed, whatever the torque."""
 
     kind: Literal["constant"] = "constant"
 
 
-class MeasuredDrive(Section):
-    """The crank follows a measured angle over time, made smooth."""
+class MeasuredDrive(ConfigModel):
+    """The crank follows a measured angle over time, smoothed."""
 
     kind: Literal["measured"]
     file: str = Field(description="table of samples, CSV or Parquet; from the working folder or the configuration's")
     time: str = Field("time", description="column of the times in seconds")
     angle: str = Field("crank_angle", description="column of the crank angles")
     angle_unit: str = Field("rad", description="unit of the column of angles, e.g. deg or turn")
-    resolution: quantity("rad", gt=0) | None = Field(None, description="step of the encoder; null: not known")
+    resolution: quantity("rad", gt=0) | None = Field(None, description="step of the encoder; null: unknown")
 
     @property
     def content(self) -> str:
-        """Digest of what the file holds, which its path does not tell; empty where it is not there."""
+        """Digest of the file's content; empty where the file does not exist."""
         path = Path(self.file)
         return sha256(path.read_bytes()).hexdigest()[:12] if path.is_file() else ""
 
@@ -61,7 +61,7 @@ class MeasuredDrive(Section):
         return unit
 
 
-class MotorDrive(Section):
+class MotorDrive(ConfigModel):
     """A motor on the crank with a falling torque-speed line: M = stall_torque (1 - w / no_load_speed)."""
 
     kind: Literal["motor"] = "motor"
@@ -73,21 +73,21 @@ class MotorDrive(Section):
 Drive = Annotated[ConstantDrive | MeasuredDrive | MotorDrive, Field(discriminator="kind")]
 
 
-class Simulate(Section):
-    """How the mechanism is driven and sampled."""
+class Simulate(ConfigModel):
+    """Drive, duration and sampling of the simulation."""
 
     speed: quantity("rad/s") = Field(
         20 * math.pi, description="of the crank, negative clockwise; a motor starts with it"
     )
-    drive: Drive = Field(ConstantDrive(), description="what turns the crank: constant speed, measured angle or a motor")
+    drive: Drive = Field(ConstantDrive(), description="drive of the crank: constant speed, measured angle or a motor")
     start_angle: quantity("rad", ge=-1e4, le=1e4) = Field(0.0, description="first crank angle; 0: crank along +x")
-    revolutions: SampleCount = Field(4, description="the first starts with coincident joint centres")
+    revolutions: SampleCount = Field(4, description="number; the first starts with coincident joint centres")
     samples_per_revolution: SampleCount = Field(3600, description="samples, uniform in crank angle")
     tolerance: quantity("m", gt=0, le=1e-7) = Field(1e-12, description="local error of positions in a step")
 
     @property
     def highest_speed(self) -> float:
-        """Speed [rad/s] that the crank reaches, whichever way; 0 under a measured angle, which stands in a file."""
+        """Largest speed [rad/s] of the crank; 0 for a measured angle."""
         if isinstance(self.drive, MeasuredDrive):
             return 0.0
         return max(abs(self.speed), self.drive.no_load_speed if isinstance(self.drive, MotorDrive) else 0.0)
@@ -96,7 +96,7 @@ class Simulate(Section):
         if self.speed == 0 and self.drive.kind == "constant":
             yield "speed 0: the crank does not turn; give a speed, or a motor, which starts from rest"
         if self.speed < 0 and self.drive.kind == "measured":
-            yield "speed is negative, but a measured drive turns as its angles say; leave it out"
+            yield "speed is negative, but a measured drive takes its direction from the angles; remove speed"
         per_revolution = self.samples_per_revolution
         if self.revolutions * per_revolution > MOST_SAMPLES:
             product = f"revolutions {self.revolutions} times samples_per_revolution {per_revolution}"
@@ -104,37 +104,37 @@ class Simulate(Section):
 
 
 def check_tolerance(mechanism: Mechanism, options: Simulate) -> None:
-    """Whether the steps resolve the clearances."""
+    """InputError where the tolerance is too large for the clearances."""
     clearance, name = min(((mechanism.clearance(name), name) for name in mechanism.loose), default=(math.inf, ""))
     most = TOLERANCE_SHARE * clearance
     if options.tolerance > most * (1 + _CLEARANCE_ROUNDING):
         raise InputError(
             f"simulate.tolerance {options.tolerance:g} m is more than {TOLERANCE_SHARE:g} of the clearance "
-            f"{clearance:g} m of {name}, the smallest of the loose joints: steps would jump over contacts; give "
-            f"{most:.3g} m at most, or make the joint ideal"
+            f"{clearance:g} m of {name}, the smallest of the loose joints; steps would miss contacts: give "
+            f"at most {most:.3g} m, or make the joint ideal"
         )
 
 
 def check_drive(mechanism: Mechanism, options: Simulate) -> None:
-    """Whether the effects of a `mechanism` go with the drive of the simulation `options`."""
+    """InputError where an effect of the `mechanism` is incompatible with the drive."""
     for effect in mechanism.effects:
         if effect.DRIVE not in ("", options.drive.kind):
             raise InputError(
-                f"mechanism.effects: {effect.name} goes with simulate.drive.kind {effect.DRIVE} alone, not with "
-                f"{options.drive.kind}; leave out one of them"
+                f"mechanism.effects: {effect.name} requires simulate.drive.kind {effect.DRIVE}, not "
+                f"{options.drive.kind}; change one of them"
             )
 
 
-class Surrogate(Section):
-    """The paper's networks, four for each loose joint; regularised ones beside them; the second surrogate."""
+class Surrogate(ConfigModel):
+    """The paper's networks (four per loose joint), regularised networks, and the second surrogate."""
 
     hidden: tuple[whole_number(ge=1, le=MOST_WEIGHTS), ...] = Field((10, 10, 10, 10), min_length=1)
-    training_points: whole_number(ge=3, le=10_001) = Field(361, description="of the first revolution, ends included")
-    iterations: Iterations = Field(300, description="Levenberg-Marquardt iterations at most, default seed")
+    training_points: whole_number(ge=3, le=10_001) = Field(361, description="in the first revolution, ends included")
+    iterations: Iterations = Field(300, description="largest number of Levenberg-Marquardt iterations, default seed")
     seeds: Annotated[tuple[Seed, ...], AfterValidator(distinct)] = Field((0,), min_length=1, max_length=100)
-    seed_iterations: Iterations = Field(300, description="iterations at most of the other seeds")
+    seed_iterations: Iterations = Field(300, description="largest number of iterations of the other seeds")
     regularised_neurons: whole_number(ge=4, le=500) = Field(100, description="neurons of a regularised network")
-    regularised_iterations: Iterations = Field(100, description="iterations at most of regularised networks")
+    regularised_iterations: Iterations = Field(100, description="largest number of iterations of regularised networks")
     clearance_sampling: whole_number(ge=4, le=MOST_SAMPLES) = Field(
         100, description="samples for the second surrogate, as a multiple of the simulation's"
     )
@@ -144,19 +144,19 @@ class Surrogate(Section):
         weights = sum((sources + 1) * neurons for sources, neurons in pairwise(layers))
         if weights > MOST_WEIGHTS:
             layers = list(self.hidden)[:10]
-            yield f"hidden {layers} makes {weights} weights, more than {MOST_WEIGHTS}; take fewer neurons"
+            yield f"hidden {layers} has {weights} weights, more than {MOST_WEIGHTS}; use fewer neurons"
 
 
 _END = {"type": ["number", "string"]}
 
 
 def _limits(kind: Any, exact: bool = True) -> Any:
-    """Type of the lower and upper bound of a range, or of an exact value as both."""
+    """Type of a range [lower, upper]; an exact value gives two equal bounds."""
 
     def ordered(value: Any) -> Any:
         low, high = value if isinstance(value, tuple) else (0.0, 1.0)
         if low > high or (low == high and not exact):
-            raise ValueError("is upside down or empty; write the lower bound first")
+            raise ValueError("is in the wrong order or empty; write the lower bound first")
         return value
 
     if not exact:
@@ -173,7 +173,7 @@ Lengths = _limits(PositiveLength)
 Angles = _limits(Angle)
 
 
-class Box(Section):
+class Box(ConfigModel):
     """Bounds of the link lengths."""
 
     crank_length: _limits(PositiveLength, exact=False) = Field(description="bounds of the crank's length")
@@ -182,39 +182,39 @@ class Box(Section):
     def errors(self) -> Iterator[str]:
         if self.crank_length[1] >= self.rod_length[0]:
             yield (
-                f"crank_length reaches {self.crank_length[1]:g} m and rod_length begins at {self.rod_length[0]:g} m: "
-                "the crank could not turn; keep every rod longer than every crank"
+                f"crank_length is up to {self.crank_length[1]:g} m and rod_length from {self.rod_length[0]:g} m: "
+                "the crank could not turn; keep all rods longer than all cranks"
             )
 
 
-class Genetic(Section):
+class Genetic(ConfigModel):
     """Genetic algorithm with the paper's settings."""
 
     population: whole_number(ge=4, le=10_000) = Field(20, description="individuals")
     generations: whole_number(ge=1, le=10_000) = Field(50, description="generations")
-    elites: whole_number(ge=0, le=10_000) = Field(2, description="best individuals that live on unchanged")
+    elites: whole_number(ge=0, le=10_000) = Field(2, description="best individuals that are kept unchanged")
     crossover_fraction: OpenFraction = Field(0.8, description="share of the other children; the rest mutate")
     seed: Seed = Field(0, description="seed")
 
     def errors(self) -> Iterator[str]:
         if self.elites >= self.population:
-            yield f"elites {self.elites} leave no room in a population of {self.population}; lower elites"
+            yield f"elites {self.elites} must be less than population {self.population}; lower elites"
 
 
-class Ensemble(Section):
-    """Slightly perturbed starts by which an optimum is simulated again."""
+class Ensemble(ConfigModel):
+    """Perturbed starts for the re-simulation of an optimum."""
 
     members: whole_number(ge=2, le=10_000) = Field(15, description="simulations for each pair of lengths")
     perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
-    settled_revolution: SampleCount = Field(4, description="revolution that counts as settled (1 = the first)")
+    settled_revolution: SampleCount = Field(4, description="revolution taken as settled (1 = the first)")
     seed: Seed = Field(0, description="seed")
 
 
-class Constraints(Section):
-    """What lengths have to meet besides their bounds: each a value, which is met exactly, or a range [lower, upper]."""
+class Constraints(ConfigModel):
+    """Constraints besides the bounds of the lengths: a value for equality, or a range [lower, upper]."""
 
     crank_length: Lengths | None = Field(None, description="length of the crank")
-    stroke: Lengths | None = Field(None, description="way of the slider between its dead centres, without clearance")
+    stroke: Lengths | None = Field(None, description="distance of the dead centres, without clearance")
     outer_dead_centre: Lengths | None = Field(None, description="slider position farthest from the crank pivot")
     inner_dead_centre: Lengths | None = Field(None, description="slider position nearest to the crank pivot")
     outer_dead_centre_angle: Angles | None = Field(None, description="crank angle there; 0 without offset")
@@ -225,19 +225,19 @@ class Constraints(Section):
 
     @property
     def decide_crank(self) -> bool:
-        """Whether they are about the crank's length, so that it is not to be kept besides."""
+        """Whether they determine the crank length, which is otherwise fixed by default."""
         dead_centres = self.outer_dead_centre, self.inner_dead_centre
         return self.crank_length is not None or self.stroke is not None or None not in dead_centres
 
 
-class Optimise(Section):
-    """The search for the link lengths."""
+class Optimise(ConfigModel):
+    """The optimisation of the link lengths."""
 
-    window: Window = Field((0.0, 2 * math.pi), description="crank angles after the start that the error counts")
+    window: Window = Field((0.0, 2 * math.pi), description="crank angles after the start over which the error counts")
     boxes: dict[Word, Box] = Field({}, description="bounds by name, the main ones first; none: the rod within 5 %")
-    ratio_limit: OpenFraction | None = Field(None, description="of the crank's length to the rod's; null: no limit")
-    constraints: Constraints = Field(Constraints(), description="what lengths have to meet besides their bounds")
-    rod_tolerance: PositiveLength | None = Field(None, description="width, as made; null: IT7 of ISO 286")
+    ratio_limit: OpenFraction | None = Field(None, description="of crank length to rod length; null: no limit")
+    constraints: Constraints = Field(Constraints(), description="constraints besides the bounds of the lengths")
+    rod_tolerance: PositiveLength | None = Field(None, description="width of the tolerance; null: IT7 of ISO 286")
     local_tolerance: quantity("", gt=0) = Field(1e-8, description="stopping tolerance of the local optimiser")
     genetic: Genetic = Genetic()
     ensemble: Ensemble = Ensemble()
@@ -245,29 +245,29 @@ class Optimise(Section):
     @field_validator("boxes", mode="before")
     @classmethod
     def _boxes_set_to_null_are_left_out(cls, boxes: Any) -> Any:
-        """What is laid over a configuration can only add boxes; null takes one of those below away."""
+        """An overriding configuration removes a box with null."""
         return {name: box for name, box in boxes.items() if box is not None} if isinstance(boxes, dict) else boxes
 
 
-class Figures(Section):
-    """What the figures show."""
+class Figures(ConfigModel):
+    """Options of the figures."""
 
     animation_frames: whole_number(ge=1, le=600) = Field(120, description="frames of the first revolution")
     magnification: quantity("", gt=0) | None = Field(
-        None, description="of the clearances in the animation; null: fitting"
+        None, description="of the clearances in the animation; null: automatic"
     )
 
 
 def _spread(values: Any) -> Any:
-    """A list of values as it is; ``{from: 200 rpm, to: 1200 rpm, number: 6}`` as a list of values evenly apart."""
+    """A list of values; ``{from: 200 rpm, to: 1200 rpm, number: 6}`` becomes one."""
     if isinstance(values, list | tuple) and values:
         return values
     if not isinstance(values, dict) or set(values) != {"from", "to", "number"}:
-        raise ValueError("must be a list of values, or {from: ..., to: ..., number: ...} for values evenly apart")
+        raise ValueError("must be a list of values, or {from: ..., to: ..., number: ...} for equidistant values")
     span = Uniform.model_validate(values)
     (low, unit), (high, other) = (split_quantity(str(end)) for end in (span.from_, span.to))
     if unit != other:
-        raise ValueError(f"from has the unit '{unit}' and to the unit '{other}'; give both in one unit")
+        raise ValueError(f"from has the unit '{unit}' and to the unit '{other}'; give both in the same unit")
     if not math.isfinite(float(high) - float(low)):
         raise ValueError(f"from = {span.from_!r} and to = {span.to!r} must be finite")
     between = [float(f"{value:.12g}") for value in np.linspace(float(low), float(high), span.number)]
@@ -285,12 +285,12 @@ VariedValues = Annotated[
 ]
 
 
-class Runs(Section):
-    """What the runs of an ensemble differ in: every combination of values, each from several starts."""
+class Runs(ConfigModel):
+    """The runs of an ensemble: all combinations of varied values, each from several starts."""
 
-    vary: dict[str, VariedValues] = Field({}, description="lists of values, or from, to, number, by what they set")
-    members: whole_number(ge=1, le=10_000) = Field(10, description="starts of each combination, one not perturbed")
-    perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed starting positions")
+    vary: dict[str, VariedValues] = Field({}, description="lists of values, or from, to, number, by parameter")
+    members: whole_number(ge=1, le=10_000) = Field(10, description="starts per combination, one not perturbed")
+    perturbation: PositiveLength = Field(1e-7, description="standard deviation of the perturbed initial positions")
     seed: Seed = Field(0, description="seed of the perturbations")
 
     def errors(self) -> Iterator[str]:
@@ -300,8 +300,8 @@ class Runs(Section):
             yield f"{factors} are {combinations} combinations, more than {MOST_COMBINATIONS}; give fewer values"
 
 
-class DrivenMechanism(Section):
-    """A mechanism and how it is driven and sampled: all that a simulation needs."""
+class DrivenMechanism(ConfigModel):
+    """A mechanism with its drive and sampling."""
 
     mechanism: Mechanism
     simulate: Simulate = Simulate()
@@ -315,7 +315,7 @@ class DrivenMechanism(Section):
 
 
 class Scenario(DrivenMechanism):
-    """A mechanism and what is done with it: the input of every stage."""
+    """A mechanism and the options of all stages."""
 
     removed: ClassVar = {
         "study": "use sweep with design: grid, as in config/map.yaml",
@@ -325,9 +325,9 @@ class Scenario(DrivenMechanism):
         ),
     }
 
-    description: str = Field("", max_length=1000, description="one sentence for the report: what this scenario is for")
-    networks: bool = Field(False, description="train networks on the motion in the joints, as the paper does")
-    paper: bool = Field(False, description="compare everything with what the paper prints; needs networks")
+    description: str = Field("", max_length=1000, description="purpose of the scenario in one sentence, for the report")
+    networks: bool = Field(False, description="train networks on the motion in the joints, as in the paper")
+    paper: bool = Field(False, description="compare the results with the paper; requires networks")
     surrogate: Surrogate = Surrogate()
     optimise: Optimise = Optimise()
     figures: Figures = Figures()
@@ -338,10 +338,10 @@ class Scenario(DrivenMechanism):
     optimise_robust: OptimiseRobust = OptimiseRobust()
 
     def errors(self) -> Iterator[str]:
-        """A stage that reads some sections alone is given those alone: those that are there are checked."""
+        """Checks only the sections that are present: a stage receives only those that it reads."""
         self._search_around_own_lengths()
         if self.paper and "networks" in self.model_fields_set and not self.networks:
-            yield "paper = true needs networks: true, for most of what the paper prints is about them"
+            yield "paper = true requires networks: true; set it, or set paper to false"
         checks = (
             ({"mechanism", "simulate"}, super().errors),
             ({"simulate", "surrogate"}, self._errors_of_samples),
@@ -370,7 +370,7 @@ class Scenario(DrivenMechanism):
     def _errors_of_samples(self) -> Iterator[str]:
         samples, intervals = self.simulate.samples_per_revolution, self.surrogate.training_points - 1
         if samples % intervals or samples < 5 * intervals:
-            product = f"a multiple of surrogate.training_points - 1 = {intervals}, five times it at least"
+            product = f"a multiple of surrogate.training_points - 1 = {intervals}, at least five times it"
             yield f"simulate.samples_per_revolution {samples} must be {product}"
         multiple = self.surrogate.clearance_sampling
         if samples * multiple > MOST_SAMPLES:
@@ -385,25 +385,25 @@ class Scenario(DrivenMechanism):
             yield f"{tolerance} is more than a tenth of the rod, {1e3 * rod:g} mm; give its unit, such as 35 um"
         if not any(_holds(box.crank_length, crank) and _holds(box.rod_length, rod) for box in boxes.values()):
             lengths = f"crank {1e3 * crank:g} mm and rod {1e3 * rod:g} mm"
-            yield f"optimise.boxes ({', '.join(boxes)}): none holds the own {lengths}; give bounds around them"
+            yield f"optimise.boxes ({', '.join(boxes)}): none contains the original {lengths}; give bounds around them"
         for name, box in boxes.items():
             crank, rod = box.crank_length[1], box.rod_length[0]
             if crank + offset >= rod:
                 lengths = f"a crank of {1e3 * crank:g} mm with an offset of {1e3 * offset:g} mm"
-                yield f"optimise.boxes.{name}: {lengths} cannot turn on a rod of {1e3 * rod:g} mm; lengthen the rod"
+                yield f"optimise.boxes.{name}: {lengths} cannot turn with a rod of {1e3 * rod:g} mm; lengthen the rod"
 
     def _errors_of_measures(self) -> Iterator[str]:
         known = {column.name for column in measured(self.sweep.best_lengths, self.sweep.printed_numbers)}
         for name in self.sensitivity.measures if self.sensitivity else ():
             if name not in known:
                 key = "printed_numbers" if name in PRINTED_OPTIMA.names else "best_lengths"
-                yield f"sensitivity.measures: {name} is not measured; set sweep.{key} to true"
+                yield f"sensitivity.measures: {name} is not computed; set sweep.{key} to true"
 
     def _errors_of_revolutions(self) -> Iterator[str]:
         settled, revolutions = self.optimise.ensemble.settled_revolution, self.simulate.revolutions
         if settled > revolutions:
             key = f"optimise.ensemble.settled_revolution {settled}"
-            yield f"{key} is more than simulate.revolutions, {revolutions}; lower it"
+            yield f"{key} is more than simulate.revolutions, {revolutions}; reduce it"
 
 
 def _holds(bounds: tuple[float, float], length: float) -> bool:

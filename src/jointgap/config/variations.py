@@ -1,4 +1,4 @@
-"""Sections with other values: what differs is given as in a file, and all of it is checked again."""
+"""Copies of sections with changed values, given as in a file and validated again."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
@@ -8,25 +8,25 @@ from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import DrivenMechanism
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINTS
-from jointgap.core.section import Section
+from jointgap.core.section import ConfigModel
 from jointgap.core.units import to_si
 
-AnySection = TypeVar("AnySection", bound=Section)
+AnyConfigModel = TypeVar("AnyConfigModel", bound=ConfigModel)
 
 OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1", "stiffness": "1"}
-"""Words that stand for a value of every loose joint, with its unit (of the stiffness N/m^exponent)."""
+"""Words for a value of every loose joint, with its unit (of the stiffness N/m^exponent)."""
 
 _LINKS = {"crank_length": "crank", "rod_length": "rod"}
 
 VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS | dict.fromkeys(_LINKS, "m")
-"""What can be varied by a word, with its unit; the mass centres of links keep their share of the length."""
+"""Words for varied parameters, with their units; the mass centres of links are scaled with the length."""
 
 
 def set_at(data: Any, path: Sequence[str], value: Any, named: str) -> Any:
-    """A copy of `data`, sections or mappings, with a `value` at a `path`; `named` is what errors call it.
+    """A copy of `data`, sections or mappings, with a `value` at a `path`; `named` is for error messages.
 
-    Effects go by their name, or by name@site where one is listed twice. A mapping is laid key by key on what is there,
-    unless that is of another kind.
+    Effects are identified by their name, or by name@site where one is listed twice. A mapping is merged with the
+    existing one, unless its kind differs.
     """
     if not path:
         inner = _entries(data)
@@ -40,34 +40,34 @@ def set_at(data: Any, path: Sequence[str], value: Any, named: str) -> Any:
     if isinstance(data, list | tuple):
         entry(data, step, named, "effects")
         if not rest and not isinstance(value, Mapping):
-            raise InputError(f"{named}: names a whole effect; go on to a number, such as {step}.parameters.<name>")
+            raise InputError(f"{named}: is a whole effect; give the path of a number, such as {step}.parameters.<name>")
     entries[step] = set_at(entries.get(step), rest, value, named)
     return list(entries.values()) if isinstance(data, list | tuple) else entries
 
 
 def value_at(data: Any, path: Sequence[str], named: str) -> Any:
-    """What stands at a `path` in `data`, sections or mappings; `named` is what errors call it."""
+    """The value at a `path` in `data`, sections or mappings; `named` is for error messages."""
     for depth, step in enumerate(path):
         data = entry(data, step, named, ".".join(path[:depth]) or "the scenario")
     return data
 
 
 def entry(data: Any, step: str, named: str, place: str) -> Any:
-    """What `data` at a `place` has at a `step`, or an InputError with what is there."""
+    """The entry `step` of `data` at a `place`, or an InputError with the existing entries."""
     entries = _entries(data)
     if step in entries:
         return entries[step]
-    hint = did_you_mean(step, entries) if entries else "nothing is listed there"
+    hint = did_you_mean(step, entries) if entries else "it is empty"
     if place == "mechanism.effects":
-        hint += "; effects which only change data are folded in, so vary the key itself, such as mechanism.slider.mass"
+        hint += "; effects that only change data are applied: vary the key itself, such as mechanism.slider.mass"
     raise InputError(f"{named}: {place} has no '{step}'; {hint}")
 
 
 def _entries(data: Any) -> dict[str, Any]:
-    """What is in `data` by its key, or by its name where it is a list of effects; a copy."""
+    """The entries of `data` by key, or by name for a list of effects; a copy."""
     if not isinstance(data, list | tuple):
-        return dict(data) if isinstance(data, Section | Mapping) else {}
-    if not all(isinstance(each, Section | Mapping) for each in data):
+        return dict(data) if isinstance(data, ConfigModel | Mapping) else {}
+    if not all(isinstance(each, ConfigModel | Mapping) for each in data):
         return {}
     effects = [dict(each) for each in data]
     names = [effect.get("name") for effect in effects]
@@ -75,21 +75,21 @@ def _entries(data: Any) -> dict[str, Any]:
     return dict(zip(keys, data, strict=True))
 
 
-def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
-    """A mechanism, or another part of a configuration, with other values.
+def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigModel:
+    """Copy a mechanism, or another section of a configuration, with other values.
 
-    What is given stays as it is: sections cannot be changed in place. All values are checked again, units included.
+    Sections are immutable. All values are validated again, units included.
 
     Parameters
     ----------
     section : Mechanism, Simulate, Joint, Contact or another section
-        What to change a copy of.
+        ConfigModel to copy.
     changes : mapping
         New values by key, nested as in a file (``{"slider": {"mass": "1.2 kg"}}``) or by the path of a key
-        (``{"slider.mass": "1.2 kg"}``). Of a mechanism further: ``clearance`` (radial), ``friction``,
-        ``restitution`` and ``stiffness`` set those of every loose joint, ``joints.crank_pin.clearance`` sets the
-        bearing's radius of one, an entry of ``contacts`` changes the joints that refer to it, and an effect goes by its
-        name (``effects.gravity.parameters...``), or by ``name@site`` where it is listed twice.
+        (``{"slider.mass": "1.2 kg"}``). Additional keys of a mechanism: ``clearance`` (radial), ``friction``,
+        ``restitution`` and ``stiffness`` change every loose joint; ``joints.crank_pin.clearance`` changes the bearing's
+        radius of one; an entry of ``contacts`` changes the joints that refer to it. Effects are identified by name
+        (``effects.gravity.parameters...``), or by ``name@site`` where one is listed twice.
 
     Returns
     -------
@@ -98,7 +98,7 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
     Raises
     ------
     InputError
-        No such key, or a value that is impossible; the message names it.
+        Unknown key or invalid value.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
     name = type(section).__name__
     data = dict(section)
     words = OF_LOOSE_JOINTS if isinstance(section, Mechanism) else ()
-    # joints follow the contacts that they refer to, before they change themselves
+    # apply contacts to the joints that refer to them before the joints' own changes
     for key, value in sorted(changes.items(), key=lambda change: not str(change[0]).startswith("contacts")):
         paths = _of_loose_joints(section.loose, key, f"{name}: {key}") if key in words else [str(key).split(".")]
         for path in paths:
@@ -124,15 +124,15 @@ def change(section: AnySection, changes: Mapping[str, Any]) -> AnySection:
 
 
 def _of_loose_joints(joints: Sequence[str], word: str, named: str) -> list[tuple[str, ...]]:
-    """Where a value of every loose joint stands in a mechanism."""
+    """Paths of the values of all loose joints in a mechanism."""
     if not joints:
-        raise InputError(f"{named}: the mechanism has no loose joint to change it in; make one loose")
+        raise InputError(f"{named}: the mechanism has no loose joint to change; make a joint loose")
     inside = (word,) if word == "clearance" else ("contact", word)
     return [("joints", joint, *inside) for joint in joints]
 
 
 def _with_contacts(mechanism: Mechanism, data: dict[str, Any], name: str) -> dict[str, Any]:
-    """`data` whose joints follow the entries of contacts that they refer to: their contacts are copies, once read."""
+    """`data` whose joints follow the entries of contacts that they refer to; validated joints contain copies."""
     joints = {joint: mechanism.joint(joint) for joint in JOINTS}
     for key, old in mechanism.contacts.items():
         following = [joint for joint, own in joints.items() if own is not None and own.contact == old]
@@ -140,8 +140,8 @@ def _with_contacts(mechanism: Mechanism, data: dict[str, Any], name: str) -> dic
             continue
         if alike := [other for other, contact in mechanism.contacts.items() if contact == old and other != key]:
             raise InputError(
-                f"{name}: contacts.{key} is the same as contacts.{alike[0]}, so it cannot be told which joints refer "
-                f"to it; change joints.{following[0]}.contact and so on instead"
+                f"{name}: contacts.{key} equals contacts.{alike[0]}, so the joints that refer to it are ambiguous; "
+                f"change joints.{following[0]}.contact and so on instead"
             )
         for joint in following:
             data = set_at(data, ("joints", joint, "contact"), data["contacts"][key], name)
@@ -149,12 +149,12 @@ def _with_contacts(mechanism: Mechanism, data: dict[str, Any], name: str) -> dic
 
 
 def _clearances_to_radii(joints: Any, name: str) -> None:
-    """Opened joints with a radial clearance get the bearing's radius that makes it."""
+    """Converts the radial clearance of joints to the bearing's radius."""
     for key, joint in joints.items() if isinstance(joints, Mapping) else ():
         if isinstance(joint, dict) and "clearance" in joint:
             clearance, named = joint.pop("clearance"), f"{name}: joints.{key}.clearance"
             if "journal_radius" not in joint:
-                raise InputError(f"{named}: give journal_radius too, for the joint has none")
+                raise InputError(f"{named}: the joint has no journal_radius; give it too")
             joint["bearing_radius"] = _metres(joint["journal_radius"], named) + _metres(clearance, named)
 
 
@@ -166,9 +166,9 @@ def _metres(value: Any, named: str) -> float:
 
 
 def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> DrivenMechanism:
-    """A driven mechanism with other values. What holds none of them has been checked and is taken over as it is."""
+    """A driven mechanism with other values; unchanged sections are not validated again."""
     data = dict(base)
-    for key, value in sorted(changes.items(), key=lambda change: change[0] in VARIED_BY_WORD):  # words build on paths
+    for key, value in sorted(changes.items(), key=lambda change: change[0] in VARIED_BY_WORD):  # paths before words
         named = f"{source}.{key}"
         for path in _paths(data, key, named):
             if key in _LINKS:
@@ -178,7 +178,7 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
             elif key == "clearance":
                 value = _metres(value, named)
             else:
-                value_at(data, path, named)  # complains where there is no such key
+                value_at(data, path, named)  # rejects unknown keys
             data = set_at(data, path, value, named)
     if isinstance(data["mechanism"], dict):
         _clearances_to_radii(data["mechanism"]["joints"], source)
@@ -186,12 +186,12 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
     changed = validate(DrivenMechanism, data, f"{source}, {words}")
     unread = [key for key in changes if key in ("speed", "simulate.speed")]
     if unread and changed.simulate.drive.kind == "measured":
-        raise InputError(f"{source}.{unread[0]}: a measured drive does not read simulate.speed; vary something else")
+        raise InputError(f"{source}.{unread[0]}: a measured drive does not use simulate.speed; vary another parameter")
     return changed
 
 
 def _paths(data: Any, key: str, named: str) -> list[tuple[str, ...]]:
-    """Where the value of `key` belongs in `data`, a driven mechanism."""
+    """Paths of `key` in `data`, a driven mechanism."""
     if key == "speed":
         return [("simulate", "speed")]
     if key in _LINKS:
@@ -206,27 +206,27 @@ def _paths(data: Any, key: str, named: str) -> list[tuple[str, ...]]:
             f"{named}: contacts are copied into the joints; vary mechanism.joints.<joint>.contact.{path[-1]}"
         )
     if len(path) < 2:
-        raise InputError(f"{named}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Else give a path of keys")
+        raise InputError(f"{named}: no such word; {did_you_mean(key, VARIED_BY_WORD)} Or give the path of a key")
     return [path]
 
 
 def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
-    """SI unit of the number at a `key`, as `jointgap.core.units.to_si` takes it; '' for a pure number."""
+    """SI unit of the number at a `key`, for `jointgap.core.units.to_si`; '' for a pure number."""
     if key in VARIED_BY_WORD:
         return VARIED_BY_WORD[key].replace("1", "")
     named = f"{source}.{key}"
     path = _paths(base, key, named)[0]
     value_at(base, path, named)
     section = value_at(base, path[:-1], named)
-    described = type(section).model_json_schema()["properties"][path[-1]] if isinstance(section, Section) else {}
+    described = type(section).model_json_schema()["properties"][path[-1]] if isinstance(section, ConfigModel) else {}
     units = {kind["unit"] for kind in (described, *described.get("anyOf", ())) if "unit" in kind}
     if not units:
-        raise InputError(f"{named}: is no number with a unit; list its values instead of giving a range")
+        raise InputError(f"{named}: is not a number with a unit; list its values instead of a range")
     return units.pop().replace("1", "")
 
 
 def stored_value(changed: DrivenMechanism, key: str, value: Any, source: str) -> float | int | str | bool | None:
-    """What the table of runs says of a varied value: in SI, as the scenario understood it."""
+    """A varied value in the table of runs: in SI, as read by the scenario."""
     path, named = _paths(changed, key, f"{source}.{key}")[0], f"{source}.{key}"
     if key == "clearance":
         return float(f"{value_at(changed, path[:-1], named).clearance:.12g}")

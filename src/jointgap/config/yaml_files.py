@@ -1,8 +1,7 @@
-"""Files of settings, YAML or JSON, read strictly and laid over one another; from which file each value came.
+"""YAML and JSON files, read strictly and merged, with the source of each value.
 
-A mechanism is the path of a file, the name of one that comes with jointgap, or its content, and it is whole. What is
-laid over another one says so: ``base``, the path or name of that one, beside the keys that differ. A file may have a
-``base`` too.
+A mechanism is the path of a file, the name of a shipped one, or its content, complete. It may instead modify another
+one: ``base``, the path or name of that one, together with the keys that differ. A file may have a ``base`` too.
 """
 
 import json
@@ -19,38 +18,38 @@ import yaml
 from jointgap.core.errors import InputError
 
 BASE = "base"
-"""Key of a mechanism: the path of the one over which the keys beside it are laid."""
+"""Key of a mechanism: the path of the one that its other keys modify."""
 
 _TWO_MEANINGS = re.compile(
     r"[-+]?0[0-9_]+|[-+]?[0-9][0-9.]*[_:][0-9._:]*|[-+]?0(?:b[01_]*|o[0-7_]*|x[0-9a-f_]*)|yes|no|on|off",
     re.IGNORECASE,
 )
-"""Numbers and words that YAML 1.1, which Snakemake reads, and YAML 1.2 take for different things."""
+"""Numbers and words that differ between YAML 1.1, which Snakemake reads, and YAML 1.2."""
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML whose every value means one thing, and whose keys stand once; days are text."""
+    """YAML without ambiguous values and duplicate keys; dates are text."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         node = super().compose_node(parent, index)
         if isinstance(node, yaml.ScalarNode) and node.style is None and _TWO_MEANINGS.fullmatch(node.value):
             problem = (
-                f"{node.value} is one thing to some programs and another to others; write a plain decimal number, true "
-                f'or false, or "{node.value}" in quotation marks where a text is meant'
+                f"{node.value} differs between YAML versions; write a plain decimal number, true "
+                f'or false, or "{node.value}" in quotation marks for a text'
             )
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
         lines: dict[str, int] = {}
         for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             name, line = str(key.value), key.start_mark.line + 1
             if name in lines:
-                problem = f"the key '{name}' is given twice, in line {lines[name]} and in line {line}; remove one"
+                problem = f"the key '{name}' is a duplicate, in lines {lines[name]} and {line}; remove one"
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             lines[name] = line
         return node
 
 
 def _day(loader: _StrictLoader, node: yaml.ScalarNode) -> str:
-    """The text of a day that there is: Snakemake's reader ends in a traceback on one that there is not."""
+    """The text of a valid date; Snakemake's reader fails with a traceback on an invalid one."""
     loader.construct_yaml_timestamp(node)
     return node.value
 
@@ -61,12 +60,12 @@ _StrictLoader.add_constructor("tag:yaml.org,2002:timestamp", _day)
 def read_yaml(path: Path | str) -> dict[str, Any]:
     """The mapping in a YAML file, or in a JSON file whose name ends in ``.json``.
 
-    Numbers, true, false and null are read as such where YAML 1.1 and 1.2 agree; dates are text.
+    Numbers, true, false and null are recognised where YAML 1.1 and 1.2 agree; dates are text.
 
     Raises
     ------
     InputError
-        No such file, no mapping, a key given twice, a value with two meanings; the message names file and line.
+        No such file, not a mapping, a duplicate key, or an ambiguous value; the message contains file and line.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -74,12 +73,12 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not text in UTF-8 (byte {error.start}); save the file as UTF-8") from error
-    # YAML would take 1e-9 for a text
+    # YAML would read 1e-9 as text
     content = read_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
     if isinstance(content, dict):
         return content
-    what = "is empty" if content is None else "holds no keys"
-    raise InputError(f"{path}: {what}; write a mapping of keys to values, such as 'key: value', a line each")
+    what = "is empty" if content is None else "has no keys"
+    raise InputError(f"{path}: {what}; write a mapping of keys to values, such as 'key: value', one per line")
 
 
 def _parse_yaml(text: str, source: str) -> Any:
@@ -90,17 +89,17 @@ def _parse_yaml(text: str, source: str) -> Any:
         where = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         what = "" if type(error) is yaml.MarkedYAMLError else "is not YAML: "
         raise InputError(f"{source}{where}: {what}{error.problem or error.context}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # signs that no text has, endless digits, nesting
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # invalid characters, endless digits, nesting
         raise InputError(f"{source}: is not YAML: {error}") from error
 
 
 def read_json(text: str, source: str) -> Any:
-    """What a JSON `text` holds."""
+    """The content of a JSON `text`."""
 
     def without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [key for key, _ in pairs]
         if double := next((key for key in keys if keys.count(key) > 1), None):
-            raise ValueError(f"the key '{double}' is given twice in one mapping; remove one")
+            raise ValueError(f"the key '{double}' is a duplicate; remove one")
         return dict(pairs)
 
     try:
@@ -111,14 +110,14 @@ def read_json(text: str, source: str) -> Any:
 
 @dataclass(frozen=True)
 class Layer:
-    """Keys with their values, and where these are written."""
+    """Keys with their values, and their source."""
 
     source: str
     data: Mapping[str, Any]
 
 
 def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """`base` with `over` laid on it: mappings merge key by key, everything else is replaced."""
+    """`base` overridden by `over`: mappings merge key by key, everything else is replaced."""
     merged = dict(base)
     for key, value in over.items():
         both = isinstance(merged.get(key), Mapping) and isinstance(value, Mapping)
@@ -127,12 +126,12 @@ def merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def merged(layers: Iterable[Layer]) -> dict[str, Any]:
-    """All `layers` laid on one another, the first one lowest."""
+    """All `layers` merged, each overriding those before it."""
     return reduce(merge, (layer.data for layer in layers), {})
 
 
 def sources(layers: Iterable[Layer]) -> dict[tuple[str, ...], tuple[Any, str]]:
-    """Of `layers`, the first one lowest: by the path of each key, its value and the source that it is from."""
+    """The value and source of each key, by its path, after merging `layers`."""
     known: dict[tuple[str, ...], tuple[Any, str]] = {}
     for layer in layers:
         for path, value in leaves(layer.data):
@@ -144,7 +143,7 @@ def sources(layers: Iterable[Layer]) -> dict[tuple[str, ...], tuple[Any, str]]:
 
 
 def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """The path of each key in nested mappings `data` that holds no further keys, after a `path`, and its value."""
+    """Path and value of each key in nested mappings `data` that is not a mapping itself, below a `path`."""
     if not isinstance(data, Mapping):
         yield path, data
         return
@@ -153,14 +152,14 @@ def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, .
 
 
 def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: str) -> list[Layer]:
-    """The layers of a mechanism, the lowest first: one, and one for each ``base``."""
+    """The layers of a mechanism, from its deepest ``base`` to its own keys."""
     layers: list[Layer] = []
     passed: list[Path] = []
     while True:
         if isinstance(mechanism, str):
             file = mechanism_file(mechanism, folders, key)
             if file.resolve() in passed:
-                raise InputError(f"{key}: '{mechanism}' is laid over itself; take it away where it is given last")
+                raise InputError(f"{key}: '{mechanism}' is its own base; remove the last reference to it")
             passed.append(file.resolve())
             mechanism, source, folders, key = read_yaml(file), str(file), (file.parent, *folders), f"{file}: {BASE}"
         own = _with_files(mechanism, folders, key.removesuffix(f": {BASE}"))
@@ -173,7 +172,7 @@ def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: 
 
 
 def _with_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
-    """The content of a `mechanism` with the files of its effects looked for in `folders`."""
+    """The content of a `mechanism` with the files of its effects resolved in `folders`."""
     if not isinstance(mechanism, Mapping):
         return mechanism
     mechanism = dict(mechanism)
@@ -188,7 +187,7 @@ def _with_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
 
 
 def with_file(data: Mapping[str, Any], section: str, folders: Sequence[Path], key: str) -> dict[str, Any]:
-    """`data` with the ``file`` in a `section`, if there is one, looked for in `folders`; `key` is where it is given."""
+    """`data` with the ``file`` in a `section`, if any, resolved in `folders`; `key` is for error messages."""
     inner = data.get(section)
     if not isinstance(inner, Mapping) or not isinstance(inner.get("file"), str):
         return dict(data)
@@ -196,19 +195,19 @@ def with_file(data: Mapping[str, Any], section: str, folders: Sequence[Path], ke
 
 
 def shipped_mechanisms() -> dict[str, Path]:
-    """The mechanism files that come with jointgap, by name; wherever it is installed a name can stand for its path."""
+    """The shipped mechanism files by name; a name can replace a path."""
     return {file.stem: file for file in sorted((Path(__file__).parents[1] / "data/mechanisms").glob("*.yaml"))}
 
 
 def mechanism_file(mechanism: str, folders: Sequence[Path], key: str) -> Path:
-    """The file of a mechanism: the one at this path in `folders`, else the shipped one of this name."""
+    """The file of a mechanism: at this path in `folders`, or the shipped one of this name."""
     return existing_file(mechanism, folders, key, shipped_mechanisms())
 
 
 def existing_file(path: str, folders: Sequence[Path], key: str, named: Mapping[str, Path] | None = None) -> Path:
-    """The file at `path`, looked for in `folders`, or one that is `named` so; `key` is where it is given."""
+    """The file at `path` in `folders`, or one of the files `named`; `key` is for error messages."""
     for folder in folders:
-        if os.path.isfile(folder / path):  # a Path's own is_file fails on a name that is too long
+        if os.path.isfile(folder / path):  # Path.is_file raises for a name that is too long
             return folder / path
     if named and path in named:
         return named[path]

@@ -1,4 +1,4 @@
-"""Columns of numbers from a file of samples, CSV or Parquet, with the place of each number for messages."""
+"""Columns of numbers from a CSV or Parquet file, with the row of each number for messages."""
 
 import csv
 import re
@@ -12,31 +12,31 @@ import pandas as pd
 from pydantic import Field, model_validator
 
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.section import Section
+from jointgap.core.section import ConfigModel
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 _BINARY = (b"PK\x03\x04", b"\x1f\x8b", b"\xd0\xcf\x11\xe0")  # first bytes of archives and spreadsheets
 _COMMA_NUMBER = r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?"
-_MOST_ABOVE = 1000  # lines among which the headings are looked for
+_MOST_ABOVE = 1000  # lines searched for the headings
 _MAX_UNIT_LENGTH = 15  # characters
-_MAX_TEXT_LENGTH = 60  # characters of a text that are shown
+_MAX_TEXT_LENGTH = 60  # characters of a text in messages
 
 
-class Csv(Section):
-    """How text files of samples are written."""
+class Csv(ConfigModel):
+    """Format of text files of samples."""
 
     separator: Annotated[str, Field(min_length=1, max_length=1)] | None = Field(
         None, description="character between columns; null: detected"
     )
     decimal: Literal[".", ","] | None = Field(None, description="decimal mark; null: detected")
     skip_rows: Annotated[int, Field(ge=0)] | None = Field(
-        None, description="lines of the file above the headings; null: the headings are found by their names"
+        None, description="number of lines above the headings; null: the headings are detected by name"
     )
 
     @model_validator(mode="after")
     def _marks_differ(self):
         if self.separator is not None and (self.separator == self.decimal or self.separator in '"#\n\r.0123456789'):
-            raise ValueError(f"separator {self.separator!r} cannot part columns; write one such as ';' or '\\t'")
+            raise ValueError(f"separator {self.separator!r} cannot separate columns; write one such as ';' or '\\t'")
         return self
 
 
@@ -44,11 +44,11 @@ class Csv(Section):
 class Columns:
     """Numbers of a file by column."""
 
-    values: dict[str, np.ndarray]  # As written; NaN where the file has a gap
+    values: dict[str, np.ndarray]  # As in the file; NaN for gaps
     rows: np.ndarray  # Line of the file (CSV) or row counted from 1 (Parquet) of each sample, for messages
-    units: dict[str, str]  # What a row of units below the headings says, brackets removed; empty without one
-    remarks: tuple[str, ...] = ()  # What was skipped or converted
-    is_dated: bool = False  # Whether the times were dates, and are now seconds since the first
+    units: dict[str, str]  # From a row of units below the headings, without brackets
+    remarks: tuple[str, ...] = ()  # Skipped or converted content
+    is_dated: bool = False  # Whether the times were dates, converted to seconds since the first
 
 
 def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") -> Columns:
@@ -65,7 +65,7 @@ def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") 
     else:
         texts, units, remarks = _csv(path, _decoded(path, content), wanted, form)
     if texts.empty:
-        raise InputError(f"{path}: holds headings but no samples; give the file of the measurement")
+        raise InputError(f"{path}: has headings but no samples; give the file of the measurement")
     dates, remark = _seconds(path, texts[clock]) if clock else (None, "")
     numbers = {column: texts[column] for column in wanted if dates is None or column != clock}
     decimal = form.decimal or _decimal(numbers)
@@ -91,7 +91,7 @@ def _decoded(path: Path, content: bytes) -> str:
 def _csv(
     path: Path, text: str, wanted: Sequence[str], form: Csv
 ) -> tuple[pd.DataFrame, dict[str, str], tuple[str, ...]]:
-    """Texts of the `wanted` columns by line of the file, the units below the headings, and remarks."""
+    """Texts of the `wanted` columns by line of the file, units, and remarks."""
     lines = {number: line for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()}
     comments = {number: line.lstrip(" #") for number, line in lines.items() if line.lstrip().startswith("#")}
     lines = {n: line for n, line in lines.items() if n > (form.skip_rows or 0) and n not in comments}
@@ -100,11 +100,11 @@ def _csv(
         raise InputError(f"{path}: {what}; give a table with headings and samples")
     header_row, separator = _place_of_headings(lines, wanted, form)
     headings = _split(lines[header_row], separator)
-    while headings and not headings[-1]:  # the row of headings ends with a separator
+    while headings and not headings[-1]:  # a trailing separator
         headings.pop()
     hidden = [n for n, line in comments.items() if any(set(wanted) <= set(_split(line, m)) for m in SEPARATORS)]
-    fix = f"row {hidden[0]} has them in a comment: remove the '#' there" if hidden else ""
-    also = "" if set(wanted) & set(headings) else "; where the headings are in another row, give csv.skip_rows"
+    fix = f"row {hidden[0]} has them in a comment: remove the '#'" if hidden else ""
+    also = "" if set(wanted) & set(headings) else "; if the headings are in another row, give csv.skip_rows"
     _check_headings(f"{path}, row {header_row}", headings, wanted, fix, also)
     above = sum(number < header_row for number in lines)
     remarks = ()
@@ -132,9 +132,9 @@ def _csv(
 
 def _fix_of_length(length: int, width: int, separator: str, all_alike: bool) -> str:
     if length < width and all_alike:
-        return "all rows have as many; remove the heading too many"
+        return "all rows have the same number; remove the additional heading"
     if separator == "," and length == 2 * width:
-        return "where decimals have a comma too, write another separator between the columns, such as ';'"
+        return "if decimals have a comma too, use another separator between the columns, such as ';'"
     return "correct the row"
 
 
@@ -151,8 +151,8 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _place_of_headings(lines: dict[int, str], wanted: Sequence[str], form: Csv) -> tuple[int, str]:
-    """Row of the headings and separator: of the first line that has most of the `wanted` columns, with the separator
-    that makes most cells; with `skip_rows` stated of the first line.
+    """Row of the headings and separator: the first line with the most `wanted` columns, and the separator that gives
+    the most cells; with `skip_rows` the first line.
     """
     rows = list(lines)[: _MOST_ABOVE if form.skip_rows is None else 1]
 
@@ -182,13 +182,13 @@ def _is_number(text: str) -> bool:
 
 
 def _decimal(cells: dict[str, pd.Series]) -> str:
-    """The decimal mark: a comma where any number has one."""
+    """The decimal mark: a comma if any number has one."""
     texts = [column for column in cells.values() if not pd.api.types.is_numeric_dtype(column)]
     return "," if any(column.str.fullmatch(_COMMA_NUMBER).any() for column in texts) else "."
 
 
 def _seconds(path: Path, stamps: pd.Series) -> tuple[np.ndarray | None, str]:
-    """Seconds since the first of the dates in a column, and a remark; None where it does not begin with a date."""
+    """Seconds since the first date in a column, and a remark; None if the column does not begin with a date."""
     written = stamps.notna() & (stamps != "")
     first = next(iter(stamps[written]), None)
     if isinstance(first, str) and re.match(r"\d{4}-\d\d-\d\d", first):
@@ -199,19 +199,19 @@ def _seconds(path: Path, stamps: pd.Series) -> tuple[np.ndarray | None, str]:
     if (wrong := stamps[written & dates.isna()]).size:
         raise InputError(
             f"{path}, column {stamps.name}, row {wrong.index[0]}: '{_shortened(wrong.iloc[0])}' is not a date; write "
-            "all of the column as 2026-03-01T12:00:00.125"
+            "the whole column as 2026-03-01T12:00:00.125"
         )
     elapsed = (dates - dates[written].iloc[0]).dt.total_seconds().to_numpy(dtype=float)
-    return elapsed, f"{path}, column {stamps.name}: dates are read as seconds since {first}"
+    return elapsed, f"{path}, column {stamps.name}: dates are converted to seconds since {first}"
 
 
 def _numbers(path: Path, cells: pd.Series, decimal: str) -> np.ndarray:
-    """Numbers of a column: texts of a CSV file, or numbers of a Parquet file."""
+    """Numbers of a column: from texts of a CSV file, or numbers of a Parquet file."""
     where = f"{path}, column {cells.name}, row"
-    fix = "correct it, or leave the cell empty where nothing was measured"
+    fix = "correct it, or leave the cell empty if nothing was measured"
     plain = cells
     if not pd.api.types.is_numeric_dtype(cells):
-        # float() would take '1_000'; a point beside a decimal comma would be a mark for thousands
+        # float() would accept '1_000'; a point in addition to a decimal comma would be a thousands separator
         odd = cells.str.contains("[_.]" if decimal == "," else "_")
         plain = cells.str.replace(",", ".", regex=False) if decimal == "," else cells
         plain = plain.mask(odd, "x").mask(cells == "", "nan")
@@ -223,7 +223,7 @@ def _numbers(path: Path, cells: pd.Series, decimal: str) -> np.ndarray:
         if ":" in text:
             fix += "; write times as numbers or as ISO dates such as 2026-03-01T12:00:00.125"
         elif decimal == "," and "." in text:
-            fix += "; other numbers have a decimal comma: write one mark throughout"
+            fix += "; other numbers have a decimal comma: use the same mark everywhere"
         raise InputError(f"{where} {cells.index[place]}: '{_shortened(text)}' is not a number; {fix}") from None
     if (infinite := cells.index[np.isinf(values)]).size:
         raise InputError(f"{where} {infinite[0]}: is infinite; {fix}")
@@ -250,7 +250,7 @@ def _parquet(path: Path, wanted: Sequence[str], clock: str) -> pd.DataFrame:
         elif column == clock and pa.types.is_timestamp(kind) and cells.null_count < len(cells):
             pass  # dates
         elif not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-            raise InputError(f"{path}, column {column}: holds {kind}, not numbers; write it as numbers")
+            raise InputError(f"{path}, column {column}: contains {kind}, not numbers; write it as numbers")
         columns[column] = cells.to_pandas()
     return pd.DataFrame(columns).set_index(pd.RangeIndex(1, table.num_rows + 1))
 

@@ -1,4 +1,4 @@
-"""Tables as CSV, for spreadsheets and other programs: the unit stands behind the name of each column."""
+"""Tables as CSV with units in the column names, for spreadsheets and other programs."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -14,10 +14,10 @@ from jointgap.core.units import unit_factor
 
 
 def export(source: Path, to: Path | None = None, units: Sequence[str] = (), force: bool = False) -> list[Path]:
-    """Write tables as CSV; the files written, in order.
+    """Convert Parquet tables to CSV files, which are returned.
 
-    In the first line stand names with units, ``crank_angle [rad]``; those of pure numbers and text have none. What is
-    absent is empty. Numbers have all their digits.
+    The first line contains names with units, ``crank_angle [rad]``. Missing values are empty; numbers have full
+    precision.
     """
     for unit in units:
         try:
@@ -29,13 +29,13 @@ def export(source: Path, to: Path | None = None, units: Sequence[str] = (), forc
     if source.is_dir():
         files = sorted(path for path in source.rglob("[!.]*.parquet") if "/." not in f"/{path.relative_to(source)}")
     if not files:
-        raise InputError(f"{source}: holds no Parquet file; give a folder of results, or a file")
+        raise InputError(f"{source}: contains no Parquet file; give a folder of results, or a file")
     targets = [((to or root) / path.relative_to(root)).with_suffix(".csv") for path in files]
     taken = [target for target in targets if target.exists()]
     if taken and not force:
         more = f" (and {len(taken) - 1} more)" if len(taken) > 1 else ""
-        raise InputError(f"{taken[0]}: is there already{more}; --force writes over it, --to DIR writes elsewhere")
-    columns = [_columns(path, units) for path in files]  # so that a mistake is found before anything is written
+        raise InputError(f"{taken[0]}: already exists{more}; overwrite with --force, or give --to DIR")
+    columns = [_columns(path, units) for path in files]  # before anything is written
     check_writable(*targets)
     for path, target, converted in zip(files, targets, columns, strict=True):
         write_atomically(target, partial(_save, path, converted))
@@ -43,7 +43,7 @@ def export(source: Path, to: Path | None = None, units: Sequence[str] = (), forc
 
 
 def _columns(path: Path, units: Sequence[str]) -> dict[str, tuple[str, float]]:
-    """By column of a file: its name with the unit, and the factor to that."""
+    """Name with unit, and conversion factor, of each column of a file."""
     columns = {}
     for row in describe(path).itertuples():
         unit, factor = row.unit, 1.0
@@ -54,9 +54,9 @@ def _columns(path: Path, units: Sequence[str]) -> dict[str, tuple[str, float]]:
 
 
 def _converted(unit: str, wanted: str) -> tuple[str, float] | None:
-    """The unit `wanted`, and how many of it one `unit` is; None where it is of another dimension."""
+    """The unit `wanted` and its number per `unit`; None for another dimension."""
     try:
-        unit_factor(unit, unit)  # some columns have one of several, in words
+        unit_factor(unit, unit)  # raises for columns without a single unit
         return wanted, 1.0 / unit_factor(wanted, unit)
     except ValueError:
         return None

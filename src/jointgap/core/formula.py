@@ -1,8 +1,8 @@
-"""Formulas in field terms, such as ``-a*v*|v| + b*sin(theta)``, and the small programs they become.
+"""Formulas such as ``-a*v*|v| + b*sin(theta)``, compiled to programs for a stack machine.
 
-They are Python's expressions of numbers, names and functions, with ``^`` for a power and bars for the amount. A program
-runs on a stack (`jointgap.dynamics.equations` is the machine): each row of `Program.codes` is an operation and an
-index, read where the operation is NUMBER or VARIABLE.
+They are Python expressions of numbers, names and functions, with ``^`` for powers and bars for absolute values. The
+machine is in `jointgap.dynamics.equations`; each row of `Program.codes` is an operation and an index, used by NUMBER
+and VARIABLE.
 """
 
 import ast
@@ -25,10 +25,10 @@ VARIABLES = {
     "theta": "crank angle [rad]",
     "t": "time [s]",
 }
-"""What a formula may depend on; the place of a name here is its index in a program."""
+"""Variables of a formula; the position of a name is its index in a program."""
 
-DEEPEST_STACK = 16  # numbers that the evaluator holds at once: its memory has a fixed size
-LONGEST_FORMULA = 1000  # [characters] far more than a law of friction or of a spring needs
+DEEPEST_STACK = 16  # fixed size of the machine's stack
+LONGEST_FORMULA = 1000  # [characters]
 
 _FUNCTIONS: dict[str, tuple[int, Callable[[float], float]]] = {
     "sin": (SIN, math.sin),
@@ -56,31 +56,31 @@ _TOKEN = re.compile(r"\s*((?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z_]\w*|\*\*
 class Program:
     """A formula for the stack machine."""
 
-    codes: np.ndarray  # Operations in order, each with its index; n = 0 stands for the formula 0
-    numbers: np.ndarray  # What the operation NUMBER refers to
+    codes: np.ndarray  # Operations in order, each with its index; n = 0 is the formula 0
+    numbers: np.ndarray  # Operands of NUMBER
 
 
 NOTHING = Program(np.empty((0, 2), np.int64), np.empty(0))
-"""The program of no formula: it evaluates to 0."""
+"""The program of the formula 0."""
 
 
 def compile_formula(text: str, coefficients: Mapping[str, float]) -> Program:
-    """The program of a formula."""
+    """The program of a formula; InputError where it is invalid."""
     for name in coefficients:
         if name in _RESERVED or not (name.isascii() and name.isidentifier()):
             raise InputError(
-                f"coefficient '{name}' cannot be told from the formula's own words; use a name of letters, digits and "
+                f"coefficient '{name}' is a reserved or invalid name; use a name of letters, digits and "
                 f"'_' other than {', '.join(sorted(_RESERVED))}"
             )
     if len(text) > LONGEST_FORMULA:
         raise InputError(f"the formula has {len(text)} characters, more than {LONGEST_FORMULA}; shorten it")
     steps, used = _Steps(text, coefficients), set(_TOKEN.findall(text))
     if unused := sorted(set(coefficients) - used):
-        raise InputError(f"formula '{text}' does not use the coefficient '{unused[0]}'; leave it out")
+        raise InputError(f"formula '{text}' does not use the coefficient '{unused[0]}'; remove it")
     program = steps.of(_parsed(text))
     depth = np.cumsum([1 if code <= VARIABLE else -1 if ADD <= code <= POWER else 0 for code, _ in program]).max()
     if depth > DEEPEST_STACK:
-        raise InputError(f"formula '{text}' keeps {depth} numbers at once, more than {DEEPEST_STACK}; nest it less")
+        raise InputError(f"formula '{text}' needs a stack of {depth} numbers, more than {DEEPEST_STACK}; nest it less")
     numbers = [operand for code, operand in program if code == NUMBER]
     places = iter(range(len(numbers)))
     codes = [(code, next(places) if code == NUMBER else operand) for code, operand in program]
@@ -88,14 +88,14 @@ def compile_formula(text: str, coefficients: Mapping[str, float]) -> Program:
 
 
 def _parsed(text: str) -> ast.expr:
-    """The tree of a formula; bars are sets in it, which open after an operation or an open bracket."""
+    """The syntax tree of a formula; bars become sets, which open after an operation or an opening bracket."""
     if not text.strip():
         raise InputError("the formula is empty; write e.g. '-a*v*|v|'")
     python, place, end = "", 0, len(text.rstrip())
     while place < end:
         found = _TOKEN.match(text, place)
         if not found:
-            raise InputError(f"formula '{text}', after '{text[:place]}': what follows has no meaning in one; remove it")
+            raise InputError(f"formula '{text}', after '{text[:place]}': the next character is invalid; remove it")
         token, place = found[1], found.end()
         if token == "|":
             token = "{" if not python or python[-1] in "({*+-/" else "}"
@@ -114,8 +114,8 @@ _Step = tuple[int, float]
 
 @dataclass(frozen=True)
 class _Steps:
-    """Trees to operations in the order in which they are done, each with its number or its variable's index; what
-    holds no variable is one number.
+    """Converts a tree to operations in order of execution, each with its number or variable index; subexpressions
+    without variables become one number.
     """
 
     text: str
@@ -136,7 +136,7 @@ class _Steps:
             case ast.Call(func=ast.Name(id=name), args=[operand], keywords=[]):
                 if name in _FUNCTIONS:
                     return self.operation(*_FUNCTIONS[name], self.of(operand))
-                self.name(name)  # complains of one that is unknown
+                self.name(name)  # raises for an unknown name
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATIONS:
                 first, second = self.of(left), self.of(right)
                 if isinstance(op, ast.Pow) and second == [(NUMBER, 2.0)] and not _is_number(first):
@@ -144,7 +144,7 @@ class _Steps:
                 if isinstance(op, ast.Div) and second == [(NUMBER, 0.0)]:
                     raise InputError(f"formula '{self.text}' divides by 0")
                 return self.operation(*_OPERATIONS[type(op)], first, second)
-        raise InputError(f"formula '{self.text}': '{ast.unparse(tree)}' has no meaning in one; write it otherwise")
+        raise InputError(f"formula '{self.text}': '{ast.unparse(tree)}' is not supported; use + - * / ^ and functions")
 
     def name(self, name: str) -> list[_Step]:
         if name in VARIABLES:
@@ -171,7 +171,7 @@ class _Steps:
         except (ValueError, OverflowError):
             number = math.nan
         if not math.isfinite(number):
-            raise InputError(f"formula '{self.text}': a part of it that holds no variable is not a finite number")
+            raise InputError(f"formula '{self.text}': a part without variables is not a finite number")
         return [(NUMBER, number)]
 
 

@@ -14,22 +14,22 @@ from markupsafe import Markup, escape
 
 from jointgap import __version__
 from jointgap.core.files import write_text
-from jointgap.core.words import day_in_words
+from jointgap.core.words import format_day
 
 
 def data_address(path: Path) -> str:
-    """The image in a file as an address that holds it."""
+    """The image in a file as a data URL."""
     return f"data:image/{path.suffix[1:]};base64,{b64encode(path.read_bytes()).decode()}"
 
 
-_UNBROKEN = 24  # [characters] a cell up to this length stays on one line: a table scrolls sooner than it squeezes words
+_UNBROKEN = 24  # [characters] shorter cells stay on one line: tables scroll instead of squeezing words
 _CONTENTS_FROM, _PARTS_UP_TO = 4, 30
-"""Sections from which on a page has a table of contents, and how many it may list with parts of sections among them."""
+"""Number of sections above which a page has a table of contents, and its largest number of entries."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """Heading of a section (`level` 2) or of a part of one (3)."""
+    """Heading of a section (`level` 2) or subsection (3)."""
 
     kind: ClassVar = "heading"
     text: str
@@ -38,9 +38,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Sentences; what stands between backticks is code, here and in lists and tables. A strong one is the page's
-    answer.
-    """
+    """Text with code between backticks, as in lists and tables; a strong one is the main result of the page."""
 
     kind: ClassVar = "paragraph"
     text: str
@@ -48,9 +46,9 @@ class Paragraph:
 
 
 class Link(NamedTuple):
-    """A way to another file, or to a place on the page (``#...``), as a point of a list or a cell of a table.
+    """A link to another file, or to an anchor of the page (``#...``), in a list or a table cell.
 
-    `target` is a path relative to the page, as it is on the disk; `then` follows the words of the link.
+    `target` is a path relative to the page; `then` is text after the link.
     """
 
     text: str
@@ -59,12 +57,12 @@ class Link(NamedTuple):
 
     @property
     def gap(self) -> str:
-        """What stands between the link and what follows it."""
+        """Space between the link and its following text."""
         return " " if self.then and self.then.strip()[:1] not in ",;:.)" else ""
 
     @property
     def address(self) -> str:
-        """The target as an address: whatever a path holds is a path, and no address of another kind."""
+        """The target as a URL of a path, whatever characters it contains."""
         if self.target.startswith("#"):
             return f"#{quote(self.target[1:])}"
         path = quote(self.target, safe="/#")
@@ -80,7 +78,7 @@ class Bullets:
 
 
 class Cell(NamedTuple):
-    """A cell of a table that is good, bad or open news: its tone, ``''`` for none, colours it in HTML."""
+    """A table cell with a tone (good, bad, open or ``''``), which colours it in HTML."""
 
     text: str
     tone: str = ""
@@ -88,9 +86,9 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table: texts of its head and of its rows, and for each column ``l`` or ``r`` (numbers stand to the right).
+    """A table: head, rows, and the alignment of each column, ``l`` or ``r`` (numbers).
 
-    One with a `caption` has a number on its page.
+    A table with a `caption` is numbered.
     """
 
     kind: ClassVar = "table"
@@ -101,13 +99,13 @@ class TableBlock:
 
     @classmethod
     def of(cls, rows: Iterable[Mapping[str, "str | Cell | Link"]], align: str = "", caption: str = "") -> "TableBlock":
-        """A table of rows that have their cells by the head of the column; at least one row."""
+        """A table from at least one row of cells by column head."""
         rows = list(rows)
         return cls(tuple(rows[0]), tuple(tuple(row.values()) for row in rows), align, caption)
 
     @property
     def rules(self) -> list[str]:
-        """The line below the head, in Markdown's signs."""
+        """Alignment row in Markdown."""
         return ["---:" if side == "r" else "---" for side in self.align.ljust(len(self.heads), "l")]
 
     @property
@@ -117,7 +115,7 @@ class TableBlock:
 
 
 def _styled(cell: str | Cell | Link, rule: str) -> tuple[str | Link, str]:
-    """A cell of a column with that `rule`: its text, and its CSS class."""
+    """Text and CSS class of a cell in a column with alignment `rule`."""
     if isinstance(cell, Cell):
         return (cell.text, f"v {cell.tone}") if cell.tone else _styled(cell.text, rule)
     if rule.endswith(":"):
@@ -128,10 +126,9 @@ def _styled(cell: str | Cell | Link, rule: str) -> tuple[str | Link, str]:
 
 @dataclass(frozen=True)
 class FigureBlock:
-    """A saved figure by the stem of its files, relative to the folder of figures, with its title and what it shows.
+    """A saved figure by the stem of its files, relative to the folder of figures, with title and caption.
 
-    HTML leaves it out where it was not drawn. A `moving` one is a GIF, a still one PNG and SVG; `small` ones stand
-    beside each other where there is room.
+    HTML omits missing figures. A `moving` one is a GIF, a still one PNG and SVG; `small` ones are placed side by side.
     """
 
     kind: ClassVar = "figure"
@@ -143,7 +140,7 @@ class FigureBlock:
 
     @property
     def image(self) -> str:
-        """The file that HTML takes in, relative to the folder of figures."""
+        """The file for HTML, relative to the folder of figures."""
         return f"{self.stem}.{'gif' if self.moving else 'png'}"
 
 
@@ -152,22 +149,22 @@ Block = Heading | Paragraph | Bullets | TableBlock | FigureBlock
 
 @dataclass(frozen=True)
 class Page:
-    """A title and what stands below it."""
+    """A title and blocks."""
 
-    title: str  # The page's answer, or what it is about
+    title: str  # Main result, or subject
     blocks: tuple[Block, ...]
-    subject: str = ""  # What the page is about, where the title is the answer; stands above it
-    footer: str = ""  # Of what and by what the page was written
-    width: str = "75rem"  # The most that HTML takes of the screen [CSS length]
+    subject: str = ""  # Shown above the title, where that is the main result
+    footer: str = ""  # Version and date
+    width: str = "75rem"  # Largest width in HTML [CSS length]
 
     @property
     def name(self) -> str:
-        """Of the window, and the first line in Markdown."""
+        """Title of the window, and first line in Markdown."""
         return f"{self.subject}: {self.title}" if self.subject else self.title
 
 
 class _Shown(NamedTuple):
-    """A block with its number among its kind and the name of its place (headings alone)."""
+    """A block with its number among its kind and its anchor (headings only)."""
 
     block: Block
     number: int = 0
@@ -176,12 +173,12 @@ class _Shown(NamedTuple):
 
 
 def written_today() -> str:
-    """For a footer: by which version a page was written, and when."""
-    return f"Written by jointgap {__version__} on {day_in_words(date.today())}."
+    """A footer with version and date."""
+    return f"Written by jointgap {__version__} on {format_day(date.today())}."
 
 
 def write_page(stem: Path, page: Page, figures: str = ".") -> str:
-    """Write a page as ``stem.html`` and ``stem.md``, with `figures` in that folder beside it; the text in Markdown."""
+    """Write a page to ``stem.html`` and ``stem.md``, with `figures` in that folder next to it; returns the Markdown."""
     text = to_markdown(page, figures)
     write_text(stem.with_name(f"{stem.name}.html"), to_html(page, stem.parent / figures))
     write_text(stem.with_name(f"{stem.name}.md"), text)
@@ -195,7 +192,7 @@ def to_markdown(page: Page, figures: str = "figures") -> str:
 
 
 def to_html(page: Page, figures: Path | str = "figures") -> str:
-    """The page as one HTML file; `figures` is the folder of the figures' image files, which it takes in."""
+    """The page as one HTML file, with embedded images from the folder `figures`."""
     there = [
         block for block in page.blocks if not isinstance(block, FigureBlock) or Path(figures, block.image).exists()
     ]
@@ -216,7 +213,7 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
 
 
 def _numbered(blocks) -> Iterator[_Shown]:
-    """The blocks with numbers of figures and of tables with captions, and names of the places of headings."""
+    """The blocks with numbers of figures and captioned tables, and anchors of headings."""
     figures = tables = 0
     places: set[str] = set()
     for block in blocks:
@@ -237,25 +234,25 @@ def _numbered(blocks) -> Iterator[_Shown]:
 
 
 def place_of(heading: str) -> str:
-    """The name of the place on a page of the first section with this `heading`: ``where-it-shows``."""
+    """Anchor of the first section with this `heading`: ``where-it-shows``."""
     return "-".join(re.findall(r"\w+", heading.lower())) or "section"
 
 
 _CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")
-"""What stands between backticks; two or three in a row mean something else in Markdown."""
+"""Code between backticks; two or three in a row have another meaning in Markdown."""
 
 _SIGNS = re.compile(
     r"[\\*|`~]"
     r"|<(?=[A-Za-z/!?])|&(?=#?\w+;)"  # tags, links and entities
     r"|\](?=[(\[:])"  # the middle of a link
-    r"|(?<![^\W_])_|_(?![^\W_])"  # within a word it is a letter
+    r"|(?<![^\W_])_|_(?![^\W_])"  # literal within a word
 )
 _BEGINNING = re.compile(r"^(#+|[-+>=]+)(?=\s|$)|^(>)|^(\d{1,9})(?=[.)](?:\s|$))")
-"""What makes a paragraph a heading, a list or a quotation."""
+"""Beginnings of headings, lists and quotations."""
 
 
 def markdown_text(text: str) -> str:
-    """`text` as a paragraph in which the signs of Markdown mean themselves, apart from the backticks around code."""
+    """`text` as a paragraph with Markdown's special characters escaped, except backticks around code."""
     return _BEGINNING.sub(lambda found: f"{found[0]}\\" if found[3] else f"\\{found[0]}", _markdown_words(text))
 
 
@@ -265,12 +262,12 @@ def _markdown_words(text: str) -> str:
 
 
 def _markdown_cell(text: str) -> str:
-    """The same for a cell of a table: a bar in code is no border of a cell either, and no cell begins a list."""
+    """The same for a table cell: a bar in code is escaped too, and a cell begins no list."""
     return re.sub(r"(?<!\\)\|", r"\|", _markdown_words(text))
 
 
 def _markdown_point(point: str | Link, of_cell: bool = False) -> str:
-    """A point of a list or, with `of_cell`, a cell of a table."""
+    """A list item or, with `of_cell`, a table cell."""
     escaped = _markdown_cell if of_cell else markdown_text
     if not isinstance(point, Link):
         return escaped(point)
@@ -279,7 +276,7 @@ def _markdown_point(point: str | Link, of_cell: bool = False) -> str:
 
 
 def _html_point(point: str | Link) -> Markup:
-    """A point of a list or a cell of a table."""
+    """A list item or a table cell."""
     if not isinstance(point, Link):
         return _with_code(point)
     return Markup(
@@ -288,7 +285,7 @@ def _html_point(point: str | Link) -> Markup:
 
 
 def _with_code(text: str) -> Markup:
-    """`text` as HTML, with what stands between backticks as code."""
+    """`text` as HTML, with code between backticks."""
     return Markup(_CODE.sub(lambda found: f"<code>{found[0][1:-1]}</code>", str(escape(text))))
 
 

@@ -1,4 +1,4 @@
-"""Tables to and from Parquet."""
+"""Tables in Parquet files."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from jointgap.core.errors import InputError, did_you_mean
-from jointgap.core.files import check_writable, write_atomically, write_text  # noqa: F401  written from here too
+from jointgap.core.files import check_writable, write_atomically, write_text  # noqa: F401  re-exported
 from jointgap.core.schema import Table
 
 _TYPES = {
@@ -24,9 +24,7 @@ _TYPES = {
 
 
 def schema(table: Table) -> pa.Schema:
-    """The Arrow schema of a table: unit and description stand at each column, the table's name and description at the
-    whole.
-    """
+    """The Arrow schema of a table, with unit and description of each column, and name and description of the table."""
     return pa.schema(
         [
             pa.field(
@@ -42,32 +40,32 @@ def schema(table: Table) -> pa.Schema:
 
 
 writer = partial(pq.ParquetWriter, write_page_checksum=True)
-"""A Parquet file of a schema, to be filled."""
+"""A writer of a Parquet file of a schema."""
 
 _read_checked = partial(pq.read_table, page_checksum_verification=True)
 
 
 def to_arrow(table: Table, frame: pd.DataFrame) -> pa.Table:
-    """`frame` as an Arrow table of exactly the columns that `table` names."""
+    """`frame` as an Arrow table with exactly the columns of `table`."""
     wanted = table.names
     if sorted(frame.columns) != sorted(wanted):
         missing, extra = sorted(set(wanted) - set(frame.columns)), sorted(set(frame.columns) - set(wanted))
         raise ValueError(f"table {table.name}: missing columns {missing}, unknown columns {extra}")
     for column in table.columns:
         if column.kind == "float" and np.isinf(frame[column.name].to_numpy(dtype=float, na_value=np.nan)).any():
-            raise ValueError(f"table {table.name}: column {column.name} holds an infinite value")
+            raise ValueError(f"table {table.name}: column {column.name} contains an infinite value")
     columns = schema(table)
     arrow = pa.Table.from_pandas(frame[wanted], columns, preserve_index=False)
     return arrow.replace_schema_metadata(columns.metadata)
 
 
-def write(table: Table, frame: pd.DataFrame, path: Path | str, told: Mapping[str, str] | None = None) -> None:
-    """Write `frame`, which holds the columns of `table`, to `path`: Parquet with unit and description at each column.
+def write(table: Table, frame: pd.DataFrame, path: Path | str, metadata: Mapping[str, str] | None = None) -> None:
+    """Write `frame` with the columns of `table` to `path`, with unit and description of each column.
 
-    `told` is further metadata.
+    `metadata` is additional metadata.
     """
     arrow = to_arrow(table, frame)
-    arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(told or {})})
+    arrow = arrow.replace_schema_metadata({**arrow.schema.metadata, **(metadata or {})})
     floats = {column.name: "BYTE_STREAM_SPLIT" for column in table.columns if column.kind == "float"}
     others = [column.name for column in table.columns if column.kind != "float"]
     options = {"compression": "zstd", "use_dictionary": others, "column_encoding": floats or None}
@@ -75,25 +73,25 @@ def write(table: Table, frame: pd.DataFrame, path: Path | str, told: Mapping[str
 
 
 def read(table: Table, path: Path | str) -> pd.DataFrame:
-    """The frame in the file `path` that `write` made of a `table`; null becomes NaN (None in text)."""
+    """The frame in a file that `write` made of a `table`; null becomes NaN (None in text)."""
     arrow = _open(_read_checked, path, f"run the stage that writes table '{table.name}'")
     held = _word((arrow.schema.metadata or {}).get(b"jointgap_table", b"?"))
     if held != table.name:
         raise InputError(
-            f"{path}: holds table '{held}', not '{table.name}'; give the right file, or run its stage again"
+            f"{path}: contains table '{held}', not '{table.name}'; give the right file, or run its stage again"
         )
     there, wanted = ([(field.name, field.type) for field in one] for one in (arrow.schema, schema(table)))
     if there != wanted:
         differ = sorted({f"{name} ({kind})" for name, kind in set(there) ^ set(wanted)})
         raise InputError(
-            f"{path}: table '{held}' has other columns than this version's, {', '.join(differ) or 'in another order'}; "
+            f"{path}: table '{held}' has other columns than in this version ({', '.join(differ) or 'order'}); "
             "run its stage again"
         )
     return arrow.to_pandas()
 
 
 def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str = "check the path") -> Any:
-    """`reader(path)`, with one clear error where there is no such file, or it is not Parquet or damaged."""
+    """`reader(path)`; InputError where the file is missing, not Parquet, or damaged."""
     try:
         return reader(path)
     except FileNotFoundError as error:
@@ -105,7 +103,7 @@ def _open(reader: Callable[[Path | str], Any], path: Path | str, fix: str = "che
 
 
 def read_table(path: Path | str) -> pd.DataFrame:
-    """The frame in a Parquet file that jointgap wrote, or in another one, with the units of its columns.
+    """Read a Parquet file, of jointgap or another program, with the units of its columns.
 
     Parameters
     ----------
@@ -115,8 +113,7 @@ def read_table(path: Path | str) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        In SI units, which ``frame.attrs["units"]`` holds by column (empty where the file says none); null is NaN, None
-        in text.
+        In SI units (``frame.attrs["units"]`` by column, empty if the file has none); null is NaN, None in text.
 
     Raises
     ------
@@ -137,41 +134,41 @@ def read_table(path: Path | str) -> pd.DataFrame:
 
 
 def with_units(table: Table, frame: pd.DataFrame) -> pd.DataFrame:
-    """A `frame` of `table` with the units of its columns in ``attrs["units"]``, as `read_table` gives them."""
+    """A `frame` of `table` with the units of its columns in ``attrs["units"]``, as `read_table`."""
     frame.attrs["units"] = {column.name: column.unit for column in table.columns}
     return frame
 
 
 def unit_in(units: Mapping[str, str], column: str) -> str:
-    """The unit of a `column` in `units` by column; InputError where there is none."""
+    """The unit of a `column` in `units` by column; InputError for an unknown column."""
     if column not in units:
         raise InputError(f"no column '{column}'; {did_you_mean(column, units)}")
     return units[column]
 
 
 def read_footer(path: Path | str) -> pq.FileMetaData:
-    """What a Parquet file says of itself: schema, number of rows; errors as `describe`."""
+    """Metadata of a Parquet file: schema and number of rows; errors as `describe`."""
     return _open(pq.read_metadata, path)
 
 
 def batches(path: Path | str) -> Iterator[pd.DataFrame]:
-    """The rows of any Parquet file, so many at a time that memory holds them; errors as `describe`."""
+    """The rows of any Parquet file in batches with limited memory; errors as `describe`."""
     with _open(pq.ParquetFile, path) as file:
         for batch in file.iter_batches():
             yield batch.to_pandas()
 
 
 def read_columns(path: Path | str, columns: Sequence[str]) -> pa.Table:
-    """Some `columns` of the file `path`, or of all files in that folder; errors as `describe`."""
+    """The `columns` of the file `path`, or of all files in that folder; errors as `describe`."""
     return _open(lambda file: pq.read_table(file, columns=list(columns)), path)
 
 
 def describe(path: Path | str) -> pd.DataFrame:
-    """Column, unit and description of any Parquet file, one row a column (empty where it says none)."""
+    """Column, unit and description of any Parquet file, one row per column."""
     fields = [(field.name, field.metadata or {}) for field in _open(pq.read_schema, path)]
-    rows = [(name, _word(told.get(b"unit", b"")), _word(told.get(b"description", b""))) for name, told in fields]
+    rows = [(name, _word(own.get(b"unit", b"")), _word(own.get(b"description", b""))) for name, own in fields]
     return pd.DataFrame(rows, columns=["column", "unit", "description"])
 
 
 def _word(metadata: bytes) -> str:
-    return metadata.decode(errors="replace")  # another program's may be in another encoding
+    return metadata.decode(errors="replace")  # other programs may use another encoding

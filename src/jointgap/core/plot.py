@@ -1,4 +1,4 @@
-"""Style, writing and registry of all figures. Matplotlib is loaded where a figure is drawn."""
+"""Style, output and registry of all figures; matplotlib is imported on first use."""
 
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -21,12 +21,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _NOTEBOOK_DOTS = 110
-"""Dots per inch at which a notebook shows a figure."""
+"""Resolution of figures in notebooks [1/in]."""
 
 INK = "#222222"
 COLOURS = {
-    # After Okabe and Ito's palette, which people with any colour vision tell apart; what stands together in one panel
-    # differs in lightness too
+    # After Okabe and Ito's palette for all types of colour vision; colours in one panel differ also in lightness
     "ideal": "#000000",
     "simulation": "#0072B2",
     "network": "#D55E00",
@@ -55,23 +54,23 @@ COLOURS = {
 }
 STYLE = Path(__file__).parent / "templates/jointgap.mplstyle"
 WIDTH = 7.5  # inches
-DOTS_PER_INCH = 160  # [1/in] sharp on a screen; printing takes the SVG
+DOTS_PER_INCH = 160  # [1/in] for screens; print the SVG
 
 
 @dataclass(frozen=True, repr=False)
 class Drawing:
-    """A figure, or the frames of an animation, and the data that it shows.
+    """A figure, or the frames of an animation, with the plotted data.
 
     Attributes
     ----------
     figure : Figure
-        The figure; of an animation, the state of the last frame.
+        The figure; for an animation, its last frame.
     data : DataFrame
         Table `PLOTTED`.
     frames : tuple of ndarray
         Frames of an animation, shape (height, width, 3), uint8; empty for a still figure.
     frame_duration : float
-        Time a frame is shown [s]; 0 for a still figure.
+        Duration of a frame [s]; 0 for a still figure.
     """
 
     figure: "Figure"
@@ -80,12 +79,12 @@ class Drawing:
     frame_duration: float = 0.0
 
     def save(self, path: Path | str) -> Path:
-        """Write the figure alone, without its data.
+        """Write the figure without its data.
 
         Parameters
         ----------
         path : Path or str
-            Its suffix says how: ``.png`` or ``.svg``; of an animation ``.gif``.
+            Suffix ``.png`` or ``.svg``; ``.gif`` for an animation.
 
         Returns
         -------
@@ -95,18 +94,16 @@ class Drawing:
         Raises
         ------
         InputError
-            Another suffix, or a file that cannot be written.
+            Another suffix, or the file is not writable.
         """
         path, writers = Path(path), self.writers()
         if path.suffix not in writers:
-            raise InputError(
-                f"{path}: figures are not written as '{path.suffix}'; end the name in {' or '.join(writers)}"
-            )
+            raise InputError(f"{path}: no figure format '{path.suffix}'; use {' or '.join(writers)}")
         parquet.write_atomically(path, writers[path.suffix])
         return path
 
     def writers(self) -> dict[str, Callable]:
-        """Functions that write the drawing to a file, by suffix."""
+        """Functions that write the file, by suffix."""
         return {".gif": self._write_gif} if self.frames else {".png": self._write_png, ".svg": self._write_svg}
 
     def _write_svg(self, file) -> None:
@@ -120,8 +117,8 @@ class Drawing:
         canvas = FigureCanvasAgg(self.figure)
         with matplotlib_style():
             canvas.draw()
-        self.figure.set_layout_engine(None)  # the panels are laid out; with an engine SVG would draw twice
-        # a palette of 256 colours is enough for curves and maps, and halves the size of pages and reports
+        self.figure.set_layout_engine(None)  # a layout engine would draw the SVG twice
+        # a palette of 256 colours is sufficient, and halves the size of pages and reports
         drawn = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         reduced = drawn.quantize(256, dither=Image.Dither.NONE)
         reduced.save(file, format="PNG", dpi=(DOTS_PER_INCH, DOTS_PER_INCH))
@@ -129,7 +126,7 @@ class Drawing:
     def _write_gif(self, file) -> None:
         from PIL import Image
 
-        # One palette for all frames, from the last one, which shows every colour: what does not move stays the same
+        # one palette for all frames, from the last one, which has all colours: static parts do not flicker
         frames = [Image.fromarray(frame) for frame in self.frames]
         palette = frames[-1].quantize(128, method=Image.Quantize.MAXCOVERAGE)
         first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
@@ -137,7 +134,7 @@ class Drawing:
         first.save(file, format="GIF", save_all=True, append_images=others, optimize=True, **timing)
 
     def _repr_mimebundle_(self, include=None, exclude=None) -> tuple[dict[str, str], dict[str, dict[str, int]]]:
-        """The picture, for a notebook."""
+        """The image for a notebook."""
         suffix, content = ".gif" if self.frames else ".png", BytesIO()
         self.writers()[suffix](content)
         kind = f"image/{suffix[1:]}"
@@ -149,14 +146,14 @@ class Drawing:
 
 
 def matplotlib_style() -> AbstractContextManager[None]:
-    """Context in which figures are made and saved."""
+    """Context for creating and saving figures."""
     from matplotlib import rc_context
 
     return rc_context(fname=STYLE)
 
 
 def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
-    """Write a drawing and the data it shows; the same drawing gives the same bytes (no date, no version)."""
+    """Write a drawing and its data; reproducible bytes (no date, no version)."""
     stem = Path(stem)
     paths = []
     for suffix, writer in drawing.writers().items():
@@ -173,22 +170,22 @@ class FigureSpec:
 
     title: str
     category: str  # Section of the report
-    tables: tuple[str, ...]  # Names of the tables that it shows
+    tables: tuple[str, ...]  # Names of its tables
     caption: str
-    nothing: str  # What it says where there is nothing to draw; empty: its tables are required
+    nothing: str  # Message where there is no data; empty: its tables are required
     function: Callable[[Mapping[str, pd.DataFrame], Any], Drawing]
-    call: str  # Its name in Python's `plot`
+    call: str  # Name for `plot` in Python
     moving: bool = False  # An animation, saved as GIF
 
 
 class Figures(dict[str, FigureSpec]):
-    """The figures of a kind of results by name, in the order in which modules register them."""
+    """Registry of the figures of a kind of results by name, in order of registration."""
 
     def figure(
         self, name: str, title: str, category: str, tables: Iterable[str], caption: str = "", nothing: str = "", **more
     ) -> Callable[[Callable], Callable]:
-        """A decorator that registers a function from tables and a scenario (or a verdict) to a `Drawing`; its docstring
-        is the figure's caption where none is given.
+        """A decorator for functions from tables and a scenario (or a verdict) to a `Drawing`; the docstring is the
+        default caption.
         """
 
         def register(function: Callable) -> Callable:
@@ -201,26 +198,25 @@ class Figures(dict[str, FigureSpec]):
 
     @property
     def still(self) -> tuple[str, ...]:
-        """Names of those that are saved as SVG and PNG."""
+        """Names of the figures saved as SVG and PNG."""
         return tuple(name for name, spec in self.items() if not spec.moving)
 
     def spec(self, name: str) -> FigureSpec:
-        """The figure `name`."""
         if name not in self:
             raise InputError(f"no figure '{name}'; {did_you_mean(name, self)}")
         return self[name]
 
     def needed_tables(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Names of the tables that the figures `names` show, sorted."""
+        """Names of the tables of the figures `names`, sorted."""
         return tuple(sorted({table for name in names for table in self.spec(name).tables}))
 
     def draw(self, name: str, frames: Mapping[str, pd.DataFrame | None], of: Any) -> Drawing:
-        """Draw one figure from `frames` of its tables `of` a scenario or the content of a verdict."""
+        """Draw one figure from `frames` of its tables, `of` a scenario or the content of a verdict."""
         spec = self.spec(name)
         missing = [table for table in spec.tables if frames.get(table) is None]
         if missing and not spec.nothing:
             raise InputError(
-                f"figure {name} needs the table '{missing[0]}'; give it (needed: {', '.join(spec.tables)})"
+                f"figure {name} requires the table '{missing[0]}'; give it (required: {', '.join(spec.tables)})"
             )
         with matplotlib_style():
             if spec.nothing and (missing or frames[spec.tables[0]].empty):
@@ -230,29 +226,27 @@ class Figures(dict[str, FigureSpec]):
 
 @dataclass(frozen=True)
 class Quantity:
-    """What an axis shows."""
+    """Name and unit of an axis."""
 
-    name: str  # In words
-    unit: str  # Unit of the numbers on the axis; ``'1'`` for pure numbers, ``''`` for categories
-    symbol: str = ""  # Symbol for the label, as mathtext; may be empty
+    name: str
+    unit: str  # Unit of the axis; ``'1'`` for pure numbers, ``''`` for categories
+    symbol: str = ""  # Mathtext, optional
 
     @property
     def label(self) -> str:
-        """Text beside the axis."""
+        """Axis label."""
         words = f"{self.name} {self.symbol}".strip()
         return f"{words} [{'–' if self.unit == '1' else self.unit}]" if self.unit else words
 
 
 def round_up(value: float) -> float:
-    """The next number of the form 1, 2 or 5 times a power of ten."""
+    """The next larger number of the form 1, 2 or 5 times a power of ten."""
     decade = 10.0 ** np.floor(np.log10(value))
     return float(next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= value * (1 - 1e-9)))
 
 
 def tick_label(value: float, position: int) -> str:
-    """Label of a tick at a `value`: plain up to 10 000, a power of ten beyond. Its `position` among the ticks is
-    matplotlib's.
-    """
+    """Tick label of a `value`: plain below 10 000, a power of ten beyond. Matplotlib passes the `position`."""
     if abs(value) < 1e4:
         return f"{value:g}".replace("-", "−")
     exponent = int(np.floor(np.log10(abs(value)) + 1e-9))
@@ -262,7 +256,7 @@ def tick_label(value: float, position: int) -> str:
 
 
 def label_ticks(axis, locator) -> None:
-    """Major ticks of a matplotlib `axis` where the `locator` says, with plain labels; no minor ticks."""
+    """Major ticks of a matplotlib `axis` from a `locator`, with plain labels; no minor ticks."""
     from matplotlib.ticker import NullLocator
 
     axis.set_major_locator(locator)
@@ -271,21 +265,21 @@ def label_ticks(axis, locator) -> None:
 
 
 def width_for(columns: int) -> float:
-    """Width of a figure with one column of panels for each loose joint [inches]: the usual one holds two."""
+    """Width [inches] of a figure with one column per loose joint; two columns have the default width."""
     return WIDTH * max(1.0, columns / 2)
 
 
-BULK = 95.0  # [%] of the samples lie in the linear part of a scale that is logarithmic beyond
-IMPACTS_DWARF = 4.0  # times beyond the bulk, or the desired motion, from which a scale becomes logarithmic
+BULK = 95.0  # [%] of the samples in the linear part of a linear-logarithmic scale
+IMPACTS_DWARF = 4.0  # ratio of the largest value to the bulk (or the desired motion) above which a scale is logarithmic
 LINEAR_BAND = "grey band: linear scale; outside: logarithmic"
 DENSE_LINE, DENSE_MARKS = 5000, 300
-"""Points beyond which a curve, or marks, are drawn as pixels in SVG too, which would grow to megabytes."""
+"""Numbers of points above which a curve, or marks, are rasterised in SVG to limit its size."""
 
 CRANK_ANGLE = Quantity("crank angle", "deg", r"$\theta_2$")
 
 
 class Panel:
-    """One pair of axes of a sheet."""
+    """The axes of one panel of a sheet."""
 
     def __init__(self, axes: "Axes", title: str, x: Quantity, y: Quantity):
         self.axes, self.title, self.x, self.y = axes, title, x, y
@@ -295,9 +289,9 @@ class Panel:
         axes.set_ylabel(y.label)
 
     def line(self, series: str, x: ArrayLike, y: ArrayLike, colour: str, **style) -> None:
-        """A curve `x`, `y`, each (n,) in its axis' unit, called `series`; it breaks where `y` is nan.
+        """A curve `x`, `y`, each (n,) in the unit of its axis, called `series`; gaps where `y` is nan.
 
-        `colour` is a name of `COLOURS`, `style` what else matplotlib takes.
+        `colour` is a name of `COLOURS`, `style` are matplotlib's options.
         """
         pixels = {"rasterized": np.size(x) > DENSE_LINE}
         self.axes.plot(x, y, label=series, color=COLOURS[colour], **pixels | style)
@@ -306,9 +300,9 @@ class Panel:
     def marks(
         self, series: str, x: ArrayLike, y: ArrayLike, colour: str, low=None, high=None, labels=None, along="y", **style
     ) -> None:
-        """Points `x`, `y`, each (n,) in its axis' unit; `series`, `colour` and `style` as in `line`.
+        """Points `x`, `y`, each (n,) in the unit of its axis; `series`, `colour` and `style` as in `line`.
 
-        With bars from `low` to `high` (n,) `along` an axis where these are given; `labels` name categories.
+        Optional bars from `low` to `high` (n,) `along` an axis; `labels` are names of categories.
         """
         pixels = {"rasterized": np.size(x) > DENSE_MARKS}
         style = {"marker": "o", "markersize": 4.0, "linestyle": "none"} | pixels | style
@@ -323,9 +317,10 @@ class Panel:
     def contours(
         self, series: str, x: np.ndarray, y: np.ndarray, value: np.ndarray, quantity: Quantity, **style
     ) -> "QuadContourSet":
-        """Filled contours of a `value` (len(y), len(x)) over the grid of `x` and `y`; gives what a colour bar needs.
+        """Filled contours of a `value` (len(y), len(x)) over the grid of `x` and `y`; returns the artist for a colour
+        bar.
 
-        `quantity` says what the value is; `series` and `style` as in `line`.
+        `quantity` is the name and unit of the value; `series` and `style` as in `line`.
         """
         drawn = self.axes.contourf(x, y, value, **style)
         grid_x, grid_y = np.meshgrid(x, y)
@@ -345,19 +340,17 @@ class Panel:
         self.record(series, [np.nan], [y])
 
     def categories(self, names: Sequence[str]) -> None:
-        """Names on the abscissa at 0, 1, 2, ..."""
+        """Category names on the abscissa at 0, 1, 2, ..."""
         self.axes.set_xticks(range(len(names)), names)
         self.axes.grid(False, axis="x")
 
     def rows(self, names: Sequence[str], places: ArrayLike) -> None:
-        """The `names` on the ordinate at `places`."""
+        """Category `names` on the ordinate at `places`."""
         self.axes.set_yticks(places, names)
         self.axes.grid(False, axis="y")
 
     def bands(self, row: float, label: str, x: np.ndarray, values: np.ndarray, kinds: Sequence[str]) -> None:
-        """A band at height `row` that shows by colour which of `kinds` the text `values` (n,) over `x` (n,) is,
-        recorded as `label`.
-        """
+        """A band at height `row`, recorded as `label`; the colour shows the kind of the text `values` (n,) over `x`."""
         starts = np.flatnonzero(np.append(True, values[1:] != values[:-1]))
         edges = np.append(x[starts], x[-1])
         for kind in kinds:
@@ -369,12 +362,12 @@ class Panel:
             )
 
     def vertical_line(self, series: str, x: float, named: bool = True) -> None:
-        """A vertical line across the panel at `x`, in the legend as `series` if `named`."""
+        """A vertical line at `x`, in the legend as `series` if `named`."""
         self.axes.axvline(x, label=series if named else None, color=COLOURS["limit"], linewidth=0.9, linestyle="--")
         self.record(series, [x], [np.nan])
 
     def over_crank_angle(self, start: float, end: float, step: float | None = None) -> None:
-        """Ticks, every `step` if given, and limits for crank angles from `start` to `end` [deg]."""
+        """Limits for crank angles from `start` to `end` [deg], with ticks every `step` if given."""
         from matplotlib.ticker import MultipleLocator
 
         span = end - start
@@ -389,7 +382,7 @@ class Panel:
         self.axes.set_aspect("equal")
 
     def logarithmic(self) -> None:
-        """A logarithmic ordinate with plain numbers at it; call it after plotting."""
+        """A logarithmic ordinate with plain numbers; call it after plotting."""
         from matplotlib.ticker import LogLocator
 
         low, high = self.axes.dataLim.intervaly
@@ -398,15 +391,15 @@ class Panel:
         label_ticks(self.axes.yaxis, LogLocator(subs=steps))
 
     def linear_then_logarithmic(self, threshold: float, named: bool = True) -> None:
-        """An ordinate that is linear up to +-`threshold` (grey band) and logarithmic beyond; call it after plotting.
+        """An ordinate that is linear within +-`threshold` (grey band) and logarithmic beyond; call it after plotting.
 
-        The legend says so if `named`.
+        The legend explains it if `named`.
         """
         from matplotlib.ticker import FixedLocator
 
         bottom, top = self.axes.dataLim.intervaly
         decades = 10.0 ** np.arange(np.floor(np.log10(threshold)) + 1.0, 20.0)
-        beyond = decades[decades > 4.0 * threshold]  # a label nearer would touch that of the threshold
+        beyond = decades[decades > 4.0 * threshold]  # nearer labels would overlap that of the threshold
         ticks = [-threshold, 0.0, threshold, *beyond[beyond <= 1.3 * top], *-beyond[beyond <= -1.3 * bottom]]
         self.axes.set_yscale("symlog", linthresh=threshold, linscale=1.2)
         label_ticks(self.axes.yaxis, FixedLocator(sorted(ticks)))
@@ -416,18 +409,14 @@ class Panel:
             self.record(LINEAR_BAND, [np.nan], [0.0], low=[-threshold], high=[threshold])
 
     def spread_scale(self, shown: np.ndarray) -> None:
-        """An ordinate linear for the bulk of the values `shown` and logarithmic beyond, where the first impacts dwarf
-        the rest.
-        """
+        """A linear-logarithmic ordinate where the largest of the values `shown` exceed the bulk by far."""
         size = np.abs(shown[np.isfinite(shown)])
         bulk = np.percentile(size, BULK)
         if size.max() > IMPACTS_DWARF * bulk > 0.0:
             self.linear_then_logarithmic(round_up(bulk))
 
     def record(self, series: str, x: ArrayLike, y: ArrayLike, **more) -> None:
-        """Note points `x`, `y` (n,) of a `series` for the data beside the figure; `more` are further columns of
-        `PLOTTED`.
-        """
+        """Record points `x`, `y` (n,) of a `series` in the plotted data; `more` are further columns of `PLOTTED`."""
         constant = {
             "panel": self.title,
             "series": series,
@@ -446,7 +435,7 @@ class Panel:
 
 
 class Sheet:
-    """A figure in the one style and the record of what is on it."""
+    """A figure in the common style, with its plotted data."""
 
     def __init__(self, height: float, rows: int, columns: int, width: float = WIDTH, **grid):
         from matplotlib.figure import Figure
@@ -456,9 +445,7 @@ class Sheet:
         self.panels: list[Panel] = []
 
     def panel(self, place: tuple, title: str, x: Quantity, y: Quantity, below: Panel | None = None) -> Panel:
-        """A panel with a `title` at `place` = (row, column) of the grid, `x` and `y` its axes; it shares the abscissa
-        of `below`.
-        """
+        """A panel at `place` = (row, column) of the grid with axes `x` and `y`; it shares the abscissa of `below`."""
         axes = self.figure.add_subplot(self.grid[place], sharex=below.axes if below else None)
         panel = Panel(axes, title, x, y)
         if below:
@@ -468,14 +455,14 @@ class Sheet:
         return panel
 
     def legend(self, panels: Sequence[Panel] | None = None, columns: int | None = None) -> None:
-        """One legend for some panels (all by default), above them; each series once, in as many `columns` as have room
-        unless they are given.
+        """One legend above the given panels (all by default), without duplicates, in `columns` (as many as fit by
+        default).
         """
         handles: dict[str, object] = {}
         for panel in panels or self.panels:
             for handle, label in zip(*panel.axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(label, handle)
-        if LINEAR_BAND in handles:  # last: it is about the scale
+        if LINEAR_BAND in handles:  # last, because it explains the scale
             handles[LINEAR_BAND] = handles.pop(LINEAR_BAND)
         if columns is None:
             longest = max(map(len, handles))
@@ -491,7 +478,7 @@ class Sheet:
 
 
 def message_sheet(title: str, sentence: str) -> Drawing:
-    """A sheet with a `title` that says in a `sentence` why there is nothing to draw."""
+    """A sheet with a `title` and the reason, a `sentence`, why there is no figure."""
     sheet = Sheet(1.2, 1, 1)
     panel = sheet.panel((0, 0), title, Quantity("", ""), Quantity("", ""))
     panel.axes.set_axis_off()

@@ -1,7 +1,7 @@
-"""Publishes results to MLflow: a `Record` says what a run holds, `publish_records` writes it, none twice.
+"""Publishes results to MLflow: `publish_records` writes the content of each `Record`, without duplicates.
 
-A run is known by scenario, stage, output and the digest of what it holds. A run that is there unchanged is kept; a
-changed one is replaced; an incomplete one is deleted and made again.
+A run is identified by scenario, stage, output and digest of its content. An unchanged run is kept, a changed one
+replaced, an incomplete one deleted and written again.
 """
 
 import getpass
@@ -29,53 +29,53 @@ from jointgap.core.parquet import read_footer
 from jointgap.core.schema import Column, Table
 from jointgap.core.words import reading_unit
 
-if TYPE_CHECKING:  # take seconds to load
+if TYPE_CHECKING:  # slow imports
     from mlflow.tracking import MlflowClient
     from pydantic import BaseModel
 
 for _name, _value in {
-    "MLFLOW_DISABLE_TELEMETRY": "true",  # no network but the tracking server's
-    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",  # the default, 7, hides a wrong address for four minutes
+    "MLFLOW_DISABLE_TELEMETRY": "true",  # no network access except to the tracking server
+    "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "1",  # the default, 7, delays errors by four minutes
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
     "MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR": "false",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
-    "GIT_PYTHON_REFRESH": "quiet",  # mlflow looks for git; where there is none it would warn
-    "PGCONNECT_TIMEOUT": "5",  # seconds until a server of PostgreSQL has to answer
+    "GIT_PYTHON_REFRESH": "quiet",  # no warning from mlflow without git
+    "PGCONNECT_TIMEOUT": "5",  # [s] of PostgreSQL
 }.items():
-    os.environ.setdefault(_name, _value)  # read when mlflow is imported or first used; what the user has set stays
+    os.environ.setdefault(_name, _value)  # before mlflow is imported; does not override the user's settings
 
 EXPERIMENT = "jointgap-"
-"""Before the name of a stage: the name of its experiment."""
+"""Prefix of a stage in the name of its experiment."""
 SCENARIO, STAGE, OUTPUT, DIGEST = (f"jointgap.{key}" for key in ("scenario", "stage", "output", "digest"))
 PARENT = "mlflow.parentRunId"
 
 _SQLITE = "sqlite:///"
 _DATABASE = re.compile(r"(postgresql|mysql|mssql|sqlite)(\+\w+)?://")
-"""Stores without a server of MLflow, which would know where artifacts lie."""
-_MOST_METRICS, _MOST_PARAMS, _MOST_RUNS = 1000, 100, 10_000  # of one request
+"""Databases without an MLflow server, which would know the location of artifacts."""
+_MOST_METRICS, _MOST_PARAMS, _MOST_RUNS = 1000, 100, 10_000  # per request
 
 CURVE_POINTS = 300
-"""Points published of a curve; MLflow draws at most 320. The whole curve stays in its table."""
+"""Published points per curve; MLflow draws at most 320. The table contains the whole curve."""
 
-_LONGEST_VALUE = 500  # characters of a parameter; options.json holds the whole value
+_LONGEST_VALUE = 500  # [characters] of a parameter; options.json contains the whole value
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A table that a run read or wrote."""
+    """A table that a run has read or written."""
 
     name: str
-    path: Path  # a Parquet file, or a folder of Parquet files that are one table
+    path: Path  # a Parquet file, or a folder of Parquet files of one table
     context: str  # ``'input'`` or ``'result'``
 
     @property
     def files(self) -> list[Path]:
-        """Its Parquet files, by name."""
+        """Its Parquet files, sorted by name."""
         return sorted(self.path.glob("[!.]*.parquet")) if self.path.is_dir() else [self.path]
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the file; of a folder that of its files' names and digests."""
+        """SHA-256 of the file, or of the names and digests of a folder's files."""
         if not self.path.is_dir():
             return sha256(self.path)
         return sha256("".join(f"{sha256(path)}  {path.name}\n" for path in self.files).encode())
@@ -85,19 +85,19 @@ class Dataset:
 class Record:
     """One run."""
 
-    stage: str  # the run belongs to the experiment of this stage
-    output: str = ""  # which nested run it is; empty for the run of the whole stage
+    stage: str  # determines the experiment
+    output: str = ""  # name of a nested run; empty for the run of the whole stage
     params: Mapping[str, str] = field(default_factory=dict)
-    metrics: Mapping[str, float] = field(default_factory=dict)  # values that are not finite are left out
+    metrics: Mapping[str, float] = field(default_factory=dict)  # non-finite values are skipped
     curves: Mapping[str, pd.Series] = field(default_factory=dict)  # values by iteration
     datasets: tuple[Dataset, ...] = ()
     files: Mapping[str, Path | bytes] = field(default_factory=dict)  # artifacts by their path in the run
-    costs: Mapping[str, float] = field(default_factory=dict)  # metrics that do not count for the digest
+    costs: Mapping[str, float] = field(default_factory=dict)  # metrics that are not part of the digest
     notes: Mapping[str, str] = field(default_factory=dict)  # tags
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all that the run holds but its costs."""
+        """SHA-256 of the run's content without its costs."""
         metrics = {name: float(value) for name, value in self.metrics.items()}
         curves = {name: [curve.index.tolist(), curve.tolist()] for name, curve in self.curves.items()}
         datasets = sorted([dataset.name, dataset.context, dataset.sha256] for dataset in self.datasets)
@@ -119,10 +119,10 @@ def sha256(source: Path | bytes) -> str:
 
 
 def thinned(curve: pd.Series, points: int = CURVE_POINTS) -> pd.Series:
-    """At most `points` of a curve, evenly spaced on a logarithmic axis, with the first and the last."""
+    """At most `points` of a curve, evenly spaced on a logarithmic axis, including both ends."""
     if len(curve) <= points:
         return curve
-    for number in range(4 * points, 0, -4):  # of places some fall on the same point, where points are few
+    for number in range(4 * points, 0, -4):  # rounding makes some coincide
         places = np.unique(np.geomspace(1, len(curve), number).round().astype(int)) - 1
         if len(places) <= points:
             break
@@ -130,7 +130,7 @@ def thinned(curve: pd.Series, points: int = CURVE_POINTS) -> pd.Series:
 
 
 def configuration(options: "BaseModel", sections: set[str]) -> dict[str, Any]:
-    """Parameters, flattened from the `sections` of a configuration, and the file that holds these whole."""
+    """Parameters, flattened from the `sections` of a configuration, and a file with these sections."""
     given = options.model_dump(mode="json", by_alias=True, include=sections, exclude_none=True)
     flat = pd.json_normalize(given).iloc[0].to_dict()
     params = {re.sub(r"[^\w\-./ ]", "_", key): str(value)[:_LONGEST_VALUE] for key, value in flat.items()}
@@ -139,14 +139,14 @@ def configuration(options: "BaseModel", sections: set[str]) -> dict[str, Any]:
 
 
 def costs(benchmarks: list[Path]) -> dict[str, float]:
-    """Seconds in all and the largest peak of memory, of Snakemake's benchmark files."""
+    """Total time [s] and peak memory from Snakemake's benchmark files."""
     files = [pd.read_csv(path, sep="\t", na_values="-")[["s", "max_rss"]].mean() for path in benchmarks]
     measured = pd.DataFrame(files, columns=["s", "max_rss"])
     return {} if measured.empty else {"seconds": measured["s"].sum(), "peak_memory_mb": measured["max_rss"].max()}
 
 
 def name_and_factor(column: Column) -> tuple[str, float]:
-    """Name of a metric, with its unit, and how many of these one SI unit is; errors of an angle in mdeg."""
+    """Name of a metric, with its unit, and its number of units per SI unit; errors of an angle in mdeg."""
     unit, factor = reading_unit(column.unit)
     if unit == "deg" and "error" in column.name:
         unit, factor = "mdeg", 1e3 * np.rad2deg(1.0)
@@ -155,7 +155,7 @@ def name_and_factor(column: Column) -> tuple[str, float]:
 
 
 def numbers(table: Table, row: Mapping[str, Any], *names: str, section: str = "") -> dict[str, float]:
-    """The numbers of a row of `table`, or those of the columns `names`; shares in percent."""
+    """The numbers of a row of `table`, all or those of the columns `names`; shares in percent."""
     metrics = {}
     for column in table.columns:
         if column.kind not in ("int", "float") or (names and column.name not in names) or pd.isna(row[column.name]):
@@ -167,18 +167,18 @@ def numbers(table: Table, row: Mapping[str, Any], *names: str, section: str = ""
 
 
 def store_address(results: Path, tracking_uri: str | None = None) -> str:
-    """The store to use: `tracking_uri`, else ``MLFLOW_TRACKING_URI``, else the SQLite file in the folder `results`."""
+    """Address of the store: `tracking_uri`, ``MLFLOW_TRACKING_URI``, or a SQLite file in the folder `results`."""
     address = tracking_uri or os.environ.get("MLFLOW_TRACKING_URI") or f"{_SQLITE}{results / 'mlflow.db'}"
     return f"{_SQLITE}{file.resolve()}" if (file := sqlite_file(address)) else address
 
 
 def sqlite_file(address: str) -> Path | None:
-    """The file of a SQLite store."""
+    """The file of a SQLite store, or None."""
     return Path(address.removeprefix(_SQLITE)) if address.startswith(_SQLITE) else None
 
 
 def artifact_folder(address: str, results: Path) -> Path | None:
-    """The folder of artifacts: beside a SQLite file, in `results` for other databases; a server knows its own."""
+    """The folder of artifacts: next to a SQLite file, in `results` for other databases; None with a server."""
     file = sqlite_file(address)
     folder = results if file is None else file.parent
     return folder.resolve() / "mlflow-artifacts" if _DATABASE.match(address) else None
@@ -186,19 +186,19 @@ def artifact_folder(address: str, results: Path) -> Path | None:
 
 @contextmanager
 def opened(address: str) -> Iterator["MlflowClient"]:
-    """A client of the store at `address`, which has answered; all that the store refuses becomes one error."""
+    """A client of the store at `address`, after a successful request; errors of the store become one InputError."""
     try:
         with needs("publishing to MLflow", "workflow"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import sqlalchemy
             from mlflow.tracking import MlflowClient
         logging.getLogger("mlflow").setLevel(logging.WARNING)
-        logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)  # what it raises says enough
+        logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)  # its errors are raised too
         if (file := sqlite_file(address)) is not None and not file.exists():
             _make(file)
         elif _DATABASE.match(address):
             with sqlalchemy.create_engine(address, poolclass=sqlalchemy.NullPool).connect():
-                pass  # once, where MLflow tries for minutes
+                pass  # one attempt; MLflow would retry for minutes
         client = MlflowClient(tracking_uri=address)
         client.search_experiments(max_results=1)
         yield client
@@ -208,20 +208,20 @@ def opened(address: str) -> Iterator["MlflowClient"]:
         kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
         if not (isinstance(error, OSError | ImportError) or kinds & {"mlflow", "sqlalchemy", "alembic", "sqlite3"}):
             raise
-        said = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
-        fix = "check the file, permission and space, or move it away to publish from nothing"
+        reason = without_password((str(error).strip() or repr(error)).splitlines()[0])[:300]
+        fix = "check the file, permissions and disk space, or move the file away to start a new store"
         if sqlite_file(address) is None:
             fix = (
                 "start the server, correct its address, user or password, install its driver (pip install "
                 "'jointgap[cluster]'), or unset MLFLOW_TRACKING_URI to use the store in the results folder"
             )
         raise InputError(
-            f"MLflow store {without_password(address)} cannot be reached or used ({said}); {fix}"
+            f"MLflow store {without_password(address)} cannot be reached or used ({reason}); {fix}"
         ) from error
 
 
 def _make(file: Path) -> None:
-    """Make a SQLite store beside its place, then rename it: one whose making was interrupted can never be used."""
+    """Create a SQLite store under a temporary name, then rename it: an interrupted one would be unusable."""
     from mlflow.tracking import MlflowClient
 
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -232,12 +232,12 @@ def _make(file: Path) -> None:
 
 
 def without_password(address: str) -> str:
-    """The `address` of a store as it may be shown."""
+    """The `address` of a store without its password."""
     return re.sub(r"(?<=://)([^/@]*):[^/]*@", r"\1:***@", address)
 
 
 def check_store(address: str) -> None:
-    """Whether the store at `address` answers; a SQLite file is made when it is first needed."""
+    """InputError where the store at `address` is unavailable; a missing SQLite file is created later."""
     if sqlite_file(address) is None:
         with opened(address):
             pass
@@ -246,9 +246,9 @@ def check_store(address: str) -> None:
 def publish_records(
     name: str, description: str, content: Sequence[Record], tracking_uri: str | None, results: Path
 ) -> dict:
-    """Publish the `content` of a scenario, a sweep or a campaign, each stage's own run before those nested in it.
+    """Publish the `content` of a scenario, a sweep or a campaign, each run before its nested ones.
 
-    Returns the store, what became of each run, and how many old ones were deleted.
+    Returns the store, the state of each run, and the number of deleted old runs.
     """
     address = store_address(results, tracking_uri)
     shared = {
@@ -295,18 +295,18 @@ def publish_records(
 
 
 def _experiment(client: "MlflowClient", stage: str, address: str, results: Path) -> str:
-    """Id of the experiment of a `stage`, made or restored where it is missing."""
+    """Id of the experiment of a `stage`, created or restored if necessary."""
     folder = artifact_folder(address, results)
     place = None if folder is None else (folder / stage).as_uri()
     experiment = client.get_experiment_by_name(EXPERIMENT + stage)
     if experiment is None:
-        # the kind makes the pages show charts of metrics, not traces of language models
+        # MLflow's pages then show charts of metrics, not traces of language models
         tags = {"mlflow.experimentKind": "custom_model_development"}
         return client.create_experiment(EXPERIMENT + stage, artifact_location=place, tags=tags)
     if sqlite_file(address) and experiment.artifact_location != place:
         raise InputError(
-            f"MLflow store {address} was made elsewhere: its artifacts lie in {experiment.artifact_location}, not in "
-            f"{place}; put it back there, or move the file away and publish again (make run ARGS='--forcerun track')"
+            f"MLflow store {address} was created elsewhere: its artifacts are in {experiment.artifact_location}, not "
+            f"in {place}; move it back, or move the file away and publish again (make run ARGS='--forcerun track')"
         )
     if experiment.lifecycle_stage == "deleted":
         client.restore_experiment(experiment.experiment_id)
@@ -314,7 +314,7 @@ def _experiment(client: "MlflowClient", stage: str, address: str, results: Path)
 
 
 def _write(client: "MlflowClient", experiment: str, name: str, record: Record, tags: dict[str, str]) -> str:
-    """Log a `record`; the run is finished last."""
+    """Log a `record`; the run is marked as finished last."""
     from mlflow.entities import Metric, Param
 
     run_id = client.create_run(experiment, tags=tags, run_name=name).info.run_id
@@ -341,7 +341,7 @@ def _write(client: "MlflowClient", experiment: str, name: str, record: Record, t
 
 
 def _input(dataset: Dataset):
-    """A table as MLflow's dataset: its digest (36 digits fit), the whole digest as a tag."""
+    """A table as MLflow's dataset, with a short digest (at most 36 digits) and the full one as a tag."""
     from mlflow import entities
 
     footers = [read_footer(path) for path in dataset.files]
@@ -357,7 +357,7 @@ def _input(dataset: Dataset):
 
 
 def commit() -> str:
-    """The commit that this code is checked out at, with ``-changed`` where it differs; ``unknown`` outside git."""
+    """The commit of the code, with ``-changed`` if it was modified; ``unknown`` outside git."""
     # the folder may belong to another user; it is only read
     words = ["describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=-changed"]
     command = ["git", "-C", str(Path(__file__).parent), "-c", "safe.directory=*", *words]

@@ -1,4 +1,4 @@
-"""A folder of results, of a scenario or of a campaign: tables read from and written to their places."""
+"""A folder of results of a scenario or of a campaign."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -15,9 +15,9 @@ Frames = dict[str, pd.DataFrame]
 
 
 class ResultsFolder:
-    """Tables in one folder.
+    """Reads and writes the tables in one folder.
 
-    A table is given as such or by its name; `part` is the output, or the one of several stages, that it belongs to.
+    Tables are given as such or by name; `part` is an output, or one of several stages, of a divided table.
     """
 
     def __init__(self, path: Path, places: Mapping[str, Path] | None = None):
@@ -25,41 +25,39 @@ class ResultsFolder:
         self._places = dict(places or {})
 
     def place(self, table: Table | str, part: str = "") -> Path:
-        """Where `table` lies, that of `part` where there are several."""
+        """Path of `table` (of its `part`)."""
         table = _table(table)
         return self._places.get(table.name, self.path / table.at(part).path)
 
     def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
-        """The frame of `table`, that of `part` where there are several; errors as `parquet.read`."""
+        """The frame of `table` (of its `part`); errors as `parquet.read`."""
         return parquet.read(_table(table), self.place(table, part))
 
     def write(self, table: Table | str, frame: pd.DataFrame, part: str = "") -> None:
-        """Write the `frame` of `table`, that of `part` where there are several; errors as `parquet.write`."""
+        """Write the `frame` of `table` (of its `part`); errors as `parquet.write`."""
         parquet.write(_table(table), frame, self.place(table, part))
 
     def read_all(self, wanted: Iterable[Table | str], part: str = "") -> Frames:
-        """Frames of the tables `wanted` by name, those of `part` where there are several."""
+        """Frames of the tables `wanted` by name."""
         return {_table(table).name: self.read(table, part) for table in wanted}
 
     def write_all(self, frames: Frames, part: str = "") -> None:
-        """Write `frames`, which stand by the names of their tables, as those of `part` where there are several."""
+        """Write `frames` by the names of their tables."""
         for name, frame in frames.items():
             self.write(name, frame, part)
 
     def check_writable(self, *paths: str) -> None:
-        """Make sure that files of the folder can be written, before hours of work; errors as
-        `parquet.check_writable`.
-        """
+        """InputError, before long computations, where files of the folder cannot be written."""
         check_writable(*(self.path / path for path in paths))
 
     def check_apart(self, inputs: Iterable[Path | str], written: Iterable[str]) -> None:
-        """Make sure that no result is written over what it is made from."""
+        """InputError where a result would overwrite an input."""
         results = {(self.path / place).resolve() for place in written}
         for path in inputs:
             if Path(path).resolve() in results:
                 raise InputError(
-                    f"{path}: is read by the campaign, and a result of it would be written there; copy the file "
-                    "elsewhere and name the copy, or give another --folder"
+                    f"{path}: is an input of the campaign and would be overwritten by a result; copy the file "
+                    "elsewhere and give the path of the copy, or give another --folder"
                 )
 
 

@@ -1,6 +1,6 @@
-"""Tables that stages hand on. What they hold is data: `schemas/*.yaml` beside the package's code.
+"""Tables of the stages, defined in `schemas/*.yaml` of the package.
 
-`from jointgap.core.schema import TRAJECTORY` gives the table of that name. Imports nothing heavy.
+`from jointgap.core.schema import TRAJECTORY` gives the table of that name. Fast to import.
 """
 
 import re
@@ -26,7 +26,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table that stages hand on: its columns in the order of the file, and its place in a folder of results."""
+    """A table of a stage: its columns in the order of the file, and its path in a folder of results."""
 
     name: str
     description: str
@@ -35,15 +35,14 @@ class Table:
 
     @property
     def names(self) -> list[str]:
-        """Names of the columns."""
         return [column.name for column in self.columns]
 
     def at(self, part: str) -> "Table":
-        """The same table where `part` of the work writes it: an output, or one of several stages."""
+        """The same table of one `part`: an output, or one of several stages."""
         return replace(self, path=re.sub(r"{\w+}", part, self.path))
 
     def filled(self, **groups: Iterable[Column]) -> "Table":
-        """The same table with columns that depend on the configuration, in place of those named ``{group}``."""
+        """The same table with columns that depend on the configuration in place of ``{group}``."""
         own = ([column] if column.name[0] != "{" else groups[column.name[1:-1]] for column in self.columns)
         return replace(self, columns=tuple(column for columns in own for column in columns))
 

@@ -1,4 +1,4 @@
-"""One stage, one record: what it reads and writes, and the function that does it."""
+"""Stages: their inputs, outputs, options and function."""
 
 import ast
 import hashlib
@@ -20,8 +20,8 @@ _ROOT = Path(__file__).parent.parent
 
 @cache
 def code_digest(function: Callable[..., Any], *tables: Table) -> str:
-    """Twelve hexadecimal digits over what a function of this package runs (jointgap's own code, not its
-    dependencies), and over `tables` and those that this code names.
+    """Twelve hexadecimal digits of the package's code that a function runs (without dependencies), and of `tables` and
+    those used in the code.
     """
     own, modules = code_of(function)
     digest, named = hashlib.sha256(own.encode()), {*tables, *_tables_in(own)}
@@ -30,7 +30,7 @@ def code_digest(function: Callable[..., Any], *tables: Table) -> str:
         named |= _tables_of(name)
         digest.update(name.encode() + source.read_bytes())
         data = source.parent.glob("templates/*" if source.name == "__init__.py" else f"{source.stem}.yaml")
-        for file in sorted(data):  # templates, and the data of a module, are code too
+        for file in sorted(data):  # templates and data files count as code
             digest.update(file.name.encode() + file.read_bytes())
     for table in sorted(map(repr, named)):
         digest.update(table.encode())
@@ -47,14 +47,14 @@ def _tables_of(module: str) -> frozenset[Table]:
 
 
 def code_of(function: Callable[..., Any]) -> tuple[str, frozenset[str]]:
-    """The code that a function runs."""
+    """The code that a function runs, and the modules that it imports."""
     own = _used(ast.parse(source_of(function.__module__.removeprefix("jointgap.")).read_bytes()), function.__name__)
     return "\n".join(map(ast.unparse, own)), frozenset().union(*map(closure, _imported(own)))
 
 
 @cache
 def closure(module: str) -> frozenset[str]:
-    """`module` and all modules of the package that it imports, directly or not."""
+    """`module` and all modules of the package that it imports, directly or indirectly."""
     seen, waiting = set(), [module]
     while waiting:
         name = waiting.pop()
@@ -66,7 +66,7 @@ def closure(module: str) -> frozenset[str]:
 
 @cache
 def source_of(module: str) -> Path:
-    """File of a module, or of a package's face."""
+    """File of a module or package."""
     place = _ROOT.joinpath(*module.split("."))
     return place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
 
@@ -77,7 +77,7 @@ def _imports_of(module: str) -> frozenset[str]:
 
 
 def _imported(nodes: Iterable[ast.AST]) -> frozenset[str]:
-    """Modules of the package that the code in `nodes` imports; all of a room from which one is taken by its name."""
+    """Modules of the package imported by the code in `nodes`; all of a room with a computed module name."""
     names: set[str] = set()
     for node in (inner for root in nodes for inner in ast.walk(root)):
         if isinstance(node, ast.ImportFrom):
@@ -91,7 +91,7 @@ def _imported(nodes: Iterable[ast.AST]) -> frozenset[str]:
 
 
 def _used(module: ast.Module, name: str) -> list[ast.stmt]:
-    """The statements of a module that define `name`, and all that these use of the module."""
+    """The statements of a module that define `name`, and all that they use from the module."""
     defined: dict[str, ast.stmt] = {}
     typed_only = [inner for statement in module.body if isinstance(statement, ast.If) for inner in statement.body]
     for statement in (*typed_only, *module.body):
@@ -113,7 +113,7 @@ def _used(module: ast.Module, name: str) -> list[ast.stmt]:
 
 
 def _quoted_in_annotations(statement: ast.stmt) -> Iterator[str]:
-    """Names in quoted annotations. Other texts, such as the name of a section of the configuration, mean no code."""
+    """Names in quoted annotations; other texts, such as names of sections, are not code."""
     for node in ast.walk(statement):
         for annotation in (getattr(node, "annotation", None), getattr(node, "returns", None)):
             for inner in ast.walk(annotation) if annotation is not None else ():
@@ -122,43 +122,39 @@ def _quoted_in_annotations(statement: ast.stmt) -> Iterator[str]:
 
 
 class Option:
-    """An option of a stage's command; it stands in the annotation of the argument that it fills.
+    """Annotation of a stage function's argument: an option of its command.
 
-    `settings` are those of `click.option`; their type is "file", "folder", or the least whole number.
+    `settings` are those of `click.option`, with type "file", "folder", or the smallest integer.
     """
 
     def __init__(self, *flags: str, **settings: Any):
         self.flags, self.settings = flags, settings
 
 
-Workers = Annotated[
-    int | None, Option("--workers", type=1, help="Runs side by side; as many as there are cores when absent.")
-]
+Workers = Annotated[int | None, Option("--workers", type=1, help="Parallel runs; the number of cores by default.")]
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of a scenario or of a campaign; its command, its rule and its line in the docs follow from it."""
+    """A stage of a scenario or of a campaign; command, workflow rule and documentation are generated from it."""
 
     name: str  # of the subcommand
     function: Callable[..., str | None]
-    reads: tuple[Table, ...] = ()  # each with its place in the folder of results
+    reads: tuple[Table, ...] = ()  # with their paths in the folder of results
     writes: tuple[Table, ...] = ()
-    files: tuple[str, ...] = ()  # what it writes besides tables, or the first of many files in a folder
-    sections: tuple[
-        str, ...
-    ] = ()  # the sections of a scenario that it depends on; a change elsewhere does not rerun it
-    does: str = ""  # what the workflow says of its job
-    after: tuple[str, ...] = ()  # stages whose files it takes in too
-    job: str = ""  # the stage in whose job it runs, in the same process; its own when empty
+    files: tuple[str, ...] = ()  # output files besides tables, or the first of many files in a folder
+    sections: tuple[str, ...] = ()  # sections of the scenario that it depends on
+    does: str = ""  # message of its job in the workflow
+    after: tuple[str, ...] = ()  # stages whose files it also includes
+    job: str = ""  # stage in whose process it runs; by default its own
     memory: int = 2000  # of its job [MB]
     minutes: int = 30
     threads: int = 1
-    publishes: bool = False  # to MLflow, one job after the other
+    publishes: bool = False  # to MLflow; such jobs run one at a time
 
     @property
     def command_options(self) -> dict[str, Option]:
-        """Options of its command, besides those of every stage, by the argument that each fills."""
+        """Options of its command, besides the common ones, by argument."""
         return {
             name: option
             for name, annotation in self.function.__annotations__.items()
@@ -167,33 +163,33 @@ class Stage:
 
     @property
     def help(self) -> str:
-        """What it does: the docstring of its function."""
+        """The docstring of its function."""
         return inspect.getdoc(self.function) or ""
 
     @property
     def description(self) -> str:
-        """What it does, in a line."""
+        """The first paragraph of `help`, on one line."""
         return self.help.partition("\n\n")[0].replace("\n", " ")
 
     @property
     def digest(self) -> str:
-        """Twelve digits that change with the code that the stage runs, and with the tables that it reads and writes."""
+        """Twelve digits of the code of the stage and of the tables that it reads and writes."""
         return code_digest(self.function, *self.reads, *self.writes)
 
     def options(self, scenario: "Scenario") -> str:
-        """What it reads of a scenario, as JSON text in SI: the value of its ``--options``."""
+        """Its sections of a scenario as JSON text in SI, for ``--options``."""
         return scenario.model_dump_json(include=set(self.sections), by_alias=True)
 
     def outputs(self, part: int | str = 0) -> list[str]:
-        """Paths that it writes within its folder of results; of a stage that has parts, those of `part`."""
+        """Paths of its outputs in the folder of results; for a stage with parts, those of `part`."""
         return [path.replace("{part}", str(part)) for path in (*(table.path for table in self.writes), *self.files)]
 
 
 class Stages(dict[str, Stage]):
-    """Stages by name, in the order in which they follow each other."""
+    """Stages by name, in order of execution."""
 
     def stage(self, **record: Any) -> Callable[[Callable[..., str | None]], Callable[..., str | None]]:
-        """A decorator that records a function as the next stage; `record` holds attributes of `Stage`."""
+        """A decorator that registers a function as the next stage; `record` contains attributes of `Stage`."""
 
         def keep(function: Callable[..., str | None]) -> Callable[..., str | None]:
             name = function.__name__.replace("_", "-")
@@ -203,7 +199,7 @@ class Stages(dict[str, Stage]):
         return keep
 
     def jobs(self) -> dict[str, list[Stage]]:
-        """The stages that the workflow runs, by the job that they run in."""
+        """The stages that the workflow runs, by job."""
         jobs: dict[str, list[Stage]] = {}
         for stage in self.values():
             if stage.does:
@@ -211,7 +207,7 @@ class Stages(dict[str, Stage]):
         return jobs
 
     def needed_for(self, name: str) -> list[str]:
-        """The stage `name` and all whose tables it is made from, in their order; the others only add to it."""
+        """The stage `name` and all stages that its tables depend on, in order."""
         wanted: set[str] = set()
         needed: list[str] = []
         for stage in reversed(self.values()):
@@ -221,5 +217,5 @@ class Stages(dict[str, Stage]):
         return needed[::-1]
 
     def written_by(self, *names: str) -> tuple[Table, ...]:
-        """Tables that the stages `names` write."""
+        """Tables written by the stages `names`."""
         return tuple(table for name in names for table in self[name].writes)

@@ -1,7 +1,7 @@
-"""Numbers with units in files and commands; SI floats once read. A plain number is taken as SI.
+"""Numbers with units in files and commands, converted to SI floats. Numbers without a unit are SI.
 
-Text is one number and one unit: ``7 mm``, ``600 rpm``, ``2 N*m/rad``, ``turn/3600``. What a unit means is left to pint,
-which would evaluate a whole formula; so a unit is passed on only where it looks like one.
+Text is one number and one unit: ``7 mm``, ``600 rpm``, ``2 N*m/rad``, ``turn/3600``. Pint interprets the unit; because
+it would evaluate whole formulas, only text in the form of a unit is passed on.
 """
 
 import math
@@ -13,13 +13,13 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 
 _NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(.*?)\s*", re.DOTALL)
-_SHARE = re.compile(rf"\s*(.*[^*/\s])\s*/\s*({_NUMBER})\s*", re.DOTALL)  # turn/3600: what one line of an encoder is
+_SHARE = re.compile(rf"\s*(.*[^*/\s])\s*/\s*({_NUMBER})\s*", re.DOTALL)  # turn/3600: a line of an encoder
 _UNIT = re.compile(r"(?!.*//)(?:1?\s*/)?(?:[^\W\d]\w*+|(?:\^|\*\*)\s*\(?\s*[-+]?[0-9](?:\.[0-9]+)?|[°%‰()*/\s])++")
 _LONGEST = 100  # [characters] of a number with its unit
 _SIGNS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{MIDDLE DOT}": "*", "\N{DOT OPERATOR}": "*"})
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-_PLAIN_POWER = re.compile(r"(?<=[A-Za-z])([234])(?![\w.^])")  # m/s2, kg m2: no unit of pint's ends in such a digit
-# Nm, kNm, Nmm, whole below a stroke: pint takes Nm for a measure of yarn
+_PLAIN_POWER = re.compile(r"(?<=[A-Za-z])([234])(?![\w.^])")  # m/s2, kg m2: no unit of pint ends in such a digit
+# Nm, kNm, Nmm, in brackets after a stroke: pint reads Nm as a unit of yarn
 _TORQUE = re.compile(r"(/ ?)?\b([kmM]?N)([mc]?m)\b((?:\^|\*\*)-?\d)?")
 
 _NO_QUANTITY = "is not a number with a unit; write one number, with a decimal point, and one unit, such as 1.5 mm"
@@ -27,14 +27,14 @@ _NO_QUANTITY = "is not a number with a unit; write one number, with a decimal po
 
 @cache
 def _registry():
-    import pint  # 0.3 s: only where a file really carries units
+    import pint  # takes 0.3 s
 
     return pint.UnitRegistry()
 
 
 def to_si(value: Any, unit: str) -> float:
-    """A number or a text such as ``'7 mm'`` as a float in `unit`; ValueError says what is wrong with it."""
-    if type(value) is float and math.isfinite(value):  # most are: a design of a sweep has dozens
+    """A number or a text such as ``'7 mm'`` as a float in `unit`; ValueError where it is invalid."""
+    if type(value) is float and math.isfinite(value):  # fast path: a design of a sweep has dozens
         return value
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"must be a number{f' in {unit}' if unit else ''} or text like '1.5 {unit}'")
@@ -54,7 +54,7 @@ def _read(text: str, unit: str) -> float:
 
 
 def split_quantity(text: str) -> tuple[str, str]:
-    """The number in `text`, in digits that `float` reads, and its unit, as pint reads it; '' without one."""
+    """The number in `text`, as digits for `float`, and its unit for pint, or ''."""
     plain = text.translate(_SIGNS) if len(text) <= _LONGEST else ""
     if found := _QUANTITY.fullmatch(plain):
         number, unit = found.groups()
@@ -68,13 +68,13 @@ def split_quantity(text: str) -> tuple[str, str]:
 
 
 def split_share(unit: str) -> tuple[str, float]:
-    """The unit of which `unit` is a part, and how many parts: turn and 4000 of ``turn/4000``; 1 of whole units."""
+    """The whole unit and the number of parts: turn and 4000 for ``turn/4000``; 1 for a whole unit."""
     share = _SHARE.fullmatch(unit) if len(unit) <= _LONGEST else None
     return (share[1], float(share[2])) if share and float(share[2]) > 0 else (unit, 1.0)
 
 
 def _unit_for_pint(unit: str) -> str:
-    """`unit` as pint reads it; '' where it is none by its form."""
+    """`unit` for pint; '' where it does not have the form of a unit."""
     unit = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda raised: "^" + raised[0].translate(_RAISED), unit.translate(_SIGNS))
     unit = _TORQUE.sub(_torque_for_pint, _PLAIN_POWER.sub(r"^\1", " ".join(unit.split())))
     if len(unit) > _LONGEST or _UNIT.fullmatch(unit) is None:
@@ -88,39 +88,39 @@ def _torque_for_pint(found: re.Match[str]) -> str:
 
 
 def _converted(number: float, own: str, unit: str) -> float:
-    """A `number` of the unit `own`, which pint can read, in `unit`."""
+    """A `number` of the unit `own`, for pint, in `unit`."""
     import pint
 
     try:
         quantity = _registry().Quantity(number, own)
     except Exception as error:  # pint raises a dozen kinds, tokenizer errors among them
         raise ValueError(
-            f"is not a number with a unit (a unit of '{unit or 'no dimension'}' is needed): there is no unit '{own}'"
+            f"is not a number with a unit (of dimension '{unit or '1'}'): there is no unit '{own}'"
         ) from error
     try:
         converted = quantity.to(_unit_for_pint(unit) or "dimensionless")
     except pint.DimensionalityError as error:
         wanted = f"{unit} or a unit that converts to it" if unit else "a pure number"
-        raise ValueError(f"has the unit '{quantity.units}' and needs {wanted}") from error
+        raise ValueError(f"has the unit '{quantity.units}' and requires {wanted}") from error
     if unit in _RATES and quantity.to_root_units().units != converted.to_root_units().units:
-        raise ValueError(f"has the unit '{quantity.units}', which may or may not mean turns; write {_RATES[unit]}")
+        raise ValueError(f"has the unit '{quantity.units}', which is ambiguous for turns; write {_RATES[unit]}")
     return float(converted.magnitude)
 
 
 _RATES = {"rad/s": "rpm, turn/s or rad/s", "Hz": "Hz or 1/s", "rad": "deg, turn or rad"}
-"""Units with an angle and without one: pint takes a radian for 1, and 10 Hz for 10 rad/s."""
+"""Units with an angle: pint reads a radian as 1, and 10 Hz as 10 rad/s."""
 
 
 @lru_cache
 def unit_factor(unit: str, base: str) -> float:
-    """How many `base` one `unit` is."""
+    """Number of `base` per `unit`."""
     whole, parts = split_share(unit)
     return _converted(1.0 / parts, _checked_unit(whole, base), base)
 
 
 @lru_cache
 def scaled_unit_factor(scale: str, unit: str, base: str) -> float:
-    """How many `base` one `unit` is of a signal that a `scale` such as ``0.35 N*m/A`` converts."""
+    """Number of `base` per `unit` of a signal that a `scale` such as ``0.35 N*m/A`` converts."""
     number, own = split_quantity(scale)
     signal = _checked_unit(unit, base)
     return _converted(float(number), f"({own}) * ({signal})" if own else signal, base)
@@ -133,7 +133,7 @@ def _checked_unit(unit: str, base: str) -> str:
 
 
 _LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
-"""Words of JSON schemas for pydantic's limits."""
+"""Keywords of JSON schemas for pydantic's limits."""
 
 
 def quantity(unit: str, **limits: float) -> Any:

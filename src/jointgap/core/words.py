@@ -1,4 +1,4 @@
-"""Numbers, units and names in plain words."""
+"""Labels of names, and formatted numbers and units."""
 
 import re
 from collections.abc import Iterable
@@ -6,8 +6,8 @@ from datetime import date
 from math import floor, log10, pi
 
 
-def in_words(name: str) -> str:
-    """``sensor bias: crank torque`` of ``sensor_bias:crank_torque``, ``crank pin`` of ``crank_pin``."""
+def format_name(name: str) -> str:
+    """Label of a name: ``crank pin`` for ``crank_pin``, ``sensor bias: encoder`` for ``sensor_bias:encoder``."""
     return re.sub("coulomb|stribeck", lambda person: person[0].title(), name.replace("_", " ").replace(":", ": "))
 
 
@@ -20,24 +20,24 @@ _NUISANCES = {
     "slider_offset": "offset of the slide",
     "stall_torque": "stall torque of the motor",
     "no_load_speed": "no-load speed of the motor",
-    "friction_speed": "sliding speed over which friction in the joints sets in",
+    "friction_speed": "sliding speed up to which friction in the joints rises",
     "joint_friction": "coefficient of friction of both pins",
     "restitution": "coefficient of restitution of both pins",
 }
 _OF_JOINTS = {
     "joint_friction_": "coefficient of friction of the",
     "restitution_": "coefficient of restitution of the",
-    "lasting_damping_": "natural logarithm of the factor on the damping of a lasting contact in the",
+    "lasting_damping_": "natural logarithm of the damping factor of a lasting contact in the",
 }
 
 
-def nuisance_in_words(key: str) -> str:
-    """``crank speed of run slow`` of ``speed@slow``: a parameter that is re-fitted beside what is searched for."""
+def format_nuisance(key: str) -> str:
+    """Label of a nuisance: ``speed@slow`` gives ``crank speed of run slow``."""
     name, _, run = key.partition("@")
-    words = _NUISANCES.get(name) or in_words(name)
+    words = _NUISANCES.get(name) or format_name(name)
     for beginning, of_joint in _OF_JOINTS.items():
         if name.startswith(beginning):
-            words = f"{of_joint} {in_words(name.removeprefix(beginning))}"
+            words = f"{of_joint} {format_name(name.removeprefix(beginning))}"
     return f"{words} of run {run}" if run else words
 
 
@@ -45,8 +45,9 @@ _READ_IN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / pi), "rad/s": ("rpm", 30.0 
 
 
 def reading_unit(unit: str, value: float | None = None) -> tuple[str, float]:
-    """In which unit a quantity of the SI `unit` is read best, and how many of these one SI unit is: mm, deg and rpm; of
-    a `value`, small lengths in um and times in the unit that needs no zeros."""
+    """Display unit of a quantity of the SI `unit`, and its number of units per SI unit: mm, deg and rpm; with a
+    `value`, a smaller unit for short lengths and times.
+    """
     if value and unit in _FINER:
         factor, finer = next((f for f in _FINER[unit] if abs(value) >= 0.1 * f[0]), _FINER[unit][-1])
         if unit == "s" or factor < 1e-3:
@@ -54,7 +55,7 @@ def reading_unit(unit: str, value: float | None = None) -> tuple[str, float]:
     return _READ_IN.get(unit, (unit, 1.0))
 
 
-def day_in_words(day: date) -> str:
+def format_day(day: date) -> str:
     """``3 November 2026``."""
     return f"{day.day} {day:%B %Y}"
 
@@ -66,15 +67,15 @@ def joined(parts: Iterable[str]) -> str:
 
 
 def number(value: float | str | None) -> str:
-    """Four digits; a formula as it is, a dash for what is not known."""
+    """Four digits; a formula unchanged; a dash for None."""
     if isinstance(value, str):
         return value
     return "–" if value is None or value != value else f"{value:.4g}"
 
 
 def with_error(value: float | str | None, error: float | None) -> tuple[str, str]:
-    """A `value` down to the second digit of its standard `error`, four digits at most, and that error; four digits
-    where there is none."""
+    """A `value` up to the second digit of its standard `error` (at most four digits), and the error; four digits
+    without an error."""
     if isinstance(value, str) or not value or not error or error != error:
         return number(value), number(error)
     size = floor(log10(abs(value)))
@@ -87,8 +88,8 @@ _SHOWN_UNITS = {"um": "µm", "us": "µs", "g_n": "g"}
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def unit_in_words(unit: str) -> str:
-    """``N m`` of ``N*m``, ``m/s²`` of ``m/s^2`` or ``m/s**2``, ``g`` of ``g_n``: a pint name for the eye."""
+def format_unit(unit: str) -> str:
+    """Typographic unit of a pint name: ``N*m`` gives ``N m``, ``m/s^2`` or ``m/s**2`` ``m/s²``, ``g_n`` ``g``."""
     shown = []
     for part in re.split(r"([*/ ])", unit.replace("**", "^")):
         name, _, power = part.partition("^")
@@ -100,29 +101,27 @@ _FINER = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")), "s": ((1.0, "s"), (1e-
 _DEGREE = 0.017453292519943295  # rad
 
 
-def size_for_the_eye(value: float, unit: str) -> str:
-    """``0.11 mm`` of a `value` of 0.00011 and the `unit` m: two digits, lengths and times in the unit that needs no
-    zeros, angles in degrees.
-    """
+def format_size(value: float, unit: str) -> str:
+    """Two digits in a suitable unit, angles in degrees: 0.00011 m gives ``0.11 mm``."""
     if unit == "rad":
         value, unit = value / _DEGREE, "deg"
-    factor, shown = next((f for f in _FINER.get(unit, ()) if abs(value) >= 0.1 * f[0]), (1.0, unit_in_words(unit)))
+    factor, shown = next((f for f in _FINER.get(unit, ()) if abs(value) >= 0.1 * f[0]), (1.0, format_unit(unit)))
     size = f"{value / factor:#.2g}".rstrip(".") if abs(value) < 100 * factor else f"{value / factor:.0f}"
     return with_unit(size, shown)
 
 
 def with_unit(value: str, unit: str) -> str:
-    """A `value` and its `unit`; that of a pure number (``1``) is left out."""
+    """A `value` with its `unit`, unless that is ``1``."""
     return value if unit in ("", "1") else f"{value} {unit}"
 
 
 def rounded_gap(gap: float) -> str:
-    """A gap [standard deviations of the noise]: two digits after the point, none from 100 on."""
+    """A gap [standard deviations of the noise] with two decimals, none from 100 on."""
     return f"{gap:.2f}" if gap < 100 else f"{gap:.0f}"
 
 
-def fall_in_percent(falls: Iterable[float]) -> str:
-    """``falls by 3.1 to 5.0 %`` of several `falls` [%]; ``changes by −5.0 to +1.2 %`` where one of them is none."""
+def format_falls(falls: Iterable[float]) -> str:
+    """``falls by 3.1 to 5.0 %`` for `falls` [%]; ``changes by −5.0 to +1.2 %`` if not all are positive."""
     low, high = min(falls := list(falls)), max(falls)
     if low > 0.0:
         return f"falls by {low:.1f} to {high:.1f} %"
@@ -130,5 +129,5 @@ def fall_in_percent(falls: Iterable[float]) -> str:
 
 
 def percent(share: float, digits: int = 1) -> str:
-    """A `share` of 1 in percent, with so many `digits` after the point."""
+    """A `share` in percent, with so many decimals."""
     return f"{100.0 * share:.{digits}f} %"

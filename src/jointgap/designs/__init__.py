@@ -1,1 +1,1 @@
-"""Thousands of designs: drawn, simulated, measured, and what is learnt from them."""
+"""Parameter sweeps and the studies of their designs."""

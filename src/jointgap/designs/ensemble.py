@@ -1,7 +1,4 @@
-"""Ensembles: every combination of varied values, each from several starts, written to Parquet while they are simulated.
-
-Memory does not grow with the number of runs.
-"""
+"""Ensembles: all combinations of varied values, each from several starts, written to Parquet with constant memory."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator
@@ -16,31 +13,31 @@ from jointgap.config.scenario import Runs
 from jointgap.config.variations import VARIED_BY_WORD, stored_value, with_values
 from jointgap.core import parquet, schema
 from jointgap.core.joints import JOINTS
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.dynamics.integrate import EVENT, EVENT_NAMES, MODES, mode_numbers
 from jointgap.dynamics.parallel import Outcome, Run, crank_speeds, rod_and_slider, simulate_runs
 from jointgap.dynamics.simulation import perturbed_start
 
 ROWS = 50_000
-"""Rows that are gathered before they are written as one row group."""
+"""Rows per row group."""
 
 SAMPLES, EVENTS, RUNS = "samples.parquet", "events.parquet", "runs.parquet"
-"""Files of an ensemble in its folder."""
+"""Files of an ensemble."""
 
 _REPEATED = ("run", "time", "crank_angle", "crank_speed", "rod_deflection", "rod_deflection_dot")
 _VECTORS, _PIVOT = ("r2_x", "r2_y", "r3_x", "r3_y"), ("r1_x", "r1_y")
 _CATEGORIES = {"joint": JOINTS, "event": EVENT_NAMES, **{f"{joint}_mode": MODES for joint in JOINTS}}
 
 _KINDS = {"boolean": "bool", "integer": "int"} | dict.fromkeys(("floating", "mixed-integer-float", "empty"), "float")
-"""Kind of the column of a varied value by what pandas infers of its values; words, or numbers among words, are text."""
+"""Column kind of a varied value, by pandas' inferred type; mixed values are text."""
 
 
 def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterator[Run]:
-    """Every combination of the varied values, each from several starts, which are the same for all combinations."""
+    """All combinations of the varied values, each from the same starts."""
     base = DrivenMechanism(mechanism=mechanism.applied(), simulate=options)
     combinations = [dict(zip(runs.vary, values, strict=True)) for values in itertools.product(*runs.vary.values())]
     scenarios = [with_values(base, values, "ensemble.vary") for values in combinations]
-    # Starting clearance vectors [m]: zero first, then normally distributed in the loose joints
+    # Initial clearance vectors [m]: zero, then normally distributed in the loose joints
     starts = np.random.default_rng(runs.seed).normal(0.0, runs.perturbation, (runs.members, 6))
     starts[0] = 0.0
     for scenario, values in zip(scenarios, combinations, strict=True):
@@ -52,14 +49,14 @@ def ensemble_runs(mechanism: Mechanism, options: Simulate, runs: Runs) -> Iterat
 def write_ensemble(
     runs: Iterable[Run], folder: Path | str, workers: int | None = None, total: int | None = None
 ) -> pd.DataFrame:
-    """Simulate runs and write their samples, events and what became of them to three Parquet files in `folder`.
+    """Simulate runs and write their samples, events and outcomes to three Parquet files in `folder`.
 
-    The files are `SAMPLES`, `EVENTS` and `RUNS`, rows in order of the runs whatever the number of workers. They appear
-    when all is written. A run that fails is in the table of runs, which is returned, with its reason.
+    The files `SAMPLES`, `EVENTS` and `RUNS` have rows in order of the runs and appear when all runs are finished. The
+    returned table of runs includes failed ones with their reason.
     """
     samples, events, table = places = [Path(folder) / name for name in (SAMPLES, EVENTS, RUNS)]
     parquet.check_writable(*places)
-    simulated = followed(simulate_runs(runs, workers), "runs of the ensemble", total)
+    simulated = with_progress(simulate_runs(runs, workers), "runs of the ensemble", total)
     rows: list[tuple[dict, dict]] = []
 
     def save(samples_path: str, events_path: str) -> None:
@@ -72,7 +69,7 @@ def write_ensemble(
                 if outcome.result is not None:
                     add(_sample_columns(number, outcome))
                     add_events(_event_columns(number, outcome))
-        _write_runs(rows, table)  # inside, so that no samples appear without their runs
+        _write_runs(rows, table)  # inside the context: no samples without their runs
 
     parquet.write_atomically(
         samples, lambda path: parquet.write_atomically(events, lambda events_path: save(path, events_path))
@@ -82,7 +79,7 @@ def write_ensemble(
 
 @contextmanager
 def _gathered(table: schema.Table, path: str) -> Iterator[Callable[[dict[str, np.ndarray]], None]]:
-    """A function that takes columns of a table, run by run, and writes them to a file in large groups."""
+    """A function that buffers columns of a table and writes them in large row groups."""
     waiting: list[dict[str, np.ndarray]] = []
     repeated = [c.name for c in table.columns if c.name in _REPEATED or c.kind != "float" or "bristle" in c.name]
     settings = {
@@ -126,7 +123,7 @@ def _run_row(number: int, outcome: Outcome) -> dict:
 
 
 def _sample_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
-    """Columns of the table of samples for one run that did not fail; modes as places in `MODES`."""
+    """Columns of the table of samples for one successful run; modes as indices in `MODES`."""
     p, result, n = outcome.parameters, outcome.result, len(outcome.crank_angle)
     states, further = result.states, result.auxiliary_states
     rod_angle, position = rod_and_slider(p, outcome.crank_angle, states, further)
@@ -150,7 +147,7 @@ def _sample_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
 
 
 def _event_columns(number: int, outcome: Outcome) -> dict[str, np.ndarray]:
-    """Columns of the table of events for one run; joints and events as places in `JOINTS` and `EVENT_NAMES`."""
+    """Columns of the table of events for one run; joints and events as indices in `JOINTS` and `EVENT_NAMES`."""
     columns = dict(zip(EVENT, outcome.result.events.T, strict=True))
     columns |= {"joint": columns["joint"].astype(np.int8), "event": columns.pop("begins").astype(np.int8)}
     return {"run": np.full(len(columns["event"]), number), **columns}
@@ -161,7 +158,7 @@ def _write_runs(rows: list[tuple[dict, dict]], path: Path) -> None:
     for name in rows[0][0] if rows else ():
         own = pd.Series([values.get(name) for values, _ in rows], dtype=object)
         kind, nullable = _KINDS.get(pd.api.types.infer_dtype(own, skipna=True), "text"), bool(own.isna().any())
-        if kind == "float" or (kind == "int" and nullable):  # only floats tell of no value in a frame
+        if kind == "float" or (kind == "int" and nullable):  # in a frame only floats represent missing values
             kind, own = "float", own.astype(float)
         frame[name] = own.map(str, na_action="ignore") if kind == "text" else own
         unit = VARIED_BY_WORD.get(name, "")

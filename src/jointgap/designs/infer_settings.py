@@ -1,7 +1,7 @@
-"""Settings that the paper does not print, inferred by rejection: the designs of a sweep that reproduce its numbers.
+"""Settings that the paper does not print, inferred by rejection sampling: designs that reproduce its printed numbers.
 
-The departure of a number is its error as a share of what is printed. The ratio of the lengths lies within a percent of
-the original one whatever the settings, so its departure is a share of its printed change.
+The error of a number is relative to its printed value; for the ratio of the lengths, which varies by a percent only,
+to its printed change.
 """
 
 from collections.abc import Iterator
@@ -23,30 +23,30 @@ from jointgap.core.page import Heading, Page, Paragraph, TableBlock
 from jointgap.core.schema import INFER_SETTINGS_DESIGNS, INFER_SETTINGS_SETTINGS, Table
 from jointgap.core.words import number as in_digits
 from jointgap.designs.sampling import Axis, Designs, designs_of
-from jointgap.designs.sweep import parameter_in_words, value_in_words
+from jointgap.designs.sweep import format_parameter, format_value
 from jointgap.paper.printed import CRANK_M, OPTIMA, ROD_M
 
 NEAREST_FILE, NEAREST_NAME = "nearest_scenario.yaml", "nearest_settings"
-"""File of the nearest settings that a scenario can hold, and the scenario's name in it."""
+"""File of the nearest settings that can be run as a scenario, and the scenario's name in it."""
 
-_LEVEL = 0.01  # of the tests for whether a setting matters
-_FEW = 30  # accepted designs below which nothing is said of a setting
+_LEVEL = 0.01  # significance level for whether a setting is informative
+_FEW = 30  # accepted designs below which settings are not tested
 _SHOWN = 8  # nearest designs on the page
-_SAMPLING = ("revolutions", "samples_per_revolution", "tolerance")  # that a sweep may have coarser than a scenario
-_NONE = "No design counts the RMS over the first revolution, as the optimum of a scenario does."
+_SAMPLING = ("revolutions", "samples_per_revolution", "tolerance")  # may be coarser in a sweep than in a scenario
+_NONE = "No design has the RMS over the first revolution as its error, which a scenario's optimum requires."
 
 
 class PrintedNumber(NamedTuple):
-    """A number that the paper prints and that is measured of each design."""
+    """A printed number that is computed for each design."""
 
     column: str  # Of the sweep's designs
     words: str
     printed: float  # [1]
-    scale: float  # What a departure is a share of [1]
-    text: str = "{:.2%}"  # How it is shown
+    scale: float  # Reference of its relative error [1]
+    text: str = "{:.2%}"  # Format
 
     def shown(self, value: float) -> str:
-        """A reduction in percent, a ratio as it is."""
+        """The formatted value."""
         return self.text.format(value).replace("%", " %")
 
 
@@ -62,35 +62,34 @@ NUMBERS = (
 
 
 def check(scenario: Scenario) -> None:
-    """InputError where the section `infer_settings` of a `scenario` cannot be done."""
+    """InputError where the section `infer_settings` of a `scenario` is infeasible."""
     if not scenario.sweep.parameters:
         raise InputError(
-            "infer_settings: nothing is swept; give sweep.parameters the settings that are sought, as in "
-            "config/paper_unknowns.yaml"
+            "infer_settings: sweep.parameters is empty; give the settings to infer, as in config/paper_unknowns.yaml"
         )
     if not scenario.sweep.printed_numbers:
-        raise InputError("infer_settings: no printed numbers are measured; set sweep.printed_numbers to true")
+        raise InputError("infer_settings: requires the paper's printed numbers; set sweep.printed_numbers to true")
     if not any(axis.varies for axis in designs_of(scenario).axes):
-        raise InputError("infer_settings: no setting varies, each has one value; give a range or a list of several")
+        raise InputError("infer_settings: every setting has one value; give a range or a list of values")
 
 
 @dataclass(frozen=True)
 class InferredSettings:
-    """The designs that reproduce the printed numbers, and what they say of the settings."""
+    """The designs that reproduce the printed numbers, and the distribution of their settings."""
 
     designs: Designs
     within: float
-    frame: pd.DataFrame  # Table `inferred_designs`: designs that did not fail, the nearest first
+    frame: pd.DataFrame  # Table `inferred_designs`: designs that did not fail, sorted by distance
     failed: int
 
     @property
     def varied(self) -> tuple[Axis, ...]:
-        """Settings that have more than one value."""
+        """Settings with more than one value."""
         return tuple(axis for axis in self.designs.axes if axis.varies)
 
     @cached_property
     def settings(self) -> pd.DataFrame:
-        """Of each setting where the accepted designs lie: the table `INFERRED_SETTINGS`."""
+        """Ranges of the accepted settings: the table `INFERRED_SETTINGS`."""
         rows, accepted = [], self.frame["together"]
         for axis in self.varied:
             own, common = self.frame[axis.key], {"setting": axis.key, "unit": axis.unit}
@@ -109,13 +108,13 @@ class InferredSettings:
 
     @property
     def tables(self) -> dict[Table, pd.DataFrame]:
-        """The tables that the stage writes."""
+        """The tables of the stage."""
         designs = INFER_SETTINGS_DESIGNS.filled(swept=[axis.column for axis in self.designs.axes])
         return {INFER_SETTINGS_SETTINGS: self.settings, designs: self.frame[designs.names]}
 
     @property
     def nearest_scenario(self) -> pd.Series | None:
-        """The nearest design that counts the RMS over the first revolution, as the optimum of a scenario does."""
+        """The nearest design whose error is the RMS over the first revolution, as in a scenario's optimum."""
         nearest = self.frame
         for key, value in (("error_measure", "rms"), ("revolution", 1)):
             if key in nearest:
@@ -124,16 +123,16 @@ class InferredSettings:
 
 
 def infer(designs: Designs, options: InferSettings | None, dataset: Path) -> InferredSettings:
-    """The settings that reproduce the printed numbers, from the designs of a sweep."""
+    """The settings that reproduce the printed numbers, from the dataset of a sweep."""
     columns = ["design", *(axis.key for axis in designs.axes), *(one.column for one in NUMBERS), "reason"]
     return accept(designs, parquet.read_columns(dataset, columns).to_pandas(), (options or InferSettings()).within)
 
 
 def accept(designs: Designs, frame: pd.DataFrame, within: float) -> InferredSettings:
-    """The same of a `frame` with the parameters, printed numbers and `reason` of the `designs` as columns."""
+    """The same from a `frame` with the parameters, printed numbers and `reason` of the `designs`."""
     fine = frame["reason"].isna() & np.isfinite(frame[[one.column for one in NUMBERS]]).all(axis=1)
     if not fine.any():
-        raise InputError("infer_settings: all designs failed; the page of the sweep tells why")
+        raise InputError("infer_settings: all designs failed; see the reasons on the page of the sweep")
     kept = frame[fine].drop(columns="reason").sort_values("design")
     farthest = departures(kept).max(axis=1)
     kept = kept.assign(farthest=farthest, together=farthest <= within)
@@ -142,12 +141,12 @@ def accept(designs: Designs, frame: pd.DataFrame, within: float) -> InferredSett
 
 
 def departures(frame: pd.DataFrame) -> np.ndarray:
-    """(n, 4): how far each of `NUMBERS` is off in designs, as a share."""
+    """Relative errors of `NUMBERS`, (n, 4), of n designs."""
     return np.abs(np.column_stack([(frame[one.column] - one.printed) / one.scale for one in NUMBERS]))
 
 
 def nearest_configuration(found: InferredSettings) -> str:
-    """A configuration, YAML, of the nearest settings that a scenario can hold; a comment alone where there are none."""
+    """The nearest settings as a YAML scenario; only a comment where there are none."""
     chosen = found.nearest_scenario
     if chosen is None:
         return f"# {_NONE}\n"
@@ -155,8 +154,8 @@ def nearest_configuration(found: InferredSettings) -> str:
     content = made.model_dump(mode="json", include={"mechanism", "simulate"}, exclude_none=True, by_alias=True)
     content["simulate"] = {key: value for key, value in content["simulate"].items() if key not in _SAMPLING}
     content["description"] = (
-        f"The nearest settings to all of the paper's printed numbers: design {int(chosen['design'])} of a sweep, "
-        f"none more than {_percent(chosen['farthest'])} off."
+        f"The nearest settings to all printed numbers of the paper: design {int(chosen['design'])} of a sweep; "
+        f"largest error {_percent(chosen['farthest'])}."
     )
     content["optimise"] = {"window": list(found.designs.counting(chosen).window)}
     content["surrogate"] = {"iterations": 2000, "seeds": [0]}
@@ -165,7 +164,6 @@ def nearest_configuration(found: InferredSettings) -> str:
 
 
 def page(found: InferredSettings) -> Page:
-    """The page of the settings that reproduce the printed numbers."""
     frame, chosen, accepted = found.frame, found.nearest_scenario, int(found.frame["together"].sum())
     headline = (
         f"{accepted or 'None'} of {len(frame)} parameter sets ({_percent(accepted / len(frame))}) reproduce "
@@ -209,7 +207,7 @@ def page(found: InferredSettings) -> Page:
 
 
 def _design(found: InferredSettings, rank: str, row: pd.Series) -> dict[str, str]:
-    settings = {parameter_in_words(axis.key): value_in_words(axis, row[axis.key]) for axis in found.varied}
+    settings = {format_parameter(axis.key): format_value(axis, row[axis.key]) for axis in found.varied}
     numbers = {one.words: one.shown(row[one.column]) for one in NUMBERS}
     return {"": rank} | settings | numbers | {"largest error": _percent(row["farthest"])}
 
@@ -218,12 +216,12 @@ def _settings(found: InferredSettings, accepted: int) -> Iterator[tuple[str, ...
     axes = {axis.key: axis for axis in found.varied}
     for row in found.settings.to_dict("records"):
         axis, chance = axes[row["setting"]], row["p_value"]
-        where = {str(value): value_in_words(axis, value) for value in axis.values or ()}.get(row["value"])
+        where = {str(value): format_value(axis, value) for value in axis.values or ()}.get(row["value"])
         if axis.values is None:
-            where = " to ".join(value_in_words(axis, row[end]) for end in ("low", "high")) if accepted else ""
+            where = " to ".join(format_value(axis, row[end]) for end in ("low", "high")) if accepted else ""
         verdict = "too few accepted" if accepted < _FEW else "informative" if chance < _LEVEL else "not informative"
         shares = (_percent(row["drawn"]), _percent(row["accepted"]) if accepted else "")
-        yield parameter_in_words(axis.key), where, *shares, in_digits(chance), verdict
+        yield format_parameter(axis.key), where, *shares, in_digits(chance), verdict
 
 
 def _percent(share: float) -> str:
@@ -231,7 +229,7 @@ def _percent(share: float) -> str:
 
 
 def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
-    """In which share of the designs the paper's printed numbers come out, alone and together, for MLflow."""
+    """Shares of the designs that reproduce the paper's printed numbers, singly and together, for MLflow."""
     names = ["together", "farthest", *(one.column for one in NUMBERS)]
     designs = parquet.read_columns(folder / "infer_settings/designs.parquet", names).to_pandas()
     shares = (departures(designs) <= scenario.infer_settings.within).mean(axis=0)

@@ -1,4 +1,4 @@
-"""Link lengths that hold whatever is uncertain: a search over the same draws, then a comparison on fresh ones."""
+"""Robust link lengths: optimisation over common random samples, then validation on independent ones."""
 
 import math
 import re
@@ -21,15 +21,15 @@ from jointgap.core.errors import InputError, needs
 from jointgap.core.joints import PINS
 from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock, written_today
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
-from jointgap.core.progress import tell
+from jointgap.core.progress import report_progress
 from jointgap.core.publish import numbers
-from jointgap.core.words import in_words, percent, reading_unit
+from jointgap.core.words import format_name, percent, reading_unit
 from jointgap.designs.sampling import Designs, axes_of, drawn_values
 from jointgap.designs.sweep import parameter_table
 from jointgap.dynamics.kinematics import transmission_angle
 from jointgap.dynamics.parallel import Outcome, Run, rod_and_slider, simulate_runs
 from jointgap.lengths.objective import Objective, measure, objective_of_motion
-from jointgap.lengths.region import MET, Constraint, Region, depends_on_offset, geometric
+from jointgap.lengths.region import FEASIBLE, Constraint, Region, depends_on_offset, geometric
 from jointgap.lengths.search import search_from_all
 
 with needs("optimising link lengths", "learn"):
@@ -42,80 +42,78 @@ with needs("optimising link lengths", "learn"):
     from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 SOURCE = "optimise_robust.uncertain"
-"""What errors call the place where something uncertain stands."""
+"""The section of uncertain parameters in error messages."""
 
 LENGTHS = ("crank_length", "rod_length")
-"""Words whose values are added to the lengths that are searched."""
+"""Parameters whose values are added to the lengths of the search."""
 
 _PATH_OF_A_LENGTH = re.compile(r"mechanism\.(crank|rod)\.(length|mass_centre)")
 _OF_THE_COMPUTATION = {"simulate.revolutions", "simulate.samples_per_revolution", "simulate.tolerance"}
 _OFFSET = "mechanism.slider.offset"
-_LARGEST_TOLERANCE = 0.1  # Share of a length beyond which what is added to it is, in all likelihood, the length itself
-_FRESH, _BOOTSTRAP = 1, 2  # beside the seed: the streams of the fresh draws and of the intervals
+_LARGEST_TOLERANCE = 0.1  # over the length; larger values are probably the length itself
+_FRESH, _BOOTSTRAP = 1, 2  # random streams of the independent samples and of the intervals, with the seed
 _CONFIDENCE = 0.95
-_AT_ONCE = 4_000_000  # numbers of bootstrap samples in memory
-_MISSED_MOST = 1e9  # Stands for infinity: a constraint on a force that no simulation gave
-_FAILED = 1e6  # Objectives of lengths of which no draw could be simulated: far above any, and finite
+_AT_ONCE = 4_000_000  # bootstrap values in memory
+_MISSED_MOST = 1e9  # constraint violation without a simulated force; finite, unlike infinity
+_FAILED = 1e6  # objectives of lengths whose simulations all failed
 
 
 def uncertain_of(scenario: Scenario) -> Designs:
-    """What the section `optimise_robust` of a `scenario` calls uncertain, as a Sobol sequence of draws."""
+    """The parameters in the section `optimise_robust` of a `scenario`, sampled by a Sobol sequence."""
     options = scenario.optimise_robust
     if not options.uncertain:
         raise InputError(
-            f"{SOURCE}: nothing is uncertain, so there is nothing to be robust against; give parameters with "
-            "distributions, such as friction: {from: 0.02, to: 0.15}"
+            f"{SOURCE}: is empty; give parameters with distributions, such as friction: {{from: 0.02, to: 0.15}}"
         )
     for key in options.uncertain:
         if link := _PATH_OF_A_LENGTH.fullmatch(key):
             raise InputError(
-                f"{SOURCE}.{key}: lengths are searched, and mass centres go with them; give {link[1]}_length with the "
-                "tolerance that is added, such as {distribution: normal, mean: 0 mm, deviation: 0.05 mm}"
+                f"{SOURCE}.{key}: lengths and mass centres are optimised; give {link[1]}_length with the tolerance to "
+                "add, such as {distribution: normal, mean: 0 mm, deviation: 0.05 mm}"
             )
         if key in _OF_THE_COMPUTATION:
-            raise InputError(f"{SOURCE}.{key}: is how the motion is computed, and not uncertain; leave it out")
+            raise InputError(f"{SOURCE}.{key}: is a solver option, not an uncertain parameter; remove it")
         if key == _OFFSET and (other := depends_on_offset(scenario.optimise.constraints)):
             raise InputError(
-                f"{SOURCE}.{key}: optimise.constraints.{other} is computed with the nominal offset; leave out one of "
-                "them"
+                f"{SOURCE}.{key}: optimise.constraints.{other} is computed with the nominal offset; remove one of them"
             )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     axes = axes_of(base, options.uncertain, SOURCE)
     for axis in axes:
         if not axis.varies:
-            raise InputError(f"{SOURCE}.{axis.key}: one value is not uncertain; give several, or a distribution")
+            raise InputError(f"{SOURCE}.{axis.key}: has one value only; give several, or a distribution")
         if axis.key in LENGTHS:
             shortest = min(getattr(box, axis.key)[0] for box in scenario.optimise.boxes.values())
             largest = max(map(abs, axis.at(np.array([0.001, 0.5, 0.999]))))
             if largest > _LARGEST_TOLERANCE * shortest:
                 raise InputError(
-                    f"{SOURCE}.{axis.key}: the length is searched, and what stands here is added to it; values up to "
-                    f"{1e3 * largest:g} mm are no tolerance of a length of {1e3 * shortest:g} mm or more: give the "
-                    "departure from nominal, such as mean: 0 mm"
+                    f"{SOURCE}.{axis.key}: values up to {1e3 * largest:g} mm are too large for a tolerance on a length "
+                    f"of {1e3 * shortest:g} mm; they are added to the optimised length: give the deviation from "
+                    "nominal, such as mean: 0 mm"
                 )
     return Designs(base, axes, Sweep(seed=options.seed), SOURCE)
 
 
 def fresh_draws(uncertain: Designs, count: int) -> list[dict[str, Any]]:
-    """Values by key of `count` draws, each independent of the others and of those of the search."""
+    """Values by key of `count` samples, independent of each other and of those of the search."""
     chance = np.random.default_rng([uncertain.sweep.seed, _FRESH])
     return drawn_values(uncertain.axes, chance.random((count, len(uncertain.axes))))
 
 
 def scenario_of(uncertain: Designs, values: dict[str, Any]) -> DrivenMechanism:
-    """Mechanism, at its nominal lengths, and simulation of a draw."""
+    """Mechanism at nominal lengths, and simulation, of a sample."""
     try:
         return uncertain.scenario({key: value for key, value in values.items() if key not in LENGTHS})
     except InputError as error:
-        raise InputError(f"{error}; a draw that is impossible: cut the distribution off with from and to") from None
+        raise InputError(f"{error}; this sample is infeasible: truncate the distribution with from and to") from None
 
 
 @dataclass(frozen=True)
 class Responses:
-    """What m pairs of lengths do in n draws."""
+    """Results of m pairs of lengths in n samples."""
 
     lengths: np.ndarray  # shape (m, 2); nominal [m]
-    actual: np.ndarray  # shape (m, n, 2); with the tolerances of each draw [m]
+    actual: np.ndarray  # shape (m, n, 2); with the tolerances of each sample [m]
     error: np.ndarray  # shape (m, n); RMS of the transmission angle [rad], NaN where the simulation failed
     force: np.ndarray  # shape (m, n); largest in a pin [N]
     stroke: np.ndarray  # shape (m, n) [m]
@@ -123,26 +121,26 @@ class Responses:
 
     @property
     def failed(self) -> np.ndarray:
-        """Draws whose simulation failed, shape (m,)."""
+        """Samples whose simulation failed, shape (m,)."""
         return np.count_nonzero(np.isnan(self.error), axis=-1)
 
 
 Responding = Callable[[np.ndarray], Responses]
-"""What answers for lengths (m, 2) [m] in every draw: a simulation, or a formula that stands in for it."""
+"""Responses of lengths (m, 2) [m] in all samples: a simulation, or a formula in its place."""
 
 
 class SimulatedDraws:
-    """The simulation at some `draws`, values by key, the same for all lengths; InputError where one is impossible."""
+    """The simulation at common samples, `draws` of values by key; InputError where one is infeasible."""
 
     def __init__(self, scenario: Scenario, uncertain: Designs, draws: list[dict[str, Any]], workers: int | None = None):
         self.scenarios = [scenario_of(uncertain, values) for values in draws]
-        # What each draw adds to (L2, L3) [m]
+        # tolerances of (L2, L3) in each sample [m]
         self.tolerances = np.array([[values.get(key, 0.0) for key in LENGTHS] for values in draws])
         self.original, self.optimise, self.workers = uncertain.base.mechanism, scenario.optimise, workers
         self.is_settled = scenario.optimise_robust.revolution == "settled"
 
     def __call__(self, lengths: np.ndarray) -> Responses:
-        """What `lengths` (m, 2) [m] do in every draw."""
+        """Responses of `lengths` (m, 2) [m] in all samples."""
         actual = lengths[:, None, :] + self.tolerances
         runs = (
             Run(made.mechanism.with_lengths(*map(float, own)), made.simulate)
@@ -154,24 +152,23 @@ class SimulatedDraws:
         return Responses(lengths, actual, *(columns[name].to_numpy().reshape(actual.shape[:2]) for name in columns))
 
     def rod_angles(self, outcome: Outcome) -> tuple[np.ndarray, np.ndarray]:
-        """Crank and rod angles [rad] at the samples that the error counts."""
+        """Crank and rod angles [rad] at the samples of the error."""
         per_turn, result = outcome.run.options.samples_per_revolution, outcome.result
-        counted = self._settled(outcome)[:-1]  # its end is its beginning again
+        counted = self._settled(outcome)[:-1]  # the end repeats the beginning
         if not self.is_settled:
             turned = np.arange(per_turn) * (2.0 * np.pi / per_turn)
-            slack = np.pi / per_turn  # half a sample: the window's ends do not hang on rounding
+            slack = np.pi / per_turn  # half a sample: the window's ends do not depend on rounding
             low, high = self.optimise.window
             counted = np.flatnonzero((turned >= low - slack) & (turned <= high + slack))
         angle, states = outcome.crank_angle[counted], (result.states[counted], result.auxiliary_states[counted])
         return angle, rod_and_slider(outcome.parameters, angle, *states)[0]
 
     def _settled(self, outcome: Outcome) -> np.ndarray:
-        """Samples of the settled revolution."""
         per_turn = outcome.run.options.samples_per_revolution
         return (self.optimise.ensemble.settled_revolution - 1) * per_turn + np.arange(per_turn + 1)
 
     def _measured(self, outcome: Outcome) -> tuple[float, float, float, str | None]:
-        """Error [rad], force [N] and stroke [m] of one motion; why there are none."""
+        """Error [rad], force [N] and stroke [m] of one motion; or the reason of a failure."""
         if outcome.error is not None:
             return math.nan, math.nan, math.nan, str(outcome.error)
         seen = outcome.result.part(self._settled(outcome)).observed(outcome.parameters)
@@ -183,7 +180,7 @@ class SimulatedDraws:
         return float(error), float(force), float(np.ptp(seen["slider_position"])), None
 
     def frozen(self) -> Objective:
-        """The error over lengths, the motion in the joints being that of the original ones, as in the paper."""
+        """The error over lengths with the joint motion of the original lengths frozen, as in the paper."""
         (outcome,) = simulate_runs([Run(self.original, self.scenarios[0].simulate)], 1)
         if outcome.error is not None:
             raise outcome.error
@@ -191,28 +188,28 @@ class SimulatedDraws:
 
 
 def minimised(options: OptimiseRobust, values: np.ndarray) -> np.ndarray:
-    """What is minimised, shape (...), of `values` (..., n) in n draws; draws that are NaN do not count."""
+    """The objective, shape (...), of `values` (..., n) in n samples; NaN is skipped."""
     if options.measure == "quantile":
         return np.nanquantile(values, options.quantile, axis=-1)
     return np.nanmean(values, axis=-1) + options.deviations * deviation(values)
 
 
-def minimised_in_words(options: OptimiseRobust) -> str:
-    """Its name in a sentence."""
+def format_objective(options: OptimiseRobust) -> str:
+    """Name of the objective."""
     if options.measure == "quantile":
         return f"{100 * options.quantile:g} % quantile"
     return f"mean plus {options.deviations:g} standard deviations" if options.deviations else "mean"
 
 
 def deviation(values: np.ndarray) -> np.ndarray:
-    """Standard deviation, shape (...), of `values` (..., n), unbiased in its square; 0 of one value."""
+    """Standard deviation, shape (...), of `values` (..., n), from the unbiased variance; 0 for one value."""
     return np.nan_to_num(np.nanstd(values, ddof=1, axis=-1))
 
 
-def held_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
-    """By how much a constraint is missed in all but the worst draws, shape (...).
+def violation_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
+    """Quantile of the constraint violation, shape (...).
 
-    At most 0 just where the constraint holds in a share of `probability` of the draws, or more.
+    At most 0 where the constraint holds in a share of at least `probability` of the samples.
     """
     n = missed.shape[-1]
     place = min(math.ceil(probability * n - 1e-9), n) - 1
@@ -220,52 +217,47 @@ def held_quantile(missed: np.ndarray, probability: float) -> np.ndarray:
 
 
 OBJECTIVES = ("error", "force", "stroke_change")
-"""What the front trades against each other, by column of the candidates."""
+"""Objectives of the Pareto front, by column of the candidates."""
 
 
 @dataclass(frozen=True)
 class RobustProblem:
-    """What lengths are asked to do."""
+    """Region, objectives and constraints of the robust optimisation."""
 
-    region: Region  # Where they may lie; its constraints follow from the lengths alone and hold for the nominal ones
-    original: tuple[float, float]  # The lengths that were designed, (L2, L3) [m]
+    region: Region  # Of the nominal lengths, with the constraints that depend on lengths only
+    original: tuple[float, float]  # Original lengths, (L2, L3) [m]
     offset: float  # Of the slide [m]
     options: OptimiseRobust
-    constraints: Constraints  # The section of the configuration; of it the largest force in a pin
+    constraints: Constraints  # Section of the configuration, for the largest pin force
 
     @property
     def ranges(self) -> list[Constraint]:
-        """Constraints that tolerances may lead out of. What is fixed holds for the nominal lengths alone, for no length
-        with a tolerance meets a value exactly.
-        """
+        """Constraints that tolerances can violate. Equality constraints refer to the nominal lengths only."""
         return [each for each in self.region.constraints if not each.is_fixed]
 
-    def missed(self, responses: Responses) -> dict[str, np.ndarray]:
-        """By constraint how far it is missed, shape (m, n), below 0 where it is met: in mm or deg, a force in % of its
-        limit.
-        """
+    def violation(self, responses: Responses) -> dict[str, np.ndarray]:
+        """Violation by constraint, shape (m, n), negative where satisfied: in mm or deg; a force in % of its limit."""
         found = {}
         for each in self.ranges:
             value = each.value(responses.actual)
-            found[each.key] = np.maximum(each.low - value, value - each.high) / each.scale - MET
+            found[each.key] = np.maximum(each.low - value, value - each.high) / each.scale - FEASIBLE
         if (most := self.constraints.largest_pin_force) is not None:
             found["largest_pin_force"] = 100.0 * (responses.force / most - 1.0)
         return found
 
     def stroke(self, lengths: np.ndarray) -> np.ndarray:
-        """The stroke without clearance [m], shape (...), of `lengths` (..., 2) [m]."""
         crank, rod = lengths[..., 0], lengths[..., 1]
         return np.sqrt((rod + crank) ** 2 - self.offset**2) - np.sqrt((rod - crank) ** 2 - self.offset**2)
 
     def assess(self, responses: Responses) -> pd.DataFrame:
-        """A row for each pair of lengths: what the search goes by."""
+        """Objectives and constraints, one row per pair of lengths."""
         lengths = responses.lengths
-        missed = self.region.missed(lengths)
-        missed = np.where(missed > MET, missed, 0.0)
-        for each in self.missed(responses).values():
-            missed = missed + np.maximum(held_quantile(each, self.options.probability), 0.0)
+        missed = self.region.violation(lengths)
+        missed = np.where(missed > FEASIBLE, missed, 0.0)
+        for each in self.violation(responses).values():
+            missed = missed + np.maximum(violation_quantile(each, self.options.probability), 0.0)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, where no draw or one alone is left
+            warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, where at most one sample has a value
             return pd.DataFrame(
                 {
                     "crank_length": lengths[:, 0],
@@ -282,62 +274,61 @@ class RobustProblem:
 
 
 class _Lengths(Problem):
-    """The lengths of a region as pymoo wants them; keeps what it was asked, a frame a generation."""
+    """The lengths of a region as a pymoo problem; keeps the evaluated candidates, one frame per generation."""
 
-    def __init__(self, asked: RobustProblem, respond: Responding, objectives: tuple[str, ...], before: int, total: int):
-        region = asked.region
+    def __init__(self, task: RobustProblem, respond: Responding, objectives: tuple[str, ...], before: int, total: int):
+        region = task.region
         super().__init__(n_var=2, n_obj=len(objectives), n_ieq_constr=2, xl=region.lower, xu=region.upper)
-        self.asked, self.respond, self.objectives, self.before, self.total = asked, respond, objectives, before, total
+        self.task, self.respond, self.objectives, self.before, self.total = task, respond, objectives, before, total
         self.generations: list[pd.DataFrame] = []
 
     def _evaluate(self, x, out, *args, **kwargs):
-        found = self.asked.assess(self.respond(x))
+        found = self.task.assess(self.respond(x))
         self.generations.append(found)
-        tell("generations of lengths", self.before + len(self.generations), self.total)
+        report_progress("generations of lengths", self.before + len(self.generations), self.total)
         out["F"] = found[list(self.objectives)].fillna(_FAILED).to_numpy()
         out["G"] = found[["missed", "failed"]].to_numpy(dtype=float)
 
 
 class _OntoRegion(Repair):
     def _do(self, problem, x, **kwargs):
-        return problem.asked.region.nearest(x)
+        return problem.task.region.nearest(x)
 
 
-def search(asked: RobustProblem, respond: Responding, with_front: bool = True) -> pd.DataFrame:
-    """Search the region for the best lengths, and for the front."""
-    region, options = asked.region, asked.options
+def search(task: RobustProblem, respond: Responding, with_front: bool = True) -> pd.DataFrame:
+    """Optimise the lengths in the region, and the Pareto front."""
+    region, options = task.region, task.options
     steps = {"one measure": OBJECTIVES[:1]} | ({"front": OBJECTIVES} if with_front else {})
     total = 1 + len(steps) * options.generations
-    tell("generations of lengths", 0, total)
+    report_progress("generations of lengths", 0, total)
     cranks, rods = np.meshgrid(*np.linspace(region.lower, region.upper, options.grid).T, indexing="ij")
     grid = np.stack([cranks.ravel(), rods.ravel()], axis=1)
     grid = grid[region.contains(grid, slack=1e-12)]
-    grid = region.nearest(np.vstack([grid, region.clip(np.array(asked.original))]))
-    found = asked.assess(respond(grid)).assign(step="grid", generation=0)
+    grid = region.nearest(np.vstack([grid, region.clip(np.array(task.original))]))
+    found = task.assess(respond(grid)).assign(step="grid", generation=0)
     for number, (step, objectives) in enumerate(steps.items()):
         before = 1 + number * options.generations
-        tell("generations of lengths", before, total)
-        problem = _Lengths(asked, respond, objectives, before, total)
-        given = {"pop_size": options.population, "sampling": _beginning(found, asked, number), "repair": _OntoRegion()}
+        report_progress("generations of lengths", before, total)
+        step_problem = _Lengths(task, respond, objectives, before, total)
+        given = {"pop_size": options.population, "sampling": _beginning(found, task, number), "repair": _OntoRegion()}
         algorithm = NSGA2(crossover=PCX(), **given) if number else DE(variant="DE/best/1/bin", CR=1.0, **given)
-        minimize(problem, algorithm, ("n_gen", options.generations), seed=options.seed)
-        tried = [each.assign(step=step, generation=k) for k, each in enumerate(problem.generations)]
+        minimize(step_problem, algorithm, ("n_gen", options.generations), seed=options.seed)
+        tried = [each.assign(step=step, generation=k) for k, each in enumerate(step_problem.generations)]
         found = pd.concat([found, *tried], ignore_index=True)
     return found
 
 
 def ranked(candidates: pd.DataFrame) -> np.ndarray:
-    """Places of the candidates from the best on: those that keep the constraints by their error, then the nearest."""
+    """Indices of the candidates from the best on: feasible ones by their error, then the others by violation."""
     return np.lexsort((candidates["error"].fillna(np.inf), candidates["missed"], candidates["failed"]))
 
 
 def best_of(candidates: pd.DataFrame) -> pd.Series:
-    """The best of the candidates."""
     return candidates.iloc[ranked(candidates)[0]]
 
 
-def front_of(candidates: pd.DataFrame) -> np.ndarray:
-    """Places of the candidates that keep the constraints and that no other one is better than in all objectives."""
+def pareto_front(candidates: pd.DataFrame) -> np.ndarray:
+    """Indices of the feasible candidates that are not dominated."""
     allowed = np.flatnonzero((candidates["missed"] <= 0.0) & (candidates["failed"] == 0))
     if not len(allowed):
         return allowed
@@ -346,45 +337,45 @@ def front_of(candidates: pd.DataFrame) -> np.ndarray:
     return kept[~candidates.iloc[kept].duplicated(list(LENGTHS)).to_numpy()]
 
 
-def _beginning(candidates: pd.DataFrame, asked: RobustProblem, number: int) -> np.ndarray:
-    """Where a step begins: half of it the best of what was tried, half spread over the region, shape (n, 2) [m]."""
-    half, places = asked.options.population // 2, ranked(candidates)
-    if number and len(front := front_of(candidates)):
-        # the front of all that was tried, its ends and evenly along the error
+def _beginning(candidates: pd.DataFrame, task: RobustProblem, number: int) -> np.ndarray:
+    """Initial population of a step: half of it the best so far, half spread over the region, shape (n, 2) [m]."""
+    half, places = task.options.population // 2, ranked(candidates)
+    if number and len(front := pareto_front(candidates)):
+        # the front so far, with its ends and evenly along the error
         ordered = front[np.argsort(candidates["error"].to_numpy()[front], kind="stable")]
         places = ordered[np.unique(np.linspace(0, len(ordered) - 1, half).round().astype(int))]
     best = candidates.loc[places[:half], list(LENGTHS)].to_numpy()
-    chance = np.random.default_rng([asked.options.seed, number])  # not where the step before began
-    spread = qmc.LatinHypercube(2, rng=chance).random(asked.options.population - len(best))
-    return np.vstack([best, asked.region.nearest(asked.region.unscaled(spread))])
+    chance = np.random.default_rng([task.options.seed, number])  # different from the step before
+    spread = qmc.LatinHypercube(2, rng=chance).random(task.options.population - len(best))
+    return np.vstack([best, task.region.nearest(task.region.unscaled(spread))])
 
 
 COMPARED = ("original", "frozen", "nominal", "robust")
-"""Pairs of lengths that are put side by side, each compared with those before it."""
+"""Pairs of lengths in the comparison, each compared with those before it."""
 
 _STATISTICS = ("mean", "deviation", "measure", "quantile_05", "median", "quantile_95")
 _QUANTITIES = ("error", "force", "stroke")
-_ENDS = ("", "_low", "_high")  # of the columns of a value and its interval
+_ENDS = ("", "_low", "_high")  # suffixes of a value and its interval
 
 
 @dataclass(frozen=True)
 class RobustOptimum:
-    """What the stage finds, as tables, and what was asked."""
+    """The tables of the stage, and the task."""
 
     candidates: pd.DataFrame
     fresh: pd.DataFrame
-    lengths: pd.DataFrame  # A row for each pair of lengths: each statistic of each quantity, with its interval
-    gains: pd.DataFrame  # A row for each two of them: how often, and by how much, the error of one is the smaller
-    constraints: pd.DataFrame  # A row for each pair of lengths and constraint
+    lengths: pd.DataFrame  # A row per pair of lengths: statistics of each quantity with intervals
+    gains: pd.DataFrame  # A row per comparison: how often, and by how much, the error is smaller
+    constraints: pd.DataFrame  # A row per pair of lengths and constraint
     uncertain: Designs
-    asked: RobustProblem
+    task: RobustProblem
 
     @property
     def tables(self) -> dict[schema.Table, pd.DataFrame]:
-        """The tables that the stage writes."""
+        """The tables of the stage."""
         columns = []
         for axis in self.uncertain.axes:
-            what = "what is added to the nominal length" if axis.key in LENGTHS else "uncertain"
+            what = "tolerance added to the nominal length" if axis.key in LENGTHS else "uncertain"
             columns.append(replace(axis.column, description=f"{axis.key}: {what}"))
         return {
             schema.OPTIMISE_ROBUST_LENGTHS: self.lengths,
@@ -395,15 +386,15 @@ class RobustOptimum:
         }
 
 
-def compare(asked: RobustProblem, names: tuple[str, ...], responses: Responses) -> dict[str, pd.DataFrame]:
-    """Put lengths side by side: the tables `lengths`, `gains` and `constraints`."""
-    options, counted = asked.options, ~np.isnan(responses.error).any(axis=0)
+def compare(task: RobustProblem, names: tuple[str, ...], responses: Responses) -> dict[str, pd.DataFrame]:
+    """Compare lengths: the tables `lengths`, `gains` and `constraints`."""
+    options, counted = task.options, ~np.isnan(responses.error).any(axis=0)
     draws = np.count_nonzero(counted)
     if draws < 2:
         reason = next(filter(None, responses.reasons.flat))
         raise InputError(
-            f"optimise_robust: of {len(counted)} fresh draws fewer than two could be simulated with all lengths that "
-            f"are compared; the first that failed: {reason}"
+            f"optimise_robust: fewer than two of {len(counted)} validation samples were simulated with all lengths; "
+            f"the first failure: {reason}"
         )
 
     def statistics(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -442,7 +433,7 @@ def compare(asked: RobustProblem, names: tuple[str, ...], responses: Responses) 
         gains.append(row)
     held = [
         {"lengths": name, "constraint": key, "asked": options.probability, "draws": len(row)} | _share(row <= 0.0)
-        for key, missed in asked.missed(responses).items()
+        for key, missed in task.violation(responses).items()
         for name, row in zip(names, missed, strict=True)
     ]
     return {
@@ -453,27 +444,27 @@ def compare(asked: RobustProblem, names: tuple[str, ...], responses: Responses) 
 
 
 def _share(happened: np.ndarray) -> dict[str, float]:
-    """How often something happened, and the exact interval of its probability."""
+    """Frequency of an event, and the exact interval of its probability."""
     times, trials = int(np.count_nonzero(happened)), len(happened)
     interval = binomtest(times, trials).proportion_ci(_CONFIDENCE, method="exact")
     return {"probability": times / trials, "probability_low": interval.low, "probability_high": interval.high}
 
 
 def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOptimum:
-    """Search robust lengths in the first of the scenario's boxes, and compare them on fresh draws."""
+    """Optimise robust lengths in the first of the scenario's boxes, and validate them on independent samples."""
     options, uncertain = scenario.optimise_robust, uncertain_of(scenario)
-    asked, draws = _asked(scenario), fresh_draws(uncertain, options.fresh_draws)
-    # all draws are made, and those that are impossible refused, before the first is simulated
+    task, draws = _task(scenario), fresh_draws(uncertain, options.fresh_draws)
+    # create all samples first: infeasible ones are rejected before any simulation
     at_nominal, at_draws, at_fresh = (
         SimulatedDraws(scenario, uncertain, values, workers)
         for values in ([{}], uncertain.values(0, options.draws), draws)
     )
-    nominal = search(asked, at_nominal, with_front=False).assign(search="nominal", on_front=False)
-    robust = search(asked, at_draws).assign(search="robust", on_front=False)
-    robust.loc[front_of(robust), "on_front"] = True
-    frozen = search_from_all(at_nominal.frozen(), asked.region, scenario.optimise.local_tolerance)
+    nominal = search(task, at_nominal, with_front=False).assign(search="nominal", on_front=False)
+    robust = search(task, at_draws).assign(search="robust", on_front=False)
+    robust.loc[pareto_front(robust), "on_front"] = True
+    frozen = search_from_all(at_nominal.frozen(), task.region, scenario.optimise.local_tolerance)
     best = [best_of(each)[list(LENGTHS)] for each in (nominal, robust)]
-    lengths = np.array([asked.original, min(frozen, key=lambda each: each.value).lengths, *best], float)
+    lengths = np.array([task.original, min(frozen, key=lambda each: each.value).lengths, *best], float)
     responses = at_fresh(lengths)
     values = pd.DataFrame(draws)
     fresh = pd.concat([values.assign(draw=values.index, lengths=name) for name in COMPARED], ignore_index=True)
@@ -481,20 +472,20 @@ def optimise_robust(scenario: Scenario, workers: int | None = None) -> RobustOpt
     return RobustOptimum(
         pd.concat([nominal, robust], ignore_index=True),
         fresh.assign(**found, reason=responses.reasons.ravel()),
-        **compare(asked, COMPARED, responses),
+        **compare(task, COMPARED, responses),
         uncertain=uncertain,
-        asked=asked,
+        task=task,
     )
 
 
 def check(scenario: Scenario) -> None:
-    """Whether the section `optimise_robust` of a `scenario` can be done at all; InputError as `optimise_robust`."""
+    """InputError where the section `optimise_robust` of a `scenario` is infeasible."""
     uncertain = uncertain_of(scenario)
-    _asked(scenario)
+    _task(scenario)
     SimulatedDraws(scenario, uncertain, uncertain.values(0, scenario.optimise_robust.draws))
 
 
-def _asked(scenario: Scenario) -> RobustProblem:
+def _task(scenario: Scenario) -> RobustProblem:
     original, optimise = scenario.mechanism.applied(), scenario.optimise
     if not original.loose:
         raise InputError(
@@ -511,19 +502,17 @@ _MDEG = 1e3 * 180.0 / np.pi
 
 _LOOKS = {
     "original": ("original lengths", "ideal", "o"),
-    "frozen": ("frozen motion (the paper's way)", "paper", "v"),
+    "frozen": ("frozen motion (as in the paper)", "paper", "v"),
     "nominal": ("best at nominal values", "network", "s"),
     "robust": ("robust optimum", "simulation", "D"),
 }
-"""Words, colour and mark of each pair of lengths."""
+"""Label, colour and marker of each pair of lengths."""
 
 _FRONT_ROWS = 9
 
 
 def draw(found: RobustOptimum) -> Iterator[tuple[str, Drawing]]:
-    """All figures by name; without the front where no lengths that were tried keep the constraints, and without the map
-    where these leave a line of lengths, or single ones.
-    """
+    """All figures by name; the front only where feasible lengths exist, the map only where candidates fill an area."""
     with plot.matplotlib_style():
         yield "robust_errors", _errors(found)
         if has_map(found):
@@ -533,22 +522,21 @@ def draw(found: RobustOptimum) -> Iterator[tuple[str, Drawing]]:
 
 
 def _tried(found: RobustOptimum) -> pd.DataFrame:
-    """Candidates of the robust search."""
     return found.candidates[found.candidates["search"] == "robust"]
 
 
 def has_map(found: RobustOptimum) -> bool:
-    """Whether the candidates fill an area; a fixed stroke leaves a line of lengths, two fixed values a point."""
-    return not any(each.is_fixed for each in found.asked.region.constraints)
+    """Whether the candidates fill an area; a fixed stroke leaves a curve of lengths, two fixed values a point."""
+    return not any(each.is_fixed for each in found.task.region.constraints)
 
 
 def _front(found: RobustOptimum) -> Drawing:
-    """Error against force, and against the change of the stroke: the front, and what else was tried near it."""
+    """Error against force and against the change of the stroke: Pareto front and nearby candidates."""
     shown = _tried(found).assign(
         error=lambda own: _MDEG * own["error"], stroke_change=lambda o: 1e3 * o["stroke_change"]
     )
     allowed, front = shown[(shown["missed"] <= 0.0) & (shown["failed"] == 0)], shown[shown["on_front"]]
-    best, words = front.loc[front["error"].idxmin()], minimised_in_words(found.asked.options)
+    best, words = front.loc[front["error"].idxmin()], format_objective(found.task.options)
     sheet = Sheet(4.2, 1, 2)
     quantities = {
         "force": Quantity(f"largest force in a pin, {words}", "N"),
@@ -561,7 +549,7 @@ def _front(found: RobustOptimum) -> Drawing:
         panel.axes.margins(0.06)
         limits = panel.axes.get_xlim(), panel.axes.get_ylim()  # around the front
         near = allowed[allowed[name].between(*limits[0]) & allowed["error"].between(*limits[1])]
-        panel.marks("tried, constraints kept", near[name], near["error"], "other", markersize=2.5, alpha=0.6)
+        panel.marks("other feasible candidates", near[name], near["error"], "other", markersize=2.5, alpha=0.6)
         _mark(panel, "robust", [best[name]], [best["error"]])
         panel.axes.set(xlim=limits[0], ylim=limits[1])
     sheet.legend()
@@ -575,19 +563,19 @@ def _mark(panel: Panel, name: str, x: list[float], y: list[float]) -> None:
 
 
 def _errors(found: RobustOptimum) -> Drawing:
-    """Share of the draws below an error, and what a change of the lengths gains in each draw."""
+    """Distribution of the error over the samples, and of its reduction per sample."""
     sheet = Sheet(4.0, 1, 2)
-    share = Quantity("share of the draws", "%")
+    share = Quantity("share of the samples", "%")
     errors = _MDEG * found.fresh.pivot(index="draw", columns="lengths", values="error").dropna()
     left = sheet.panel((0, 0), "error", Quantity("RMS error of the transmission angle", "mdeg"), share)
-    right = sheet.panel((0, 1), "fall of the error by the change", Quantity("fall of the error", "mdeg"), share)
+    right = sheet.panel((0, 1), "reduction of the error", Quantity("reduction of the error", "mdeg"), share)
     shares = 100.0 * np.arange(1, len(errors) + 1) / len(errors)
     for name, (words, colour, _) in _LOOKS.items():
         style = {"linewidth": 1.8 if name == "robust" else 1.2, "linestyle": "--" if name == "nominal" else "-"}
         left.line(words, np.sort(errors[name]), shares, colour, **style)
         if name != "original":
             right.line(words, np.sort(errors["original"] - errors[name]), shares, colour, **style)
-    right.vertical_line("no gain to the left of it", 0.0)
+    right.vertical_line("no gain", 0.0)
     left.axes.set(xlim=(0.0, None), ylim=(0.0, 100.0))
     right.axes.set_ylim(0.0, 100.0)
     sheet.legend()
@@ -595,12 +583,12 @@ def _errors(found: RobustOptimum) -> Drawing:
 
 
 def _map(found: RobustOptimum) -> Drawing:
-    """What is minimised over both lengths, between the candidates."""
+    """The objective over both lengths, interpolated between the candidates."""
     tried = _tried(found).dropna(subset="error").drop_duplicates(list(LENGTHS))
     x, y, value = (tried[[*LENGTHS, "error"]] * [1e3, 1e3, _MDEG]).to_numpy().T
     sheet, quantity = Sheet(5.2, 1, 1), Quantity("error", "mdeg")
     lengths = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
-    panel = sheet.panel((0, 0), f"error, {minimised_in_words(found.asked.options)}", *lengths)
+    panel = sheet.panel((0, 0), f"error, {format_objective(found.task.options)}", *lengths)
     levels = np.geomspace(value.min(), value.max(), 15)
     drawn = panel.axes.tricontourf(x, y, value, levels=levels, cmap="Blues_r", norm=LogNorm())
     sheet.figure.colorbar(drawn, ax=panel.axes, label=quantity.label, aspect=30, ticks=levels[::2], format="%.3g")
@@ -613,44 +601,43 @@ def _map(found: RobustOptimum) -> Drawing:
 
 
 def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
-    """The page of robust lengths."""
-    options, region, tried = scenario.optimise_robust, found.asked.region, _tried(found)
-    words, draws = minimised_in_words(options), found.lengths["draws"].iloc[0]
+    options, region, tried = scenario.optimise_robust, found.task.region, _tried(found)
+    words, draws = format_objective(options), found.lengths["draws"].iloc[0]
     settled = f"revolution {scenario.optimise.ensemble.settled_revolution}"
     compared = (
-        f"{draws} fresh draws, independent of the search and the same for all lengths ({options.fresh_draws - draws} "
-        "more failed and are left out). The error is the RMS over "
+        f"{draws} validation samples, independent of the search and common to all lengths "
+        f"({options.fresh_draws - draws} more failed and are excluded). The error is the RMS over "
         f"{settled if options.revolution == 'settled' else 'the window of the first revolution'} of the transmission "
-        f"angle of the original lengths without clearance, less that of the simulated motion; its measure is the "
+        f"angle of the original lengths without clearance, minus that of the simulated motion. The objective is its "
         f"{words}. In brackets: 95 % intervals (bootstrap; exact for probabilities)."
     )
-    limits = {each.key: f"{each.words} {each.asked()}" for each in found.asked.ranges}
-    limits["largest_pin_force"] = f"largest force in a pin {found.asked.constraints.largest_pin_force or 0:g} N at most"
+    limits = {each.key: f"{each.words} {each.range_text()}" for each in found.task.ranges}
+    limits["largest_pin_force"] = f"largest pin force {found.task.constraints.largest_pin_force or 0:g} N at most"
     held = found.constraints.assign(constraint=found.constraints["constraint"].map(limits))
-    constraints = Heading("Constraints"), _table("constraints", held, "Share of the draws in which they hold", *_HELD)
+    constraints = Heading("Constraints"), _table("constraints", held, "Share of the samples that satisfy them", *_HELD)
     front = tried[tried["on_front"]].sort_values("error")
     places = np.unique(np.linspace(0, max(len(front) - 1, 0), _FRONT_ROWS).round().astype(int))[: len(front)]
     active = region.active(best_of(tried.dropna(subset="error"))[list(LENGTHS)].to_numpy(dtype=float))
     method = (
         f"{len(tried)} pairs of lengths within {1e3 * region.lower} to {1e3 * region.upper} mm, each simulated in the "
-        f"same {options.draws} draws (scrambled Sobol sequence, seed {options.seed}): a grid, then differential "
-        f"evolution for the error, then NSGA-II for the front. Active limits: {active}. All numbers are in the Parquet "
-        "files beside this page; `jointgap describe FILE` explains their columns."
+        f"same {options.draws} samples (scrambled Sobol sequence, seed {options.seed}). Search: a grid, then "
+        f"differential evolution for the error, then NSGA-II for the front. Active limits: {active}. All numbers are "
+        "in the Parquet files next to this page; `jointgap describe FILE` explains their columns."
     )
     blocks = (
         *(Paragraph(sentence, strong=True) for sentence in verdict(found)),
-        Heading("Comparison on fresh draws"),
+        Heading("Validation on independent samples"),
         Paragraph(compared),
         _table("lengths", found.lengths, "Error of the transmission angle", "lengths", *LENGTHS, *_ERRORS),
-        _table("lengths", found.lengths, "Largest force in a pin, and simulated stroke", "lengths", *_PRICE),
+        _table("lengths", found.lengths, "Largest pin force, and simulated stroke", "lengths", *_PRICE),
         Heading("Improvement"),
         _table("gains", found.gains, _DRAW_BY_DRAW, *_GAINS),
-        FigureBlock("robust_errors", "The error on fresh draws"),
+        FigureBlock("robust_errors", "Error in the validation samples"),
         *(constraints if len(held) else ()),
         Heading("Pareto front"),
         _table("candidates", front.iloc[places], f"{len(places)} of {len(front)} {_ON_FRONT}", *LENGTHS, *OBJECTIVES),
-        FigureBlock("robust_front", "What is traded against the error"),
-        FigureBlock("robust_map", "The measure over both lengths"),
+        FigureBlock("robust_front", "Trade-off against the error"),
+        FigureBlock("robust_map", "Objective over both lengths"),
         Heading("Uncertain parameters"),
         parameter_table(found.uncertain.axes, lambda key: found.fresh[key]),
         Heading("Method"),
@@ -662,71 +649,73 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
 
 
 def headline(found: RobustOptimum) -> str:
-    """The result in a line."""
+    """The result in one line."""
     best, gain = best_of(_tried(found)), _gain(found, "robust")
     lengths = f"crank {1e3 * best['crank_length']:.2f} mm, rod {1e3 * best['rod_length']:.2f} mm"
     if best["missed"] > 0.0 or best["failed"]:
-        return f"No lengths that were tried keep what is asked; nearest: {lengths}"
+        return f"No candidate satisfies the constraints; nearest: {lengths}"
     if gain["measure_fall_low"] > 0.0:
-        words, fall = minimised_in_words(found.asked.options), _cell(gain, "measure_fall")
+        words, fall = format_objective(found.task.options), _cell(gain, "measure_fall")
         return f"{lengths.capitalize()}: the error ({words}) falls by {fall} %"
-    return "No change of the lengths is worth it"
+    return "No significant improvement: keep the original lengths"
 
 
 def verdict(found: RobustOptimum) -> list[str]:
     """The result in a few sentences."""
-    sentences, words = [], minimised_in_words(found.asked.options)
+    sentences, words = [], format_objective(found.task.options)
     for name in ("robust", "nominal"):
         gain = _gain(found, name)
         sentences.append(
             f"{_LOOKS[name][0].capitalize()}: the error of the transmission angle ({words}) falls by "
-            f"{_cell(gain, 'measure_fall')} %, its mean by {_cell(gain, 'mean_fall')} %; it is smaller than with the "
-            f"original lengths in {_cell(gain, 'probability')} % of the draws."
+            f"{_cell(gain, 'measure_fall')} %, its mean by {_cell(gain, 'mean_fall')} %. It is smaller than with the "
+            f"original lengths in {_cell(gain, 'probability')} % of the samples."
         )
     gain = _gain(found, "robust")
     if gain["measure_fall_high"] <= 0.0:
-        sentences.append("No change is worth it: the best lengths that were found are worse than the original ones.")
+        sentences.append("Keep the original lengths: the best lengths found are worse.")
     elif gain["measure_fall_low"] <= 0.0:
-        sentences.append("No change is worth it: the improvement is not significant.")
+        sentences.append("Keep the original lengths: the improvement is not significant.")
     for row in found.constraints.query("lengths == 'robust' and probability_high < asked").to_dict("records"):
         sentences.append(
-            f"The constraint {row['constraint']} holds in {_cell(row, 'probability')} % of the draws, not in the "
-            f"{percent(row['asked'], 0)} that are asked for."
+            f"The constraint {row['constraint']} holds in {_cell(row, 'probability')} % of the samples; "
+            f"{percent(row['asked'], 0)} are required."
         )
     return sentences
 
 
 def _gain(found: RobustOptimum, lengths: str) -> dict:
-    """What `lengths` gain beside the original ones."""
+    """The comparison of `lengths` with the original ones."""
     return found.gains.query("lengths == @lengths and beside == 'original'").to_dict("records")[0]
 
 
-_DRAW_BY_DRAW = "Draw by draw: how often the error is smaller, and by how much its mean and its measure fall"
-_ON_FRONT = "pairs of lengths that no other is better than in error, force and stroke"
+_DRAW_BY_DRAW = "Comparison per sample: how often the error is smaller, and by how much its mean and the objective fall"
+_ON_FRONT = "pairs of lengths that are not dominated in error, force and stroke"
 _ERRORS = ("error_mean", "error_deviation", "error_measure", "error_quantile_95")
 _GAINS = ("lengths", "beside", "probability", "mean_fall", "measure_fall")
 _HELD = ("lengths", "constraint", "asked", "probability")
+_HEADS = {"beside": "compared with", "asked": "required", "error_measure": "objective"}
+_HEADS |= {"mean_fall": "reduction of the mean", "measure_fall": "reduction of the objective"}
 _PRICE = ("force_mean", "force_deviation", "stroke_mean", "stroke_deviation")
 
 
 def _table(kind: str, frame: pd.DataFrame, caption: str, *names: str) -> TableBlock:
-    """A row for each of a `frame` of one of the tables, numbers with their intervals; shares in percent."""
+    """A table block of columns `names`: values with their intervals, shares in percent."""
     table, columns = schema.TABLES[f"optimise_robust_{kind}"], {}
     for column in (table.columns[table.names.index(name)] for name in names):
         unit, factor = {"1": ("%", 100.0), "rad": ("mdeg", _MDEG)}.get(column.unit, reading_unit(column.unit))
-        head = in_words(column.name) + (f" [{unit}]" if column.kind == "float" else "")
+        head = _HEADS.get(column.name, format_name(column.name)) + (f" [{unit}]" if column.kind == "float" else "")
         columns[head] = [_cell(row, column.name, factor) for row in frame.to_dict("records")]
     return TableBlock(tuple(columns), tuple(zip(*columns.values(), strict=True)), "l".ljust(len(columns), "r"), caption)
 
 
 def _cell(row: dict, name: str, factor: float = 100.0) -> str:
-    """A word, a number, or one with its interval in as many digits as its width allows."""
+    """A formatted cell; the width of the interval determines the digits."""
     if isinstance(row[name], str):
         return _LOOKS.get(row[name], (row[name],))[0]
     if f"{name}_low" not in row:
         return f"{factor * row[name]:.2f}"
     value, low, high = (factor * row[name + end] for end in _ENDS)
-    least = max(abs(high - low), 1e-4 * abs(value), 1e-6)  # where all draws agree there is no width to go by
+    least = max(abs(high - low), 1e-4 * abs(value), 1e-6)  # the interval is zero where all samples agree
     digits = max(0, 1 - int(np.floor(np.log10(least))))
     return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
 
@@ -739,7 +728,7 @@ _SECTIONS = {
 
 
 def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
-    """Lengths side by side, gains, and how often constraints hold, on fresh draws, for MLflow."""
+    """Statistics, gains, and probabilities of the constraints in the validation samples, for MLflow."""
     found = {}
     for table, section in _SECTIONS.items():
         for row in parquet.read(table, folder / table.path).to_dict("records"):

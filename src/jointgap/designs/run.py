@@ -1,4 +1,4 @@
-"""Designs of a sweep, simulated and measured, as a dataset of Parquet files of which finished parts are kept."""
+"""Simulates and measures the designs of a sweep; the dataset of Parquet files resumes from finished parts."""
 
 import math
 import re
@@ -17,7 +17,7 @@ from jointgap.config import Mechanism, Scenario, Simulate
 from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS
-from jointgap.core.progress import followed, parts
+from jointgap.core.progress import parts, with_progress
 from jointgap.core.schema import BEST_LENGTHS, SWEEP_DESIGNS, Table
 from jointgap.designs.sampling import SOURCE, Designs, designs_of
 from jointgap.dynamics.parallel import Outcome, Run, numbers_of, rod_and_slider, side_by_side, simulate_run
@@ -28,20 +28,20 @@ from jointgap.lengths.objective import Objective, objective_of_motion
 from jointgap.paper.printed import OPTIMA
 
 NOISE_ORDER = 10  # order of the crank above which acceleration counts as noise
-_NO_ERROR = 1e-12  # RMS [rad] below which an error is rounding, of which no share is told
-_NEAR = 1e-4  # Share of the crank's length between the first two that are tried: less than what clearances ask for
-_CLOSE = 1e-9  # Share of the crank's length to which the best one is found: a tenth of a nanometre
+_NO_ERROR = 1e-12  # RMS [rad] of rounding errors, without a relative reduction
+_NEAR = 1e-4  # distance of the first two trial lengths, over the crank length; less than the correction for clearances
+_CLOSE = 1e-9  # tolerance of the best crank length, over the crank length (0.1 nm)
 _ERRORS = tuple(f"angle_error_{size}{span}" for span in ("", "_in_window") for size in ("rms", "mean", "peak"))
 
 
 def angles_to_measure(options: Simulate) -> np.ndarray:
-    """Crank angles [rad] of the samples that `measures` reads: the first revolution, and the last two."""
+    """Crank angles [rad] that `measures` reads: the first revolution, and the last two."""
     angles, per_turn = crank_angles(options), options.samples_per_revolution
     return np.concatenate((angles[:per_turn], angles[max(per_turn, len(angles) - 2 * per_turn - 1) :]))
 
 
 def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
-    """The numbers `MEASURES` of a run that did not fail [SI]; NaN where undefined."""
+    """The numbers `MEASURES` of a successful run [SI]; NaN where undefined."""
     result, mechanism, p = outcome.result, outcome.run.mechanism, outcome.parameters
     per_turn = outcome.run.options.samples_per_revolution
     last = slice(-per_turn - 1, None)
@@ -51,7 +51,7 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
         states = result.states[samples], result.auxiliary_states[samples]
         return angle_errors(p, outcome.crank_angle[samples], *states, *counted)
 
-    # The last revolution's end is its beginning again.
+    # the end of the last revolution repeats its beginning
     *errors, least = errors_of(slice(-per_turn - 1, -1), (-math.inf, math.inf))
     *errors_in_window, _ = errors_of(slice(0, per_turn), window)
     outer, outer_angle = _extreme(position[:-1], outcome.crank_angle[last][:-1])
@@ -60,7 +60,7 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
     found = dict(zip(_ERRORS, (*errors, *errors_in_window), strict=True)) | {
         "least_transmission_angle": least,
         "stroke": outer + inner,
-        # Around 0 and around pi, where they lie without an offset: so that a mean over designs means something.
+        # dead centres without offset lie at 0 and pi: ranges around these give meaningful means over designs
         "outer_dead_centre_angle": (outer_angle + math.pi) % (2.0 * math.pi) - math.pi,
         "inner_dead_centre_angle": inner_angle,
         "acceleration_rms": rms,
@@ -74,7 +74,7 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
         found |= {
             f"{joint}_contact_share": float(touching[number]) / (end - begin) if moves else math.nan,
             f"{joint}_impacts": float(impacts[number]) if moves else math.nan,
-            # A sample may miss the peak of a short contact.
+            # the samples may miss the peak of a short contact
             f"{joint}_peak_force": float(max(peaks[number], peaks_of_contacts[number])),
             f"{joint}_rms_force": float(sizes[number]),
         }
@@ -82,14 +82,14 @@ def measures(outcome: Outcome, window: tuple[float, float]) -> dict[str, float]:
 
 
 def high_order_rms(values: np.ndarray) -> float:
-    """RMS of what one revolution of `values` holds above order `NOISE_ORDER`."""
+    """RMS of one revolution of `values` above order `NOISE_ORDER`."""
     spectrum = np.fft.rfft(values)
     spectrum[: NOISE_ORDER + 1] = 0.0
     return math.sqrt(np.mean(np.fft.irfft(spectrum, len(values)) ** 2))
 
 
 def _extreme(values: np.ndarray, angle: np.ndarray) -> tuple[float, float]:
-    """Largest of periodic samples, by a parabola between them, and the angle [0, 2 pi) where it lies."""
+    """Maximum of periodic samples, by parabolic interpolation, and its angle in [0, 2 pi)."""
     top = int(np.argmax(values))
     before, here, after = values[top - 1], values[top], values[(top + 1) % len(values)]
     curvature = before - 2.0 * here + after
@@ -99,8 +99,8 @@ def _extreme(values: np.ndarray, angle: np.ndarray) -> tuple[float, float]:
 
 
 def _repeat_distance(result: IntegrationResult, mechanism: Mechanism, per_turn: int) -> float:
-    """Largest distance of the clearance vectors over the last revolution from those of the one before, as a share of
-    the smallest clearance; NaN with one revolution, or without clearance.
+    """Largest distance of the clearance vectors between the last two revolutions, over the smallest clearance; NaN
+    with one revolution, or without clearance.
     """
     if len(result.times) < 2 * per_turn + 1 or not mechanism.loose:
         return math.nan
@@ -110,7 +110,7 @@ def _repeat_distance(result: IntegrationResult, mechanism: Mechanism, per_turn: 
 
 
 def _lengths(outcome: Outcome, designs: Designs, values: dict) -> dict[str, float]:
-    """The numbers `BEST_LENGTHS` of a run that did not fail, and `PRINTED_OPTIMA` where asked; NaN where undefined."""
+    """The numbers `BEST_LENGTHS` of a successful run, and `PRINTED_OPTIMA` if requested; NaN where undefined."""
     per_turn, counting = outcome.run.options.samples_per_revolution, designs.counting(values)
     turn = slice((counting.revolution - 1) * per_turn, counting.revolution * per_turn)
     counted = _objective(outcome, turn, counting.window)
@@ -124,9 +124,9 @@ def _lengths(outcome: Outcome, designs: Designs, values: dict) -> dict[str, floa
 
 
 def _objective(outcome: Outcome, turn: slice, window: tuple[float, float] = (0.0, 2.0 * math.pi)) -> Objective | None:
-    """The error of a run as a function of the lengths, in a window; None where no sample lies in it."""
+    """The error of a run as a function of the lengths, in a window; None where the window has no samples."""
     angle, result = outcome.crank_angle[turn], outcome.result
-    # A sample at the beginning of a later revolution may lie short of it by rounding.
+    # rounding may put the first sample of a later revolution before its beginning
     place = (angle + ROUNDING) % (2.0 * math.pi)
     inside = (place >= window[0]) & (place <= window[1] + 2.0 * ROUNDING)
     if not inside.any():
@@ -136,7 +136,7 @@ def _objective(outcome: Outcome, turn: slice, window: tuple[float, float] = (0.0
 
 
 def _best(objective: Objective | None) -> tuple[float, float, float]:
-    """Best crank length [m] on the original rod, its ratio to that, and the share by which the error's RMS falls."""
+    """Best crank length [m] for the original rod, the ratio of the lengths, and the relative reduction of the RMS."""
     if objective is None:
         return math.nan, math.nan, math.nan
     rod = objective.original[1]
@@ -147,12 +147,12 @@ def _best(objective: Objective | None) -> tuple[float, float, float]:
 
 
 def best_crank_length(objective: Objective, rod_length: float) -> float:
-    """Crank length [m] of the least sum of squares, equation (12), on a rod of one length; NaN where none is found.
+    """Crank length [m] of the smallest sum of squares, equation (12), for a given rod length; NaN where none is found.
 
-    The error is nearly affine in it, and so the derivative of the sum of squares too: secants find where it is zero.
+    The error is almost affine in the crank length, so the secant method converges on the derivative's zero.
     """
     crank = objective.original[0]
-    with np.errstate(invalid="ignore"):  # lengths at which the rod does not reach the slide have no error
+    with np.errstate(invalid="ignore"):  # the error is undefined where the rod does not reach the slide
         found, state = newton(
             lambda length: objective.gradient((length, rod_length))[0],
             crank,
@@ -165,31 +165,27 @@ def best_crank_length(objective: Objective, rod_length: float) -> float:
 
 
 _TOGETHER = 32
-"""Designs that one thread first prepares, then simulates, then measures: a simulation drives what the others need out
-of the processor's cache, and one by one they take a fifth more. More at once save little and hold more motions.
+"""Designs per thread and step (prepare, simulate, measure): one at a time takes 20 % longer because of cache misses;
+more hold more motions in memory.
 """
 
 
 def table_of(designs: Designs) -> Table:
-    """The table of these designs."""
     return SWEEP_DESIGNS.filled(swept=[axis.column for axis in designs.axes], measured=designs.measured)
 
 
 def simulate_designs(designs: Designs, first: int, count: int, workers: int | None = None) -> pd.DataFrame:
-    """Simulate and measure `count` designs from number `first` on.
-
-    A design that is impossible, or whose simulation fails, is a row with its reason.
-    """
+    """Simulate and measure `count` designs from number `first`; infeasible or failed ones are rows with a reason."""
     values = designs.values(first, count)
     together = [values[begin : begin + _TOGETHER] for begin in range(0, count, _TOGETHER)]
     measured = chain.from_iterable(side_by_side(lambda some: _measured(designs, some), together, workers))
-    found = zip(values, followed(measured, "simulated designs", count), strict=True)
+    found = zip(values, with_progress(measured, "simulated designs", count), strict=True)
     rows = [{"design": first + place} | own | row for place, (own, row) in enumerate(found)]
     return pd.DataFrame(rows, columns=list(table_of(designs).names))
 
 
 def _measured(designs: Designs, values: list[dict]) -> list[dict]:
-    """What is measured of the designs that have these `values`."""
+    """Rows of the designs with these `values`."""
     prepared = [_prepared(designs, own) for own in values]
     outcomes = [given if isinstance(given, InputError) else simulate_run(*given) for given in prepared]
     return [_row(designs, own, outcome) for own, outcome in zip(values, outcomes, strict=True)]
@@ -215,26 +211,26 @@ def _row(designs: Designs, values: dict, outcome: Outcome | InputError) -> dict:
 
 
 DIGEST, CODE = "jointgap_sweep", "jointgap_code"
-"""Keys of a file's metadata: digests of the sweep that its designs belong to, and of the code that measured them."""
+"""Keys of a file's metadata: digests of the sweep and of the code."""
 
 
 class _Part(NamedTuple):
-    """What a file of the dataset says of itself."""
+    """Content of a file of the dataset."""
 
-    first: int  # Its first design
-    end: int  # The one after its last
+    first: int  # First design
+    end: int  # Last design + 1
     code: str
 
 
 def write_designs(
     designs: Designs, first: int, count: int, path: Path | str, code: str, workers: int | None = None
 ) -> None:
-    """Make a part of the dataset: simulate and measure those of its designs that its file does not hold yet.
+    """Simulate and measure the designs of a file that it does not contain yet.
 
-    A file that is damaged, or of another sweep or code, is made anew.
+    A file that is damaged, or of another sweep or code version, is replaced.
     """
     path, table, done, kept = Path(path), table_of(designs), 0, []
-    for left in path.parent.glob(f".{path.stem}-*"):  # of a write that was killed; polars and duckdb would read it
+    for left in path.parent.glob(f".{path.stem}-*"):  # of interrupted writes; polars and duckdb would read them
         left.unlink(missing_ok=True)
     try:
         part = _part(designs, path, parquet.read_footer(path))
@@ -250,7 +246,7 @@ def write_designs(
 
 
 def write_dataset(designs: Designs, folder: Path, per_job: int, code: str, workers: int | None = None) -> None:
-    """Make all parts of the dataset in a `folder` that are not there."""
+    """Complete all parts of the dataset in a `folder`."""
     check_folder(designs, folder, per_job)
     for name, (first, count) in parts(designs.number, per_job).items():
         write_designs(designs, first, count, folder / f"{name}.parquet", code, workers)
@@ -258,51 +254,51 @@ def write_dataset(designs: Designs, folder: Path, per_job: int, code: str, worke
 
 
 def check_folder(designs: Designs, folder: Path, per_job: int) -> None:
-    """Whether a `folder` holds nothing but parts of the sweep `designs`, before hours of simulation.
+    """InputError, before any simulation, where a `folder` contains files other than parts of the sweep `designs`.
 
-    A part may be missing, damaged, or shorter than it is to become.
+    Parts may be missing, damaged, or incomplete.
     """
     wanted = parts(designs.number, per_job)
     for path, part in _parts(designs, folder, remade=wanted).items():
         first, count = wanted.get(path.stem, (-1, 0))
         if part.first != first or part.end > first + count:
             raise InputError(
-                f"{path}: holds designs {part.first} to {part.end - 1}, which are no part of this sweep in parts of "
-                f"{per_job}; set sweep.designs_per_job as it was when the folder was made, or give another folder"
+                f"{path}: contains designs {part.first} to {part.end - 1}, which do not match parts of {per_job}; set "
+                "sweep.designs_per_job to its value when the folder was written, or give another folder"
             )
 
 
 def checked_dataset(scenario: Scenario, folder: Path) -> Designs:
-    """The designs of a scenario's sweep; InputError where a `folder` does not hold each of them once."""
+    """The designs of a scenario's sweep; InputError where a `folder` does not contain each of them once."""
     designs = designs_of(scenario)
     check_dataset(designs, folder)
     return designs
 
 
 def check_dataset(designs: Designs, folder: Path) -> None:
-    """Whether the files in a `folder` are those of the sweep `designs` and hold each design once."""
+    """InputError where the files in a `folder` do not contain each design of the sweep `designs` once."""
     held = _parts(designs, folder)
     if not held:
-        raise InputError(f"{folder}: holds no designs; simulate them first")
+        raise InputError(f"{folder}: contains no designs; run `jointgap sweep` first")
     codes = {part.code: path for path, part in held.items()}
     if len(codes) > 1:
         raise InputError(
             f"{' and '.join(map(str, sorted(codes.values())[:2]))}: were measured by different versions of jointgap; "
-            "start the sweep again, which measures the older ones anew"
+            "run the sweep again, which replaces the older ones"
         )
     reached = 0
     for path, part in sorted(held.items(), key=lambda item: item[1]):
         if part.first < reached:
-            raise InputError(f"{path}: design {part.first} is there twice; remove this file and start again")
+            raise InputError(f"{path}: design {part.first} is a duplicate; remove this file and run the sweep again")
         if part.first > reached:
             break
         reached = part.end
     if reached < designs.number:
-        raise InputError(f"{folder}: design {reached} is missing; start again, which makes its part")
+        raise InputError(f"{folder}: design {reached} is missing; run the sweep again")
 
 
 def _parts(designs: Designs, folder: Path, remade: Container[str] = ()) -> dict[Path, _Part]:
-    """What each file in a `folder` holds. Damaged ones whose names are in `remade` are left out."""
+    """Content of each file in a `folder`, without damaged ones whose names are in `remade`."""
     held = {}
     for path in sorted(folder.glob("[!.]*.parquet")):
         try:
@@ -310,14 +306,14 @@ def _parts(designs: Designs, folder: Path, remade: Container[str] = ()) -> dict[
         except InputError as error:
             if path.stem in remade:
                 continue
-            raise InputError(f"{error}; or remove it, it is no part of this sweep") from error
+            raise InputError(f"{error}; or remove it, it does not belong to this sweep") from error
         held[path] = _part(designs, path, footer)
     most = max((part.end for part in held.values()), default=0)
     if most > designs.number:
         path, part = next((path, part) for path, part in held.items() if part.end > designs.number)
         raise InputError(
-            f"{path}: holds designs {part.first} to {part.end - 1}, but sweep.number asks for {designs.number}; ask "
-            f"for {most} or more, for a sweep only grows, or give another folder"
+            f"{path}: contains designs {part.first} to {part.end - 1}, more than sweep.number = {designs.number}; set "
+            f"it to {most} or more, or give another folder"
         )
     return held
 
@@ -326,10 +322,10 @@ def _part(designs: Designs, path: Path, footer: FileMetaData) -> _Part:
     of, code = ((footer.metadata or {}).get(key.encode(), b"").decode() for key in (DIGEST, CODE))
     if of != designs.digest:
         kind = designs.sweep.design
-        fixed = "" if kind == "sobol" else f"; a {kind} of another size is another sweep too"
+        fixed = "" if kind == "sobol" else f"; a {kind} of another size is another sweep"
         raise InputError(
-            f"{path}: belongs to another sweep (its digest is {of or 'none'}, this one's is {designs.digest}{fixed}); "
-            "move the folder away, or give another one"
+            f"{path}: belongs to another sweep (digest {of or 'none'}, expected {designs.digest}{fixed}); move the "
+            "folder away, or give another one"
         )
     place = footer.schema.names.index("design")
     groups = [footer.row_group(group).column(place).statistics for group in range(footer.num_row_groups)]
@@ -340,7 +336,7 @@ _NUMBER = re.compile(r"[-+]?[0-9][-+.0-9e]*")
 
 
 def failures(dataset: Path) -> Counter[str]:
-    """How many designs of a `dataset` failed, by the reason without what differs from design to design."""
+    """Number of failed designs of a `dataset` by reason, without the numbers in it."""
     reasons = parquet.read_columns(dataset, ["reason"])["reason"].drop_null().to_pylist()
-    told = (reason.partition(": ")[2] if reason.startswith(SOURCE) else reason for reason in reasons)
-    return Counter(_NUMBER.sub("...", reason).partition("; ")[0] for reason in told)
+    messages = (reason.partition(": ")[2] if reason.startswith(SOURCE) else reason for reason in reasons)
+    return Counter(_NUMBER.sub("...", reason).partition("; ")[0] for reason in messages)

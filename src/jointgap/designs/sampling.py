@@ -24,90 +24,89 @@ from jointgap.lengths.objective import MEASURES
 from jointgap.paper.printed import departures
 
 SOURCE = "sweep.parameters"
-"""What errors call the place where a parameter stands."""
+"""The section of swept parameters in error messages."""
 
 COUNTING = {"window_start": "rad", "window_end": "rad", "error_measure": "", "revolution": ""}
-"""Parameters that say how the error is counted, with their units; '' for words and whole numbers, which are listed."""
+"""Parameters that define the error measure, with their units; '' for words and whole numbers, which need a list."""
 
 _ROUNDING = 1e-9  # [rad]
-_FARTHEST_TAIL = 5.0  # Standard deviations: one value in three million of a normal distribution lies farther out
-_TRIED = 64  # Designs of which one at least has to be possible
+_FARTHEST_TAIL = 5.0  # [standard deviations] beyond: one in three million values of a normal distribution
+_TRIED = 64  # designs searched for a feasible one
 
 
 class ErrorCounting(NamedTuple):
-    """How the error of the transmission angle is counted for the paper's printed numbers."""
+    """Definition of the error of the transmission angle in the paper's printed numbers."""
 
     window: tuple[float, float]  # First and last crank angle of the revolution [rad]
     measure: str  # One of `jointgap.lengths.objective.MEASURES`
-    revolution: int  # From 1 on, the transient
+    revolution: int  # From 1; 1 is the transient
 
 
 @dataclass(frozen=True)
 class Axis:
     """One parameter of a sweep."""
 
-    key: str  # Word or path, as `jointgap.config.variations.with_values` takes it
+    key: str  # Word or path, as in `jointgap.config.variations.with_values`
     unit: str  # SI unit; '' for pure numbers and words
-    values: tuple | None = None  # Of a list, as the configuration gives them, or of a grid [SI]
-    law: Any = None  # Of a range [SI], a distribution of scipy
+    values: tuple | None = None  # Of a list, as configured, or of a grid [SI]
+    law: Any = None  # Of a range [SI], a scipy distribution
 
     @property
     def varies(self) -> bool:
-        """Whether it has more than one value."""
         return self.values is None or len(self.values) > 1
 
     def at(self, quantiles: np.ndarray) -> list:
         """Values at `quantiles`, (n,) in [0, 1)."""
         if self.values is not None:
             return [self.values[int(place)] for place in np.floor(quantiles * len(self.values))]
-        # 14 digits: the same on every machine, though powers and logarithms differ in the last bit.
+        # 14 digits: powers and logarithms differ between machines in the last bit
         return [float(f"{value:.14g}") for value in self.law.ppf(quantiles)]
 
     @cached_property
     def column(self) -> Column:
-        """What holds its values in the table of designs."""
+        """Its column in the table of designs."""
         kinds = {type(value) for value in self.values or (0.0,)}
         kind = "bool" if kinds == {bool} else "text" if str in kinds else "float"
         return Column(self.key, self.unit or ("1" if kind == "float" else ""), f"{self.key}, swept", kind)
 
 
 def drawn_values(axes: tuple[Axis, ...], quantiles: np.ndarray) -> list[dict[str, Any]]:
-    """Values by key of designs, from their `quantiles` (n, axes) in [0, 1)."""
+    """Values by key, from the `quantiles` (n, axes) in [0, 1) of n designs."""
     columns = [axis.at(own) for axis, own in zip(axes, quantiles.T, strict=True)]
     return [dict(zip((axis.key for axis in axes), row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 @dataclass(frozen=True)
 class Designs:
-    """All designs of a sweep, none of which is held until it is asked for; make it with `designs_of`."""
+    """All designs of a sweep, evaluated on demand; created by `designs_of`."""
 
-    base: DrivenMechanism  # Mechanism, its effects applied, and simulation, where nothing is swept
+    base: DrivenMechanism  # Mechanism, with effects applied, and simulation, before the sweep
     axes: tuple[Axis, ...]
     sweep: Sweep
-    source: str = SOURCE  # What errors call the place where a parameter stands
+    source: str = SOURCE  # Section in error messages
 
     @property
     def number(self) -> int:
-        """How many there are."""
+        """Number of designs."""
         return self.sweep.designs
 
     @property
     def measured(self) -> tuple[Column, ...]:
-        """Columns of what is measured of each design."""
+        """Columns of the measures of each design."""
         return measured(self.sweep.best_lengths, self.sweep.printed_numbers)
 
     def values(self, first: int, count: int) -> list[dict[str, Any]]:
-        """Values by key of the designs from number `first` on, `count` of them."""
+        """Values by key of `count` designs from number `first`."""
         return drawn_values(self.axes, self._quantiles(first, count))
 
     def scenario(self, values: Mapping[str, Any]) -> DrivenMechanism:
-        """Mechanism and simulation of a design; InputError where it is impossible."""
+        """Mechanism and simulation of a design; InputError where it is infeasible."""
         self.counting(values)
         others = {key: value for key, value in values.items() if key not in COUNTING}
         return with_values(self.base, others, self.source)
 
     def counting(self, values: Mapping[str, Any]) -> ErrorCounting:
-        """How the error of a design is counted; InputError where that is impossible."""
+        """Definition of the error for a design; InputError where it is invalid."""
         start, end = (
             values.get(f"window_{side}", own) for side, own in zip(("start", "end"), self.sweep.window, strict=True)
         )
@@ -115,8 +114,8 @@ class Designs:
         turns = self.base.simulate.revolutions
         if not 0.0 <= start < end <= 2.0 * math.pi + _ROUNDING:
             raise InputError(
-                f"{SOURCE}, window_start = {start:g}, window_end = {end:g}: the window must grow and lie in a "
-                "revolution, 0 to 360 deg"
+                f"{SOURCE}, window_start = {start:g}, window_end = {end:g}: the window must be increasing and within "
+                "0 to 360 deg"
             )
         if measure not in MEASURES:
             raise InputError(
@@ -124,17 +123,17 @@ class Designs:
             )
         if revolution not in range(1, turns + 1):
             raise InputError(
-                f"{SOURCE}.revolution = {revolution!r}: must be a whole number from 1 to simulate.revolutions, {turns}"
+                f"{SOURCE}.revolution = {revolution!r}: must be an integer from 1 to simulate.revolutions, {turns}"
             )
         return ErrorCounting((float(start), float(end)), measure, int(revolution))
 
     @cached_property
     def digest(self) -> str:
-        """Twelve digits that change with anything that a design's row depends on, but for the code; of a sequence that
-        can be grown the number of designs is no part of it.
+        """Twelve hexadecimal digits of everything that determines a row, except the code; the number of designs
+        counts only where it changes the samples.
         """
         sweep = self.sweep
-        told = {
+        content = {
             "mechanism": self.base.mechanism.model_dump(mode="json"),
             "simulate": self.base.simulate.model_dump(mode="json"),
             "drive": getattr(self.base.simulate.drive, "content", ""),
@@ -142,9 +141,9 @@ class Designs:
             "design": [sweep.design, sweep.seed, None if sweep.design == "sobol" else self.number],
             "window": sweep.window,
         }
-        told |= {"best_lengths": True} if sweep.best_lengths or sweep.printed_numbers else {}
-        told |= {"printed_numbers": True} if sweep.printed_numbers else {}
-        return hashlib.sha256(json.dumps(told, sort_keys=True, default=float).encode()).hexdigest()[:12]
+        content |= {"best_lengths": True} if sweep.best_lengths or sweep.printed_numbers else {}
+        content |= {"printed_numbers": True} if sweep.printed_numbers else {}
+        return hashlib.sha256(json.dumps(content, sort_keys=True, default=float).encode()).hexdigest()[:12]
 
     def _quantiles(self, first: int, count: int) -> np.ndarray:
         """(count, axes) in [0, 1)."""
@@ -154,7 +153,7 @@ class Designs:
             if first:
                 engine.fast_forward(first)
             with warnings.catch_warnings():
-                # It warns where a first part of a sequence is no power of two; these are parts of a longer one.
+                # warns unless a part's size is a power of two, but these are parts of a longer sequence
                 warnings.filterwarnings("ignore", "The balance properties", UserWarning)
                 return engine.random(count)
         if self.sweep.design == "latin_hypercube":
@@ -165,17 +164,16 @@ class Designs:
 
 
 def designs_of(scenario: Scenario) -> Designs:
-    """The designs that the section `sweep` of a `scenario` asks for; InputError where none of them is possible."""
+    """The designs of the section `sweep` of a `scenario`; InputError where none is feasible."""
     sweep = scenario.sweep
     if not sweep.parameters:
         raise InputError(
-            f"{SOURCE}: nothing is swept; give parameters with ranges or lists, such as clearance: "
-            "{from: 0.1 mm, to: 0.5 mm}"
+            f"{SOURCE}: is empty; give parameters with ranges or lists, such as clearance: {{from: 0.1 mm, to: 0.5 mm}}"
         )
     if (counted := COUNTING.keys() & sweep.parameters.keys()) and not sweep.printed_numbers:
         raise InputError(
-            f"{SOURCE}.{min(counted)}: says how the paper's printed numbers are counted; set sweep.printed_numbers to "
-            "true, or leave it out"
+            f"{SOURCE}.{min(counted)}: defines the error of the paper's printed numbers; set sweep.printed_numbers to "
+            "true, or remove this parameter"
         )
     base = DrivenMechanism(mechanism=scenario.mechanism.applied(), simulate=scenario.simulate)
     designs = Designs(base, axes_of(base, sweep.parameters, SOURCE, sweep.design == "grid"), sweep)
@@ -185,14 +183,14 @@ def designs_of(scenario: Scenario) -> Designs:
     possible = _first_possible(designs)
     if sweep.printed_numbers and (others := departures(possible.mechanism, possible.simulate)):
         raise InputError(
-            f"sweep.printed_numbers: the paper's numbers do not speak of this mechanism ({'; '.join(others)}); leave "
-            "it out, or sweep what the paper does not print alone"
+            f"sweep.printed_numbers: the paper's numbers do not apply to this mechanism ({'; '.join(others)}); remove "
+            "it, or sweep only settings that the paper does not print"
         )
     return designs
 
 
 def _first_possible(designs: Designs) -> DrivenMechanism:
-    """The first design that is possible. Impossible ones among others are rows of the table with their reason."""
+    """The first feasible design. Infeasible ones among others are rows of the table with their reason."""
     errors = []
     for values in designs.values(0, min(_TRIED, designs.number)):
         try:
@@ -216,16 +214,15 @@ _SAME = {
         }.items()
     },
 }
-"""By word, the paths of what it sets, or of what decides what it sets."""
+"""By word, the paths that it sets or that determine its value."""
 
 
 def axes_of(base: DrivenMechanism, parameters: Mapping[str, Any], section: str, grid: bool = False) -> tuple[Axis, ...]:
-    """The parameters of a `section`, in SI."""
     axes = tuple(_axis(base, key, spec, section, grid) for key, spec in parameters.items())
     for word, paths in _SAME.items():
-        # One of them would win in silence.
+        # the later one would override the earlier without a message
         if word in parameters and (twice := parameters.keys() & set(paths)):
-            raise InputError(f"{section}: {word} and {min(twice)} set the same number; give one of them")
+            raise InputError(f"{section}: {word} and {min(twice)} set the same value; give one of them")
     return axes
 
 
@@ -238,17 +235,17 @@ def _axis(base: DrivenMechanism, key: str, spec: Any, section: str, grid: bool) 
         except InputError:
             if not is_list:
                 raise
-            with_values(base, {key: spec.values[0]}, section)  # complains where there is no such key at all
+            with_values(base, {key: spec.values[0]}, section)  # rejects unknown keys
             return Axis(key, "", spec.values)
     elif not unit and is_list:
         return Axis(key, "", spec.values)
     elif not unit:
-        raise InputError(f"{source}: has no range; list its values, such as {key}: [...]")
+        raise InputError(f"{source}: accepts no range; list its values, such as {key}: [...]")
     if not is_list:
         return _ranged(key, unit, spec, source, grid)
     values = tuple(_si(value, unit, source) for value in spec.values)
     if len(set(values)) < len(values):
-        raise InputError(f"{source}: {list(spec.values)} gives one value in two ways; give each once")
+        raise InputError(f"{source}: {list(spec.values)} contains equal values; give each once")
     return Axis(key, unit, values)
 
 
@@ -264,14 +261,14 @@ def _ranged(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
     si = {name: _si(value, unit, f"{source}.{name}") for name, value in given.items() if value is not None}
     low, high, kind = si.get("from", -math.inf), si.get("to", math.inf), spec.distribution
     if not low < high:
-        order = "are the same, so it does not vary" if low == high else "stand the wrong way round"
-        raise InputError(f"{source}: from = {spec.from_} and to = {spec.to} {order}; give from below to")
+        order = "are equal" if low == high else "are in the wrong order"
+        raise InputError(f"{source}: from = {spec.from_} and to = {spec.to} {order}; from must be less than to")
     if kind == "log_uniform" and low <= 0:
-        raise InputError(f"{source}.from = {spec.from_!r}: a log_uniform range begins above zero")
+        raise InputError(f"{source}.from = {spec.from_!r}: a log_uniform range must begin above zero")
     if kind == "triangular" and not low <= si["peak"] <= high:
         raise InputError(f"{source}.peak = {spec.peak!r}: must lie between from and to")
     if kind == "normal" and si["deviation"] <= 0:
-        raise InputError(f"{source}.deviation = {spec.deviation!r}: must be above zero, or nothing varies")
+        raise InputError(f"{source}.deviation = {spec.deviation!r}: must be above zero")
     if grid:
         spaced = (np.geomspace if kind == "log_uniform" else np.linspace)(low, high, spec.number)
         return Axis(key, unit, tuple(float(f"{value:.12g}") for value in spaced))
@@ -280,8 +277,8 @@ def _ranged(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
         a, b = (low - mean) / deviation, (high - mean) / deviation
         if a > _FARTHEST_TAIL or b < -_FARTHEST_TAIL:
             raise InputError(
-                f"{source}: from and to leave values more than {_FARTHEST_TAIL:g} deviations from the mean, which "
-                "never come; give another mean, or a uniform range"
+                f"{source}: from and to exclude all values within {_FARTHEST_TAIL:g} standard deviations of the mean; "
+                "give another mean, or a uniform range"
             )
         law = stats.truncnorm(a=a, b=b, loc=mean, scale=deviation)
     elif kind == "triangular":
@@ -291,5 +288,5 @@ def _ranged(key: str, unit: str, spec: Any, source: str, grid: bool) -> Axis:
     axis = Axis(key, unit, law=law)
     first, second = axis.at(np.array([0.25, 0.75]))
     if first == second:
-        raise InputError(f"{source}: is so narrow that all its values are {first:.14g}, in 14 digits; make it wider")
+        raise InputError(f"{source}: all values round to {first:.14g} (14 digits); give a wider range")
     return axis

@@ -1,9 +1,9 @@
-"""Sobol indices and main effects of the measures of a sweep, read from a surrogate of each.
+"""Sobol indices and main effects of the measures of a sweep, from a surrogate of each measure.
 
 A surrogate is a sparse polynomial chaos expansion (Blatman and Sudret, J. Comput. Phys. 230 (2011) 2345). The variance
-of each of its terms belongs to the parameters in it (Sudret, Reliab. Eng. Syst. Saf. 93 (2008) 964). What it misses,
-1 - Q2, belongs to parameters that nobody knows, so an interval runs from Q2 S to Q2 S + 1 - Q2, each end that of a 90 %
-interval of bootstrap replicates (Wu, Ann. Stat. 14 (1986) 1261) of surrogate and Q2.
+of each term belongs to its parameters (Sudret, Reliab. Eng. Syst. Saf. 93 (2008) 964). The unexplained variance, 1 -
+Q2, may belong to any parameter: an interval runs from Q2 S to Q2 S + 1 - Q2, with the ends of 90 % intervals of
+bootstrap replicates (Wu, Ann. Stat. 14 (1986) 1261) of surrogate and Q2.
 """
 
 import math
@@ -23,45 +23,45 @@ from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError, needs
 from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.core.plot import COLOURS, Drawing, Quantity, Sheet
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.core.words import joined
 from jointgap.designs.sampling import Axis, Designs
 from jointgap.designs.sweep import (
     cells,
-    measure_in_words,
+    format_measure,
+    format_parameter,
+    format_value,
     measure_quantity,
-    parameter_in_words,
     parameter_panels,
     parameter_quantity,
     places,
     scale,
-    value_in_words,
 )
 
-with needs("what decides a sweep", "learn"):
+with needs("the sensitivity analysis", "learn"):
     import openturns as ot
 
-LEAST_Q2 = 0.8  # [1] Share of the variance of held-out designs that a surrogate has to explain
-MOST_MISSING = 0.1  # [1] Share of the designs that may lack a measure
-LEAST_DESIGNS = 50  # With the measure
-HELD_OUT = 0.2  # [1] Share of designs that the surrogate is judged by and not trained on
-MOST_DESIGNS = 20_000  # That are looked at, drawn at random of a larger sweep
-HIGHEST_DEGREE = 10  # Of the polynomials of one parameter
-NORM = 0.75  # [1] Of the hyperbolic order of the terms
-MOST_TERMS = 500  # The first of which are kept, each with at least
-DESIGNS_PER_TERM = 10  # training designs
-SELECTION = 600, 220  # Training designs and terms of which least angle regression chooses the sparse ones
-REPLICATES = 400  # Of the bootstrap: the ends of a 90 % interval are then known to a tenth of its length
-ENDS = 0.05, 0.95  # Quantiles at the ends of an interval
-ROUNDING = 1e-9  # [1] A measure whose standard deviation is a smaller share of its mean does not vary
-CURVE_POINTS = 41  # Of a main effect, and of a map along each axis
-SHOWN_SHARE = 0.01  # [1] Total index from which on a parameter's main effect is drawn
-_FAR = 8.0  # Standard deviations beyond which no design of a normal tolerance lies (1e-15 of them would)
-_LEAST_LEFT = 0.1  # A residual is made at most ten times as large where its design decides the surrogate by itself
+LEAST_Q2 = 0.8  # [1] required share of explained variance of the held-out designs
+MOST_MISSING = 0.1  # [1] largest share of designs without the measure
+LEAST_DESIGNS = 50  # with the measure
+HELD_OUT = 0.2  # [1] share of test designs
+MOST_DESIGNS = 20_000  # random subset of a larger sweep
+HIGHEST_DEGREE = 10  # of the polynomials of one parameter
+NORM = 0.75  # [1] of the hyperbolic truncation
+MOST_TERMS = 500  # at most, with at least
+DESIGNS_PER_TERM = 10  # training designs each
+SELECTION = 600, 220  # training designs and terms for least angle regression
+REPLICATES = 400  # bootstrap replicates: the ends of a 90 % interval are accurate to a tenth of its length
+ENDS = 0.05, 0.95  # quantiles at the ends of an interval
+ROUNDING = 1e-9  # [1] relative standard deviation below which a measure is constant
+CURVE_POINTS = 41  # per main effect, and per axis of a map
+SHOWN_SHARE = 0.01  # [1] smallest total index whose main effect is drawn
+_FAR = 8.0  # [standard deviations] truncation of normal distributions
+_LEAST_LEFT = 0.1  # lower limit of 1 - leverage: leave-one-out residuals grow at most tenfold
 
 
 def _distribution(axis: Axis) -> Any:
-    """Distribution of a parameter, of OpenTURNS; of the logarithm where that is drawn evenly."""
+    """OpenTURNS distribution of a parameter, or of its logarithm where that is uniform."""
     if axis.values is not None:
         return ot.FiniteDiscreteDistribution(np.linspace(-1.0, 1.0, len(axis.values))[:, None].tolist())
     name, given, (low, high) = axis.law.dist.name, axis.law.kwds, axis.law.support()
@@ -78,7 +78,7 @@ def _distribution(axis: Axis) -> Any:
 
 
 def _numbers(axis: Axis, values: np.ndarray) -> np.ndarray:
-    """`values` (n,) of a parameter, in the variable of its `_distribution`."""
+    """`values` (n,) of a parameter as variables of its `_distribution`."""
     if axis.values is not None:
         level = dict(zip(axis.values, np.linspace(-1.0, 1.0, len(axis.values)), strict=True))
         return np.array([level[value] for value in values.tolist()])
@@ -87,7 +87,7 @@ def _numbers(axis: Axis, values: np.ndarray) -> np.ndarray:
 
 
 def _curve(axis: Axis) -> np.ndarray:
-    """Values to draw over: all of a list, of a range evenly apart, of a normal tolerance its middle 98 %."""
+    """Abscissa of a curve: all values of a list, an even grid of a range, the central 98 % of a normal distribution."""
     if axis.values is not None:
         return np.array(axis.values, dtype=object if axis.column.kind != "float" else float)
     low, high = axis.law.ppf([0.01, 0.99]) if axis.law.dist.name == "truncnorm" else axis.law.support()
@@ -95,10 +95,10 @@ def _curve(axis: Axis) -> np.ndarray:
 
 
 class Basis:
-    """Orthonormal polynomials of the parameters that vary."""
+    """Orthonormal polynomials of the varied parameters."""
 
     def __init__(self, axes: tuple[Axis, ...]):
-        ot.TBB.Disable()  # one thread: a job has one core, and sums keep their order
+        ot.TBB.Disable()  # one thread: one core per job, and reproducible sums
         ot.Log.Show(ot.Log.ERROR)
         self.axes = axes
         marginals = [_distribution(axis) for axis in axes]
@@ -110,7 +110,7 @@ class Basis:
             [ot.StandardDistributionPolynomialFactory(marginal) for marginal in marginals], order
         )
         number = min(MOST_TERMS, math.prod(degree + 1 for degree in highest))
-        # Degree in each parameter of each term, (terms, axes); the first term is the constant
+        # degrees of each term, (terms, axes); the first term is the constant
         self.terms = np.array([list(order(place)) for place in range(number)], dtype=int)
         self._all = ot.AggregatedFunction([self.functions.build(place) for place in range(number)])
         self._median = [marginal.computeQuantile(0.5)[0] for marginal in marginals]
@@ -125,14 +125,14 @@ class Basis:
         return np.array(self._all(self._transformation(numbers)))
 
     def means_where(self, given: dict[int, np.ndarray]) -> np.ndarray:
-        """Means (n, terms) of all terms where some parameters have given values and the others vary as in the sweep."""
+        """Means (n, terms) of all terms where some parameters are fixed and the others vary as in the sweep."""
         columns = [given.get(place, np.array([middle])) for place, middle in enumerate(self._median)]
         others = [place for place in range(len(self.axes)) if place not in given]
         varying = (self.terms[:, others] > 0).any(axis=1)
         return np.where(varying, 0.0, self.at(np.column_stack(np.broadcast_arrays(*columns))))
 
     def selected(self, numbers: np.ndarray, values: np.ndarray) -> set[int]:
-        """Terms that least angle regression chooses; none where it cannot, as of values that hardly differ."""
+        """Terms selected by least angle regression; none where it fails, such as for almost constant values."""
         algorithm = ot.FunctionalChaosAlgorithm(
             numbers,
             values[:, None],
@@ -142,36 +142,36 @@ class Basis:
         )
         try:
             algorithm.run()
-        except (RuntimeError, TypeError):  # what its wrapper raises, whatever went wrong
+        except (RuntimeError, TypeError):  # raised by OpenTURNS' wrapper for any failure
             return set()
         return set(algorithm.getResult().getIndices())
 
 
 @dataclass(frozen=True)
 class Surrogate:
-    """A trained surrogate, and in the columns after the first its bootstrap replicates; values [SI of the measure]."""
+    """A trained surrogate, with its bootstrap replicates in further columns; values [SI of the measure]."""
 
-    places: np.ndarray  # Of its terms in the basis; the first term is the constant
-    coefficients: np.ndarray  # Of the terms, (terms, 1 + replicates)
-    q2: np.ndarray  # Share of the variance of held-out designs that each explains, (1 + replicates,)
-    ends: tuple[float, float]  # Smallest and largest value of the designs, between which every mean lies
-    trained: int  # Number of designs
-    held_out: int  # Number of designs
+    places: np.ndarray  # Indices of its terms in the basis; the first is the constant
+    coefficients: np.ndarray  # (terms, 1 + replicates)
+    q2: np.ndarray  # Explained share of the variance of held-out designs, (1 + replicates,)
+    ends: tuple[float, float]  # Range of the designs, which bounds every mean
+    trained: int  # Number of training designs
+    held_out: int  # Number of test designs
 
     def mean(self, at: np.ndarray) -> np.ndarray:
-        """Mean (3, n) of the measure where the terms of the basis have the means `at` (n, terms), with its interval."""
+        """Mean (3, n) of the measure with its interval, where the basis terms have the means `at` (n, terms)."""
         means = at[:, self.places] @ self.coefficients
         return np.clip(_with_ends(means[:, 0], means[:, 1:], means[:, 1:]), *self.ends)
 
 
 def _with_ends(value: Any, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """A value and the ends of its interval, from replicates of each end along the last axis."""
+    """A value and its interval, from replicates of each end along the last axis."""
     low, high = (np.quantile(own, end, axis=-1) for own, end in zip((low, high), ENDS, strict=True))
     return np.array([value, np.minimum(low, value), np.maximum(high, value)])
 
 
 def surrogate(basis: Basis, numbers: np.ndarray, at: np.ndarray, values: np.ndarray, seed: int) -> Surrogate:
-    """Of a measure with finite `values` [SI] of designs in random order, with their `numbers` and terms `at` them."""
+    """Surrogate of a measure with finite `values` [SI] of randomly ordered designs, their variables and terms `at`."""
     held = max(1, round(HELD_OUT * len(values)))
     middle, spread = np.mean(values[held:]), np.std(values[held:]) or 1.0
     judged, trained = np.split((values - middle) / spread, [held])
@@ -179,17 +179,17 @@ def surrogate(basis: Basis, numbers: np.ndarray, at: np.ndarray, values: np.ndar
     kept = set(range(max(1, min(len(basis.terms), len(trained) // DESIGNS_PER_TERM))))
     places = np.array(sorted(kept | basis.selected(numbers[few], trained[: SELECTION[0]])))
     at_held, at_trained = np.split(at[:, places], [held])
-    # The terms are nearly orthonormal on the designs, so that the normal equations lose no digits that matter.
+    # the terms are almost orthonormal on the designs: the normal equations are well conditioned
     smoother = np.linalg.pinv(at_trained.T @ at_trained, hermitian=True) @ at_trained.T
     coefficients = smoother @ trained
-    # Residual of each design from the surrogate that is trained without it, so that many terms do not make them small
+    # leave-one-out residuals, which do not shrink with the number of terms
     leverage = np.einsum("ij,ji->i", at_trained, smoother)
     residuals = (trained - at_trained @ coefficients) / np.maximum(1.0 - leverage, _LEAST_LEFT)
     chance = np.random.default_rng([seed, 1])
     signs = chance.choice([-1.0, 1.0], size=(len(residuals), REPLICATES))
     replicates = coefficients[:, None] + smoother @ (residuals[:, None] * signs)
     both = np.column_stack([coefficients, replicates])
-    # The replicates are judged on designs drawn anew of those held out.
+    # evaluate the replicates on resampled test designs
     rows = np.vstack([np.arange(held), chance.integers(held, size=(REPLICATES, held))]).T
     errors = np.take_along_axis(judged[:, None] - at_held @ both, rows, axis=0)
     variance = np.var(judged[rows], axis=0)
@@ -208,50 +208,50 @@ def surrogate(basis: Basis, numbers: np.ndarray, at: np.ndarray, values: np.ndar
 TABLES = (schema.SENSITIVITY_SURROGATES, schema.SENSITIVITY_INDICES, schema.SENSITIVITY_EFFECTS)
 
 UNITS = {column.name: column.unit for column in ALL_MEASURES}
-"""SI unit of each measure."""
+"""SI units of the measures."""
 
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """What decides the measures of a sweep."""
+    """Sensitivities of the measures of a sweep."""
 
     basis: Basis
     number: int  # Designs
-    failed: int  # Of them
+    failed: int  # Failed designs
     surrogates: pd.DataFrame
     indices: pd.DataFrame
     effects: pd.DataFrame
-    good: dict[str, Surrogate]  # Of the measures that have indices
+    good: dict[str, Surrogate]  # Of the measures with indices
 
     @property
     def tables(self) -> dict[schema.Table, pd.DataFrame]:
-        """The tables that the stage writes."""
+        """The tables of the stage."""
         return dict(zip(TABLES, (self.surrogates, self.indices, self.effects), strict=True))
 
     def ranked(self, measure: str) -> pd.DataFrame:
-        """Rows of `measure` in the table of indices, those of the largest total index first."""
+        """Rows of `measure` in the table of indices, sorted by the total index."""
         own = self.indices[self.indices["measure"] == measure]
         return own.sort_values("total", ascending=False, kind="stable")
 
 
-def what_decides(designs: Designs, dataset: Path, options: Sensitivity) -> SensitivityResult:
-    """Indices of the measures of a sweep."""
+def sensitivity_indices(designs: Designs, dataset: Path, options: Sensitivity) -> SensitivityResult:
+    """Sensitivities of a sweep, from its dataset."""
     names = options.measures or [column.name for column in designs.measured]
     columns = [*(axis.key for axis in designs.axes), "reason", *names]
-    return decided(designs, parquet.read_columns(dataset, columns).to_pandas(), names, options.seed)
+    return compute_indices(designs, parquet.read_columns(dataset, columns).to_pandas(), names, options.seed)
 
 
-def decided(designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int) -> SensitivityResult:
-    """The same of a `frame` with the parameters, `reason` and `measures` of the designs as columns."""
+def compute_indices(designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed: int) -> SensitivityResult:
+    """The same from a `frame` with the parameters, `reason` and `measures` of the designs."""
     axes = tuple(axis for axis in designs.axes if axis.varies)
     if not axes:
-        raise InputError("sweep.parameters: none varies, each has one value; give a range or a list of several values")
+        raise InputError("sweep.parameters: every parameter has one value; give a range or a list of values")
     basis = Basis(axes)
     order = np.random.default_rng(seed).permutation(len(frame))[:MOST_DESIGNS]
     numbers = basis.numbers(frame.iloc[order])
     at, fine = basis.at(numbers), frame["reason"].isna().to_numpy()
     surrogates, indices, effects, good = [], [], [], {}
-    for name in followed(iter(measures), "measures", len(measures)):
+    for name in with_progress(iter(measures), "measures", len(measures)):
         values = frame[name].to_numpy(dtype=float)
         there = fine & np.isfinite(values)
         row = {"measure": name, "unit": UNITS[name], "terms": 0, "trained": 0, "held_out": 0}
@@ -280,17 +280,17 @@ def decided(designs: Designs, frame: pd.DataFrame, measures: Sequence[str], seed
 
 
 def _unfit(values: np.ndarray, number: int, counts: dict[str, int]) -> str | None:
-    """Why no surrogate is made of a measure with these finite `values`."""
+    """Reason for no surrogate of a measure with these finite `values`; None where there is one."""
     missing = sum(counts.values())
     if not len(values):
-        return "no design has it"
+        return "undefined for all designs"
     if np.std(values) <= ROUNDING * np.abs(values).max():
-        return "it is the same for all designs"
+        return "equal for all designs"
     if missing > MOST_MISSING * number:
         whose = " and ".join(f"{count} {what}" for what, count in counts.items() if count)
         most = f"more than {100 * MOST_MISSING:.0f} %"
-        return f"{100 * missing / number:.0f} % of the designs lack it ({whose}), {most}"
-    return f"{len(values)} designs have it, fewer than {LEAST_DESIGNS}" if len(values) < LEAST_DESIGNS else None
+        return f"undefined for {100 * missing / number:.0f} % of the designs ({whose}), {most}"
+    return f"{len(values)} designs with a value, fewer than {LEAST_DESIGNS}" if len(values) < LEAST_DESIGNS else None
 
 
 def _interval(name: str, value: Any, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
@@ -325,11 +325,11 @@ INDICES, EFFECTS, MAP = "indices", "main_effects", "map"
 
 _IN_A_ROW = 3
 _BARS = {"first_order": ("alone (first order)", "simulation", 0.2), "total": ("with others (total)", "sky", -0.2)}
-"""By index: its words, colour and place beside the parameter's name."""
+"""By index: label, colour and vertical offset."""
 
 
 def draw(found: SensitivityResult) -> Iterator[tuple[str, Drawing]]:
-    """All figures with their names, one at a time; none where no measure has indices."""
+    """All figures by name, one at a time; none without indices."""
     if not found.good:
         return
     with plot.matplotlib_style():
@@ -341,8 +341,8 @@ def draw(found: SensitivityResult) -> Iterator[tuple[str, Drawing]]:
 
 
 def _indices(found: SensitivityResult) -> Drawing:
-    """Bars of both indices with their intervals, a panel a measure, a row a parameter."""
-    titles = {measure: fill(measure_in_words(measure), 31) for measure in found.good}
+    """Bars of both indices with their intervals: a panel per measure, a row per parameter."""
+    titles = {measure: fill(format_measure(measure), 31) for measure in found.good}
     keys = [axis.key for axis in found.basis.axes]
     columns = min(_IN_A_ROW, len(titles))
     rows, lines = -(-len(titles) // columns), max(title.count("\n") + 1 for title in titles.values())
@@ -352,12 +352,12 @@ def _indices(found: SensitivityResult) -> Drawing:
         panel = sheet.panel(divmod(number, columns), title, share, Quantity("", ""))
         panel.axes.set_title(title, fontsize=8.0)
         own = found.indices[found.indices["measure"] == measure]
-        for index, (words, colour, beside) in _BARS.items():
+        for index, (words, colour, offset) in _BARS.items():
             values, low, high = (own[index + end].to_numpy() for end in ("", "_low", "_high"))
-            panel.axes.barh(places + beside, values, 0.38, color=COLOURS[colour], label=words)
-            panel.axes.hlines(places + beside, low, high, color=plot.INK, linewidth=0.9)
-            panel.record(words, values, places + beside, low=low, high=high, label=keys)
-        panel.rows([parameter_in_words(key) if number % columns == 0 else "" for key in keys], places)
+            panel.axes.barh(places + offset, values, 0.38, color=COLOURS[colour], label=words)
+            panel.axes.hlines(places + offset, low, high, color=plot.INK, linewidth=0.9)
+            panel.record(words, values, places + offset, low=low, high=high, label=keys)
+        panel.rows([format_parameter(key) if number % columns == 0 else "" for key in keys], places)
         panel.axes.set_xlim(0.0, 1.0)
         panel.axes.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
         if number + columns < len(titles):
@@ -367,7 +367,7 @@ def _indices(found: SensitivityResult) -> Drawing:
 
 
 def _main_effects(found: SensitivityResult, measure: str) -> Drawing:
-    """Mean of a measure over each parameter that takes part, on one scale."""
+    """Mean of a measure over each relevant parameter, on a common scale."""
     ranked, (quantity, factor) = found.ranked(measure), measure_quantity(measure)
     by_key = {axis.key: axis for axis in found.basis.axes}
     axes = [by_key[key] for key in ranked["parameter"][ranked["total"] >= SHOWN_SHARE]]
@@ -377,7 +377,7 @@ def _main_effects(found: SensitivityResult, measure: str) -> Drawing:
         own, x = curves[curves["parameter"] == axis.key], places(axis, _curve(axis))
         effect, low, high = (factor * own[f"effect{end}"].to_numpy() for end in ("", "_low", "_high"))
         if axis.values is not None:
-            texts = [value_in_words(axis, value, with_unit=False) for value in axis.values]
+            texts = [format_value(axis, value, with_unit=False) for value in axis.values]
             panel.marks("mean", x, effect, "simulation", low=low, high=high, labels=texts)
         else:
             panel.line("mean", x, effect, "simulation")
@@ -408,22 +408,21 @@ def _map(found: SensitivityResult, measure: str) -> Drawing:
 
 
 _METHOD = (
-    "A surrogate of each measure (polynomial chaos expansion, OpenTURNS), judged by designs held out by "
-    f"chance. Q2 is 1 less the mean squared error on these over the variance; below {LEAST_Q2:g} there are no "
-    "indices. First order: share of the variance that a parameter decides alone; total: alone and with others. "
-    "Intervals hold 90 % and include what the surrogate misses. Main effects: mean where one parameter is given, of "
-    f"parameters with a total index of {SHOWN_SHARE:g} or more. All numbers: `indices.parquet`, "
+    "Surrogate of each measure: polynomial chaos expansion (OpenTURNS), tested on randomly held-out designs. Q2 is 1 "
+    f"minus the mean squared test error over the variance; below {LEAST_Q2:g} no indices are given. First order: share "
+    "of the variance due to a parameter alone; total: including interactions. Intervals: 90 %, including the "
+    "surrogate's error. Main effects: mean for a fixed parameter, for parameters with a total index of "
+    f"{SHOWN_SHARE:g} or more. All numbers: `indices.parquet`, "
     "`surrogates.parquet` and `main_effects.parquet`; `jointgap describe` explains their columns."
 )
 _MORE = (
-    "Simulate more designs (a larger `sweep.number` keeps those that are there) or narrow the ranges. Where that does "
-    "not help the motion is not reproducible, and only means over revolutions or starts (`jointgap ensemble`) can be "
+    "Simulate more designs (a larger `sweep.number` keeps existing ones), or use narrower ranges. If this does not "
+    "help, the motion is not reproducible, and only means over revolutions or starts (`jointgap ensemble`) can be "
     "compared."
 )
 
 
 def page(found: SensitivityResult) -> Page:
-    """The page of a sweep's sensitivities."""
     ranked = {measure: found.ranked(measure) for measure in found.good}
     failed = f"{found.failed} of them failed" if found.failed else "none failed"
     blocks = [
@@ -434,52 +433,52 @@ def page(found: SensitivityResult) -> Page:
         blocks += [_decisions(found, ranked), Heading("Indices of all measures"), FigureBlock(INDICES, "Sobol indices")]
         blocks.append(Heading("Main effects"))
     for measure, rows in ranked.items():
-        words = measure_in_words(measure)
+        words = format_measure(measure)
         blocks += [Heading(words, 3), FigureBlock(f"{EFFECTS}_{measure}", f"Main effects: {words}")]
         if len(rows) > 1:
-            two = joined(parameter_in_words(key) for key in rows["parameter"][:2])
+            two = joined(format_parameter(key) for key in rows["parameter"][:2])
             blocks.append(FigureBlock(f"{MAP}_{measure}", f"Map: {words} over {two}", small=True))
-    # What no design has, such as the impacts of an ideal joint, nobody asks for.
+    # measures without any value, such as impacts of an ideal joint, are omitted
     poor = found.surrogates.dropna(subset=["reason", "mean"])
     if len(poor):
-        rows = tuple(zip(map(measure_in_words, poor["measure"]), poor["reason"], strict=True))
-        blocks += [Heading("Measures without indices"), TableBlock(("measure", "why"), rows), Paragraph(_MORE)]
+        rows = tuple(zip(map(format_measure, poor["measure"]), poor["reason"], strict=True))
+        blocks += [Heading("Measures without indices"), TableBlock(("measure", "reason"), rows), Paragraph(_MORE)]
     return Page("Sensitivity", (*blocks, Heading("Method"), Paragraph(_METHOD)))
 
 
-def _is_sure(ranked: pd.DataFrame) -> bool:
-    """Whether the interval of the largest total index lies above that of the next."""
+def _is_significant(ranked: pd.DataFrame) -> bool:
+    """Whether the interval of the largest total index lies above that of the second."""
     return len(ranked) < 2 or ranked["total_low"].iloc[0] > ranked["total_high"].iloc[1]
 
 
 def _headline(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> str:
     number = int(found.surrogates["mean"].notna().sum())
     if not ranked:
-        return f"What decides is not known: none of the {number} measures has a surrogate that is good enough."
-    counted = Counter(parameter_in_words(rows["parameter"].iloc[0]) for rows in ranked.values())
+        return f"No indices: none of the {number} measures has an accurate surrogate."
+    counted = Counter(format_parameter(rows["parameter"].iloc[0]) for rows in ranked.values())
     (first, most), *others = counted.most_common()
-    text = f"{first[0].upper()}{first[1:]} decides {most} of {len(ranked)} measures most"
-    text += f", {joined(f'{words} {count}' for words, count in others)}" if others else ""
-    text += f"; in {sum(map(_is_sure, ranked.values()))} of them that is sure."
-    return text + (f" Of {number - len(ranked)} more measures it is not known." if len(ranked) < number else "")
+    text = f"{first[0].upper()}{first[1:]} has the largest total index for {most} of {len(ranked)} measures"
+    text += f", {joined(f'{words} for {count}' for words, count in others)}" if others else ""
+    text += f"; significant for {sum(map(_is_significant, ranked.values()))}."
+    return text + (f" {number - len(ranked)} measures have no indices." if len(ranked) < number else "")
 
 
 def _decisions(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> TableBlock:
     table = []
     for measure, rows in ranked.items():
         parts = [
-            (parameter_in_words(row["parameter"]), "{total:.2f} ({total_low:.2f} to {total_high:.2f})".format(**row))
+            (format_parameter(row["parameter"]), "{total:.2f} ({total_low:.2f} to {total_high:.2f})".format(**row))
             for row in rows[:2].to_dict("records")
         ]
         first, second = (*parts, ("–", ""))[:2]
-        sure = "sure" if _is_sure(rows) else "open which of the two"
-        table.append((measure_in_words(measure), *first, *second, sure, f"{found.good[measure].q2[0]:.3f}"))
-    heads = ("measure", "decided most by", "total index", "then by", "total index", "order", "Q2")
-    return TableBlock(heads, tuple(table), "lllllll", "Total index with its 90 % interval; Q2 of held-out designs")
+        sure = "significant" if _is_significant(rows) else "not significant"
+        table.append((format_measure(measure), *first, *second, sure, f"{found.good[measure].q2[0]:.3f}"))
+    heads = ("measure", "first parameter", "total index", "second parameter", "total index", "order", "Q2")
+    return TableBlock(heads, tuple(table), "lllllll", "Total index with its 90 % interval; Q2 of the held-out designs")
 
 
 def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
-    """Held-out quality of each measure's surrogate, and its indices where it has some, for MLflow."""
+    """Q2 of each measure's surrogate, and its indices, for MLflow."""
     surrogates, indices = (parquet.read(table, folder / table.path).to_dict("records") for table in TABLES[:2])
     found = {f"q2/{row['measure']}{end}": row[f"q2{end}"] for row in surrogates for end in ("", "_low", "_high")}
     for row in indices:

@@ -1,7 +1,7 @@
-"""The stages that work on many designs of a scenario: sweeps, and what is asked of them.
+"""The stages for many designs of a scenario: the sweep, and the studies of its designs.
 
-A study is a section of a scenario, its tables, a stage here and a module of its name beside this one, which has
-`metrics(scenario, folder)` for MLflow and, where the section can ask for what cannot be, `check(scenario)`.
+A study is a section of a scenario, its tables, a stage and a module of the same name, which has
+`metrics(scenario, folder)` for MLflow and optionally `check(scenario)`, which rejects infeasible options.
 """
 
 import json
@@ -29,28 +29,28 @@ DESIGN_STAGES = Stages()
 
 _SWEPT = ("mechanism", "simulate", "sweep")
 _Designs = Annotated[
-    Path, Option("--designs", type="folder", required=True, help="Folder of the designs that `jointgap sweep` wrote.")
+    Path, Option("--designs", type="folder", required=True, help="Folder of designs written by `jointgap sweep`.")
 ]
 _Folder = Annotated[
-    Path, Option("--folder", type="folder", required=True, help="Folder to write summary.html and all else to.")
+    Path, Option("--folder", type="folder", required=True, help="Output folder: summary.html, tables and figures.")
 ]
 
 
 def _study(sections: tuple[str, ...], files: tuple[str, ...] = (), **record: Any) -> Callable[[Callable], Callable]:
-    """A decorator for the stage of a study: it writes the tables of its folder, a page and further `files`."""
+    """A decorator for the stage of a study, which writes the tables of its folder, a page and further `files`."""
 
     def keep(function: Callable) -> Callable:
         name = function.__name__
         tables = tuple(table for table in TABLES.values() if table.path.startswith(f"{name}/"))
         written = tuple(f"{name}/{file}" for file in ("summary.md", "summary.html", *files))
-        told = {"does": name.replace("_", " "), "memory": 2500} | record
-        return DESIGN_STAGES.stage(writes=tables, files=written, sections=sections, **told)(function)
+        attributes = {"does": name.replace("_", " "), "memory": 2500} | record
+        return DESIGN_STAGES.stage(writes=tables, files=written, sections=sections, **attributes)(function)
 
     return keep
 
 
 def studies_of(scenario: "Scenario", checked: bool = False) -> list[str]:
-    """Names of the stages that a scenario asks for by its sections; InputError where one `checked` cannot be done."""
+    """Names of the stages that the sections of a scenario request; InputError where one, `checked`, is infeasible."""
     from jointgap.config.load import validate
 
     asked = []
@@ -59,7 +59,7 @@ def studies_of(scenario: "Scenario", checked: bool = False) -> list[str]:
         if section is None or not all(getattr(section, key, True) for key in ("parameters", "uncertain")):
             continue
         if checked and (check := getattr(_module(name), "check", None)):
-            # of what its job reads: sections that are left to their defaults have to go with the others too
+            # check the sections that the job reads, with their defaults
             check(validate(type(scenario), json.loads(stage.options(scenario)), "its configuration"))
         if scenario.sweep.parameters or "sweep" not in stage.sections:
             asked.append(name)
@@ -75,38 +75,38 @@ def _write(
     page: "Page",
     tables: "Mapping[Table, pd.DataFrame]",
     figures: "Iterable[tuple[str, Drawing]]",
-    beside: str = ".",
+    figures_folder: str = ".",
     place: Callable[[Table], Path] | None = None,
 ) -> str:
-    """Write tables, figures (into the folder `beside` the page) and page of a study; gives the page as Markdown."""
+    """Write tables, figures and page of a study; returns the page as Markdown."""
     from jointgap.core import plot
     from jointgap.core.page import write_page
     from jointgap.core.parquet import write
 
     for name, drawing in figures:
-        plot.save(drawing, folder / beside / name)
+        plot.save(drawing, folder / figures_folder / name)
     for table, frame in tables.items():
         write(table, frame, place(table) if place else folder / Path(table.path).name)
-    return write_page(folder / "summary", page, beside)
+    return write_page(folder / "summary", page, figures_folder)
 
 
 @DESIGN_STAGES.stage(sections=_SWEPT)
 def sweep_designs(
     scenario: "Scenario",
-    first: Annotated[int, Option("--first", type=0, required=True, help="First design, from 0 on.")],
-    number: Annotated[int, Option("--number", type=1, required=True, help="How many designs.")],
+    first: Annotated[int, Option("--first", type=0, required=True, help="Number of the first design, from 0.")],
+    number: Annotated[int, Option("--number", type=1, required=True, help="Number of designs.")],
     designs: Annotated[
         Path,
         Option(
             "--designs",
             type="file",
             required=True,
-            help="Parquet file to write: these designs and what was measured of them.",
+            help="Parquet file to write: the designs and their measures.",
         ),
     ],
     workers: Workers,
 ) -> None:
-    """Simulate and measure some designs of the sweep, for `jointgap sweep`; those that the file holds are kept."""
+    """Simulate and measure a part of the sweep's designs, for `jointgap sweep`; designs in the file are kept."""
     from jointgap.designs.run import write_designs
     from jointgap.designs.sampling import designs_of
 
@@ -115,12 +115,12 @@ def sweep_designs(
 
 @_study(_SWEPT, minutes=60)
 def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
-    """Simulate and measure many designs: parameters with ranges, distributions or lists, drawn or on a grid.
+    """Simulate and measure many designs: parameters with ranges, distributions or lists, sampled or on a grid.
 
-    The scenario's section `sweep` says which. The folder's `designs` is a dataset of Parquet files that pandas, polars
-    and duckdb read as one table, a row a design; designs that fail are rows with their reason. What is there already is
-    kept: a sweep that was killed goes on, and one with a larger number of the same Sobol sequence adds designs.
-    A grid of two or three parameters is drawn as a map.
+    The scenario's section `sweep` defines the designs. The folder's `designs` is a dataset of Parquet files with one
+    row per design, for pandas, polars or duckdb. Failed designs are rows with their reason. Finished designs are kept:
+    an interrupted sweep resumes, and a larger number extends a Sobol sequence. A grid of two or three parameters is
+    also drawn as a map.
 
     \b
     Example:
@@ -149,11 +149,11 @@ def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
 
 @_study((*_SWEPT, "sensitivity"), minutes=60)
 def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str:
-    """Tell which parameter of a sweep decides which measure: Sobol indices from a surrogate of each.
+    """Compute Sobol indices of each measure of a sweep from a surrogate (variance-based sensitivity).
 
-    Reads the designs that `jointgap sweep` simulated. Each measure gets a surrogate, which is judged by designs that it
-    was not trained on; where it predicts them badly there are no indices, and the page says so. The sections `sweep`
-    and `sensitivity` of the scenario say what was drawn, and of which measures indices are wanted (all by default).
+    Reads the designs of `jointgap sweep`. Each measure gets a surrogate, which is tested on held-out designs. Measures
+    without an accurate surrogate have no indices; the page lists them. The sections `sweep` and `sensitivity` of the
+    scenario define the designs and the measures (all by default).
 
     Writes summary.html and summary.md, three tables and figures.
 
@@ -164,10 +164,10 @@ def sensitivity(scenario: "Scenario", designs: _Designs, folder: _Folder) -> str
     """
     from jointgap.config.designs import Sensitivity
     from jointgap.designs.run import checked_dataset
-    from jointgap.designs.sensitivity import draw, page, what_decides
+    from jointgap.designs.sensitivity import draw, page, sensitivity_indices
 
-    found = what_decides(checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity())
-    shutil.rmtree(folder / "figures", ignore_errors=True)  # those of measures that have no indices any more
+    found = sensitivity_indices(checked_dataset(scenario, designs), designs, scenario.sensitivity or Sensitivity())
+    shutil.rmtree(folder / "figures", ignore_errors=True)  # figures of measures that no longer have indices
     return _write(folder, page(found), found.tables, draw(found), "figures")
 
 
@@ -178,8 +178,8 @@ def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> 
     Reads the designs that `jointgap sweep` simulated with `sweep.printed_numbers`, and accepts those that reproduce all
     printed numbers within `infer_settings.within`.
 
-    Writes summary.html and summary.md, the designs with the nearest first, where the accepted ones lie, and the nearest
-    settings as a scenario to run.
+    Writes summary.html and summary.md, the designs sorted by distance, the ranges of the accepted settings, and the
+    nearest settings as a scenario file.
 
     \b
     Example:
@@ -205,11 +205,11 @@ def infer_settings(scenario: "Scenario", designs: _Designs, folder: _Folder) -> 
 
 @_study(("mechanism", "simulate", "optimise", "optimise_robust"), minutes=120, threads=8)
 def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
-    """Search link lengths that hold whatever is uncertain, and judge them on fresh draws.
+    """Optimise link lengths under uncertainty, and validate them on independent samples.
 
-    The scenario's section `optimise_robust` says what is uncertain (clearances, friction, masses, speed, tolerances of
-    the lengths), and what of the error of the transmission angle is minimised: its mean plus standard deviations, or a
-    quantile. Bounds and constraints of the lengths are those of the section `optimise`, its first box.
+    The scenario's section `optimise_robust` defines the uncertain parameters (clearances, friction, masses, speed,
+    tolerances of the lengths) and the objective: mean plus standard deviations, or a quantile, of the error of the
+    transmission angle. Bounds and constraints of the lengths are those of the first box of the section `optimise`.
 
     \b
     Example:
@@ -243,7 +243,7 @@ def optimise_robust(results: "ScenarioResults", workers: Workers) -> str:
     publishes=True,
 )
 def track_sweep(results: "ScenarioResults") -> None:
-    """Publish what a scenario asks of many designs to MLflow, all of them as one run; nothing twice."""
+    """Publish the studies of a scenario's designs to MLflow as one run; repeated publishing adds nothing."""
     from jointgap.core.publish import publish_records
 
     scenario, folder = results.scenario, results.path.resolve()
@@ -256,7 +256,7 @@ _SHOWN = (".md", ".html", ".svg", ".png", ".yaml")
 
 
 def sweep_record(scenario: "Scenario", folder: Path) -> "Record":
-    """The run of a scenario's many designs, from what its stages wrote into `folder`."""
+    """The MLflow run of a scenario's studies, from their results in `folder`."""
     from jointgap.core.errors import InputError
     from jointgap.core.publish import Dataset, Record, configuration, costs
 
@@ -272,8 +272,8 @@ def sweep_record(scenario: "Scenario", folder: Path) -> "Record":
         spent |= {f"{study}_{name}": cost for name, cost in costs([benchmark] if benchmark.is_file() else []).items()}
     if not metrics:
         raise InputError(
-            "sweep.parameters, optimise_robust.uncertain: name nothing, so there is nothing to publish; give the "
-            "options that the designs were made with"
+            "sweep.parameters, optimise_robust.uncertain: both are empty, so there is nothing to publish; give the "
+            "options of the designs"
         )
     given = configuration(scenario, scenario.model_fields_set - {"description"})
     held = (Dataset(names.get(path, f"{path.parent.name}_{path.stem}"), path, "result") for path in datasets)

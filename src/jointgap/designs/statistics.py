@@ -1,4 +1,4 @@
-"""Statistics of one motion: growth of a small change, contacts, journal orbits, Poincaré section, periodicity."""
+"""Statistics of one motion: error growth, contacts, journal orbits, Poincaré section, periodicity."""
 
 import math
 from collections.abc import Iterable
@@ -15,45 +15,44 @@ from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.dynamics.parallel import Run, simulate_runs
 from jointgap.dynamics.simulation import perturbed_start
 
-CHANGE = 1e-11  # Size of the change of the start [m]: what two good codes differ by
-DIRECTIONS = 5  # Random directions of the change: enough for a median, and for the fastest to be among them
-USEFUL = 1e-3  # Share of the smallest clearance up to which two motions count as the same
-REPEATS = 1e-3  # Share of it within which a motion is said to repeat: the depth of a contact, and no more
-_TOLERANCE_RATIO = 1000.0  # of the change to the local error of a step, so that the change alone is seen to grow
+CHANGE = 1e-11  # Perturbation of the start [m]: typical difference between two accurate codes
+DIRECTIONS = 5  # Random directions of the perturbation
+USEFUL = 1e-3  # Distance, over the smallest clearance, below which two motions are the same
+REPEATS = 1e-3  # Distance, over the smallest clearance, below which a motion is periodic: the depth of a contact
+_TOLERANCE_RATIO = 1000.0  # of the perturbation to the local error, so that the growth is not the solver's
 
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth of a small change over the crank angle."""
+    """Growth of a small perturbation over the crank angle."""
 
     crank_angle: np.ndarray  # (n,) [rad]
     factors: np.ndarray  # (directions, n)
-    change: float  # Size of the change at the start [m]
-    useful: float  # Distance [m] up to which motions count as the same
+    change: float  # Perturbation of the start [m]
+    useful: float  # Distance [m] below which motions are the same
 
     @property
     def comparable_until(self) -> float:
-        """Crank angle [rad] turned until the first of the changes exceeds `useful`; infinite where none does."""
+        """Crank angle [rad] at which the first of the perturbations exceeds `useful`; infinite where none does."""
         beyond = np.flatnonzero(self.factors.max(axis=0) * self.change > self.useful)
         return float(self.crank_angle[beyond[0]] - self.crank_angle[0]) if len(beyond) else math.inf
 
     @property
     def verdict(self) -> str:
-        """One sentence for the user."""
         turned, until = np.degrees([self.crank_angle[-1] - self.crank_angle[0], self.comparable_until])
         growth = (
-            f"a change of {self.change:g} m at the start grows up to {self.factors.max():.2g} times within "
+            f"a perturbation of {self.change:g} m at the start grows up to {self.factors.max():.2g} times within "
             f"{turned:.0f} deg"
         )
         if math.isinf(until):
-            return f"{growth}: samples can be compared throughout"
+            return f"{growth}: samples are comparable throughout"
         return (
-            f"{growth}: samples can be compared up to {until:.0f} deg, where it passes {self.useful:.2g} m; "
-            "beyond, only statistics can be compared"
+            f"{growth}: samples are comparable up to {until:.0f} deg, where it exceeds {self.useful:.2g} m; "
+            "beyond that, compare statistics"
         )
 
     def frame(self) -> pd.DataFrame:
-        """The growth as the table `GROWTH`."""
+        """The table `GROWTH`."""
         median, low, high = np.quantile(self.factors, (0.5, 0.0, 1.0), axis=0)
         return pd.DataFrame({"crank_angle": self.crank_angle, "median": median, "low": low, "high": high})
 
@@ -65,14 +64,14 @@ def measure_growth(
     directions: int = DIRECTIONS,
     workers: int | None = None,
 ) -> Growth:
-    """Simulate a motion again from starts that differ by `change` in random directions.
+    """Simulate a motion from starts perturbed by `change` in random directions.
 
-    The local error of a step is a thousandth of the change at most, so that it is the change that is seen to grow.
+    The tolerance is at most a thousandth of the perturbation, so that the solver's error does not contribute.
     """
     applied = mechanism.applied()
     if not applied.loose:
         raise InputError(
-            "growth of a small change: all joints are ideal, so the start cannot be changed; make one loose"
+            "growth of a small change: all joints are ideal, so the start cannot be perturbed; make a joint loose"
         )
     ways = perturbed_start(np.random.default_rng(0).normal(size=(directions, 6)), applied.loose)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
@@ -89,27 +88,26 @@ def measure_growth(
 
 @dataclass(frozen=True)
 class Periodicity:
-    """Whether a motion repeats after a number of revolutions."""
+    """Whether a motion is periodic."""
 
-    distances: np.ndarray  # By number n of revolutions, from 1 [m]
+    distances: np.ndarray  # By number of revolutions, from 1 [m]
     clearance: float  # Smallest clearance [m]
 
     @property
     def period(self) -> int | None:
-        """Smallest number of revolutions after which the motion repeats; None where it does not."""
+        """Period in revolutions; None where the motion is not periodic."""
         repeats = np.flatnonzero(self.distances <= REPEATS * self.clearance)
         return int(repeats[0]) + 1 if len(repeats) else None
 
     @property
     def verdict(self) -> str:
-        """One sentence for the user."""
         nearest = self.period or int(np.argmin(self.distances)) + 1
         distance, turns = self.distances[nearest - 1], self.period or len(self.distances)
         revolutions = f"{turns} revolution{'s' * (turns > 1)}"
         words = f"to {distance:.2g} m, {distance / self.clearance:.2g} of the clearance"
         if self.period is None:
-            return f"no period within {revolutions}: after {nearest} it comes back nearest, {words}"
-        return f"period {self.period}: it repeats after {revolutions} {words}"
+            return f"no period within {revolutions}: closest after {nearest}, {words}"
+        return f"period {self.period}: the motion repeats after {revolutions} {words}"
 
 
 @dataclass(frozen=True)
@@ -121,18 +119,17 @@ class Cycles:
     impacts: pd.DataFrame
     eccentricity: pd.DataFrame
     periodicity: Periodicity
-    first: int  # First revolution that counts as settled
+    first: int  # First settled revolution
 
     @property
     def summary(self) -> str:
-        """A few lines for the user."""
         lines = [f"from revolution {self.first} on: {self.periodicity.verdict}"]
         settled = self.revolutions[self.revolutions["revolution"] >= self.first]
         for joint, rows in settled.groupby("joint", sort=False):
             flight, impact, contact = (100.0 * rows[f"share_{mode}"].mean() for mode in ("flight", "impact", "contact"))
             lines.append(
                 f"{joint}: flight {flight:.1f} %, impact {impact:.1f} %, contact {contact:.1f} % of the time; "
-                f"{rows['contacts'].mean():.1f} contacts begin a revolution; peak force "
+                f"{rows['contacts'].mean():.1f} contacts per revolution; peak force "
                 f"{rows['peak_force'].max():.4g} N"
             )
         return "\n".join(lines)
@@ -146,10 +143,9 @@ def cycles(
     first: int = 2,
     angle: float = 0.0,
 ) -> Cycles:
-    """All statistics of one motion."""
     applied, per_turn = mechanism.applied(), options.samples_per_revolution
     if not applied.loose:
-        raise InputError("statistics of clearances: all joints are ideal; make one loose")
+        raise InputError("statistics of clearances: all joints are ideal; make a joint loose")
     begin = (first - 1) * per_turn
     vectors = np.hstack([clearance_vectors(samples.iloc[begin:], joint) for joint in applied.loose])
     begin_time = samples["time"].iloc[min(begin, len(samples) - 1)]
@@ -164,7 +160,6 @@ def cycles(
 
 
 def contacts(events: pd.DataFrame, joint: str) -> pd.DataFrame:
-    """The contacts of one joint, in order."""
     own = events[events["joint"] == joint]
     begins, ends = (own[own["event"] == kind].reset_index(drop=True) for kind in ("impact", "separation"))
     begins = begins[["time", "crank_angle", "approach_speed"]].rename(columns={"time": "begin"})
@@ -173,13 +168,13 @@ def contacts(events: pd.DataFrame, joint: str) -> pd.DataFrame:
 
 
 def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[str, float]:
-    """Shares of the time in which a joint is in flight, in an impact, in contact; 1 in all.
+    """Shares of the time that a joint spends in flight, in impacts and in contact; their sum is 1.
 
-    An impact is a contact whose penetration has one maximum at most.
+    An impact is a contact whose penetration has at most one maximum.
     """
     start, stop = contact_frame["begin"].to_numpy(), contact_frame["end"].fillna(np.inf).to_numpy()
     length = np.clip(np.minimum(stop, end) - np.maximum(start, begin), 0.0, None) / (end - begin)
-    impacts = contact_frame["maxima"].to_numpy() <= 1  # NaN, a contact that has not ended, is none
+    impacts = contact_frame["maxima"].to_numpy() <= 1  # False for NaN, a contact that has not ended
     impact, contact = float(length[impacts].sum()), float(length[~impacts].sum())
     return {"flight": 1.0 - impact - contact, "impact": impact, "contact": contact}
 
@@ -187,7 +182,7 @@ def time_shares(contact_frame: pd.DataFrame, begin: float, end: float) -> dict[s
 def _joint_revolutions(
     samples: pd.DataFrame, events: pd.DataFrame, joints: Iterable[str], per_turn: int
 ) -> pd.DataFrame:
-    """What each joint does in each revolution: the table `JOINT_REVOLUTIONS`."""
+    """The table `JOINT_REVOLUTIONS`."""
     rows, times = [], samples["time"].to_numpy()
     for joint in joints:
         frame, force = contacts(events, joint), samples[f"{joint}_normal_force"].to_numpy()
@@ -203,7 +198,7 @@ def _joint_revolutions(
 
 
 def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: float, revolutions: int) -> pd.DataFrame:
-    """Distributions of contacts from `begin` [s] on: the table `IMPACT_DISTRIBUTION`."""
+    """The table `IMPACT_DISTRIBUTION`, from `begin` [s] on."""
     rows = []
     for joint in joints:
         frame = contacts(events, joint)
@@ -217,7 +212,7 @@ def _impact_distribution(events: pd.DataFrame, joints: Iterable[str], begin: flo
 def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) -> np.ndarray:
     """Clearance vector of a joint at the samples of a trajectory, (n, 2) [m], or its rate [m/s].
 
-    Zero where the centres coincide; there the rate, whose direction the table does not hold, is NaN unless it is zero.
+    Zero where the centres coincide; the rate is then NaN, unless it is zero, because its direction is not stored.
     """
     number = JOINT_NUMBERS[joint]
     r, gamma = samples[f"r{number}"].to_numpy(), samples[f"gamma{number}"].to_numpy()
@@ -231,7 +226,7 @@ def clearance_vectors(samples: pd.DataFrame, joint: str, rates: bool = False) ->
 
 
 def eccentricity_band(samples: pd.DataFrame, joints: Iterable[str], per_turn: int, first: int) -> pd.DataFrame:
-    """Distance of the centres over revolutions, by crank angle: the table `ECCENTRICITY`."""
+    """Distance of the centres over the crank angle, range over the revolutions: the table `ECCENTRICITY`."""
     frames, angle = [], samples["crank_angle"].to_numpy()[:per_turn]
     for joint in joints:
         r = samples[f"r{JOINT_NUMBERS[joint]}"].to_numpy()[:-1].reshape(-1, per_turn)[first - 1 :]
@@ -250,7 +245,7 @@ def poincare_section(
     chosen = samples.iloc[row + (first - 1) * per_turn : -1 : per_turn]
     if chosen.empty:
         raise InputError(
-            f"the section from revolution {first} on is empty, for there are {(len(samples) - 1) // per_turn} "
+            f"the section from revolution {first} on is empty: the motion has {(len(samples) - 1) // per_turn} "
             "revolutions; simulate more, or begin earlier"
         )
     frames = []
@@ -264,11 +259,11 @@ def poincare_section(
 
 
 def periodicity(vectors: ArrayLike, per_turn: int, clearance: float) -> Periodicity:
-    """Compare the last n revolutions with the n before, for every n that there is room for."""
+    """Compare the last n revolutions with the n before, for every possible n."""
     vectors, distances = np.asarray(vectors), []
     revolutions = (len(vectors) - 1) // per_turn
     if revolutions < 2:
-        raise InputError(f"a period cannot be told from {revolutions} revolution; simulate two or more that count")
+        raise InputError(f"periodicity needs two settled revolutions, not {revolutions}; simulate more")
     for length in range(per_turn, revolutions // 2 * per_turn + 1, per_turn):
         difference = vectors[-length - 1 :] - vectors[-2 * length - 1 : -length]
         distances.append(np.linalg.norm(difference, axis=1).max())

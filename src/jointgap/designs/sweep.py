@@ -1,4 +1,4 @@
-"""Page, figures, words and published numbers of a sweep."""
+"""Page, figures, labels and MLflow metrics of a sweep."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +18,7 @@ from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.publish import name_and_factor
 from jointgap.core.schema import Column
-from jointgap.core.words import in_words, joined, reading_unit, unit_in_words
+from jointgap.core.words import format_name, format_unit, joined, reading_unit
 from jointgap.designs.run import checked_dataset, failures
 from jointgap.designs.sampling import Axis, Designs
 
@@ -27,72 +27,72 @@ _WORDS = {
     "speed": "crank speed",
     "window_start": "start of the window",
     "window_end": "end of the window",
-    "error_measure": "measure of the error",
+    "error_measure": "error measure",
     "revolution": "revolution counted",
     "stiffness": "stiffness of the contacts",
     "rms": "RMS",
 }
-_UNITS = {"stiffness": "N/mⁿ"}  # it has no SI unit of its own: that depends on the exponent
+_UNITS = {"stiffness": "N/mⁿ"}  # depends on the exponent
 _LEFT_OUT = ("mechanism", "simulate", "joints", "contact")
-"""Parts of a path that say nothing that its other parts do not."""
+"""Parts of a path that its label omits."""
 
 
-def measure_in_words(name: str) -> str:
+def format_measure(name: str) -> str:
     """``RMS of the normal force in the crank pin``."""
     return _COLUMNS[name].description.partition(";")[0]
 
 
 def measure_quantity(name: str) -> tuple[Quantity, float]:
-    """What an axis of a measure shows, and how many of its units one SI unit is."""
-    return _quantity(measure_in_words(name), _COLUMNS[name].unit)
+    """Axis of a measure, and its number of axis units per SI unit."""
+    return _quantity(format_measure(name), _COLUMNS[name].unit)
 
 
-def parameter_in_words(key: str) -> str:
+def format_parameter(key: str) -> str:
     """``crank pin journal`` of ``mechanism.joints.crank_pin.journal``."""
-    return _WORDS.get(key) or in_words(" ".join(part for part in key.split(".") if part not in _LEFT_OUT))
+    return _WORDS.get(key) or format_name(" ".join(part for part in key.split(".") if part not in _LEFT_OUT))
 
 
 def parameter_quantity(axis: Axis) -> tuple[Quantity, float]:
-    """What an axis of a parameter shows, and how many of its units one SI unit is."""
+    """Axis of a parameter, and its number of axis units per SI unit."""
     unit = _UNITS.get(axis.key, axis.unit)
-    return _quantity(parameter_in_words(axis.key), unit if axis.column.kind == "float" else "")
+    return _quantity(format_parameter(axis.key), unit if axis.column.kind == "float" else "")
 
 
 def _quantity(words: str, unit: str) -> tuple[Quantity, float]:
     shown, factor = reading_unit(unit)
-    return Quantity(words, unit_in_words(shown)), factor
+    return Quantity(words, format_unit(shown)), factor
 
 
-def value_in_words(axis: Axis, value: Any, with_unit: bool = True) -> str:
-    """A `value` of a parameter of `axis` as people read it: ``70.1 deg``, ``rod``."""
+def format_value(axis: Axis, value: Any, with_unit: bool = True) -> str:
+    """A formatted `value` of a parameter: ``70.1 deg``, ``rod``."""
     if isinstance(value, str | bool):
-        return _WORDS.get(str(value)) or in_words(str(value))
+        return _WORDS.get(str(value)) or format_name(str(value))
     unit, factor = reading_unit(axis.unit)
     if not with_unit:
         return f"{factor * value:.4g}"
     number = f"{factor * value:.3g}".replace("e+0", "e").replace("e+", "e")
-    return f"{number} {unit_in_words(unit)}".strip()
+    return f"{number} {format_unit(unit)}".strip()
 
 
 _MOST_TICKS = 8  # labels of a list
-_MOST_DOTS = 4000  # in a panel: more are a blot
-_GROUP, _MOST_GROUPS = 25, 20  # designs of a median, and medians of a parameter
-_JITTER = 0.3  # of the distance between values of a list, to both sides
+_MOST_DOTS = 4000  # per panel
+_GROUP, _MOST_GROUPS = 25, 20  # designs per median, and medians per parameter
+_JITTER = 0.3  # over the distance between values of a list, to both sides
 
 
 def places(axis: Axis, values: Any) -> np.ndarray:
-    """Where `values` of a parameter stand in a figure: 0, 1, 2, ... for a list, a range in its unit."""
+    """Coordinates of parameter `values`: 0, 1, 2, ... for a list, in the axis unit for a range."""
     if axis.values is not None:
         return pd.Index(axis.values).get_indexer(values).astype(float)
     return parameter_quantity(axis)[1] * np.asarray(values, dtype=float)
 
 
 def scale(panel: Panel, side: str, axis: Axis) -> None:
-    """Scale and ticks of one side: the values of a list, or some of them; logarithmic where a range is drawn so."""
+    """Scale and ticks of one axis: values of a list, or numbers; logarithmic for a log-uniform range."""
     drawn = getattr(panel.axes, f"{side}axis")
     if axis.values is not None:
         some = slice(None, None, -(-len(axis.values) // _MOST_TICKS))
-        texts = [value_in_words(axis, value, False) for value in axis.values[some]]
+        texts = [format_value(axis, value, False) for value in axis.values[some]]
         drawn.set_ticks(range(len(axis.values))[some], texts)
     elif axis.law.dist.name == "loguniform":
         low, high = axis.law.support()
@@ -103,7 +103,7 @@ def scale(panel: Panel, side: str, axis: Axis) -> None:
 
 
 def parameter_panels(axes: Sequence[Axis], quantity: Quantity) -> Sheet:
-    """A sheet with a panel for each parameter, for a `quantity` over it."""
+    """A sheet with a panel of `quantity` over each parameter."""
     columns = min(3, len(axes))
     rows = -(-len(axes) // columns)
     sheet = Sheet(0.8 + 2.1 * rows, rows, columns)
@@ -115,7 +115,7 @@ def parameter_panels(axes: Sequence[Axis], quantity: Quantity) -> Sheet:
 
 
 def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measure: Column) -> Drawing:
-    """A panel for each parameter: a `measure` of the designs over it."""
+    """A `measure` of the designs over each parameter."""
     shown = designs[np.isfinite(designs[measure.name].to_numpy(dtype=float))]
     quantity, factor = measure_quantity(measure.name)
     values = factor * shown[measure.name].to_numpy(dtype=float)
@@ -127,7 +127,7 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measu
                 groups = np.array_split(np.argsort(x), max(1, min(_MOST_GROUPS, len(x) // _GROUP)))
             else:
                 groups = [np.flatnonzero(x == number) for number in range(len(axis.values))]
-                # spread evenly in the order of the designs, the same each time
+                # deterministic jitter, even in the order of the designs
                 x = x + _JITTER * (2.0 * np.modf(np.arange(len(x)) * 0.6180339887)[0] - 1.0)
             some = slice(None, None, max(1, -(-len(x) // _MOST_DOTS)))
             panel.marks("design", x[some], values[some], "simulation", markersize=2.2, alpha=0.5, markeredgewidth=0.0)
@@ -138,30 +138,28 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measu
 
 
 MAP = "map"
-"""Name of the figure of a sweep whose design is a grid of two or three parameters."""
+"""Figure of a sweep on a grid of two or three parameters."""
 
 _MAPPED = {
     "angle_error_rms": Quantity("RMS error of the transmission angle", "deg"),
     "peak_force": Quantity("largest force in the joints", "N"),
     "noise_share": Quantity("share of the slider's acceleration above order 10", "1"),
 }
-_MOST_MAPS = 3  # values of the third parameter that are shown
+_MOST_MAPS = 3  # values of the third parameter
 
 
 def has_map(designs: Designs) -> bool:
-    """Whether a sweep is drawn as a map."""
     return designs.sweep.design == "grid" and len(designs.axes) in (2, 3)
 
 
 def draw(designs: Designs, dataset: Path) -> Iterator[tuple[str, Drawing]]:
-    """The figures of a sweep by name."""
     if has_map(designs):
         names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
         yield MAP, grid_map(parquet.read_columns(dataset, names).to_pandas(), designs.axes)
 
 
 def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
-    """Measures of the designs of a grid over the first two parameters; a column for values of the third."""
+    """Measures of the designs of a grid over the first two parameters; a column per value of the third."""
     across, up, *third = axes
     forces = [name for name in designs if name.endswith("_peak_force")]
     shown = designs.assign(
@@ -172,7 +170,7 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
         (axis,) = third
         chosen = np.unique(np.linspace(0, len(axis.values) - 1, _MOST_MAPS).round().astype(int))
         columns = {
-            f"{parameter_in_words(axis.key)} {value_in_words(axis, value)}": shown[shown[axis.key] == value]
+            f"{format_parameter(axis.key)} {format_value(axis, value)}": shown[shown[axis.key] == value]
             for value in (axis.values[number] for number in chosen)
         }
     with plot.matplotlib_style():
@@ -196,40 +194,39 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
 
 
 def cells(panel: Panel, series: str, x: Any, y: Any, value: np.ndarray, quantity: Quantity, **style: Any) -> Any:
-    """Coloured cells of a `value` (len(y), len(x)) about the points `x` and `y`; gives what a colour bar needs."""
+    """Coloured cells of a `value` (len(y), len(x)) around the points `x` and `y`; returns the colour bar's artist."""
     panel.axes.grid(False)
-    told = {"value": value.ravel(), "value_quantity": quantity.name, "value_unit": quantity.unit}
-    panel.record(series, *map(np.ravel, np.meshgrid(x, y)), **told)
+    columns = {"value": value.ravel(), "value_quantity": quantity.name, "value_unit": quantity.unit}
+    panel.record(series, *map(np.ravel, np.meshgrid(x, y)), **columns)
     return panel.axes.pcolormesh(x, y, value, cmap="viridis", shading="nearest", **style)
 
 
 _KINDS = {
-    "sobol": "drawn as a scrambled Sobol sequence",
-    "latin_hypercube": "drawn as a Latin hypercube",
+    "sobol": "sampled by a scrambled Sobol sequence",
+    "latin_hypercube": "sampled by a Latin hypercube",
     "grid": "on a grid",
 }
 _MOST_DIGITS = 8
 
 
 def page(designs: Designs, dataset: Path) -> Page:
-    """The page of a sweep."""
     failed, kind = failures(dataset), designs.sweep.design
     introduction = (
         f"{designs.number} designs {_KINDS[kind]}"
         + ("" if kind == "grid" else f", seed {designs.sweep.seed}")
-        + f". Varied: {joined(parameter_in_words(axis.key) for axis in designs.axes)}; all else as in the mechanism. "
+        + f". Varied: {joined(format_parameter(axis.key) for axis in designs.axes)}; otherwise as in the mechanism. "
         f"Designs that failed: {sum(failed.values()) or 'none'}"
         + ("." if not failed else ": " + "; ".join(f"{count} x {why}" for why, count in failed.most_common(5)) + ".")
     )
     measured = (
-        "Over all designs that were simulated: smallest, 5 %, median, 95 % and largest value. Unless it says "
-        "otherwise, a measure is of the last revolution."
+        "Over all simulated designs: smallest, 5 %, median, 95 % and largest value. Measures refer to the last "
+        "revolution unless stated otherwise."
     )
     files = (
         "All designs: the Parquet files in `designs`, one table for `pandas.read_parquet`, polars or duckdb; "
-        "`jointgap describe` explains the columns of any of them."
+        "`jointgap describe` explains the columns."
     )
-    rows = (_row(measure_in_words(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured)
+    rows = (_row(format_measure(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured)
     heads = ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest")
     blocks = (
         Paragraph(introduction),
@@ -243,10 +240,10 @@ def page(designs: Designs, dataset: Path) -> Page:
 
 
 def parameter_table(axes: tuple[Axis, ...], values_of: Callable[[str], pd.Series]) -> TableBlock:
-    """Where the values of each parameter lie."""
+    """Ranges of the parameters."""
     rows = []
     for axis in axes:
-        words, values = parameter_in_words(axis.key), values_of(axis.key)
+        words, values = format_parameter(axis.key), values_of(axis.key)
         if axis.column.kind == "float":
             rows.append(_row(words, axis.unit, values, (0.0, 0.5, 1.0)))
         else:
@@ -261,7 +258,7 @@ def _column(dataset: Path, name: str) -> pd.Series:
 def _row(
     words: str, unit: str, values: pd.Series, shares: tuple[float, ...] = (0.0, 0.05, 0.5, 0.95, 1.0)
 ) -> tuple | None:
-    """Quantiles with four digits, or with more where they hardly differ: enough to tell them apart."""
+    """Quantiles with four digits, or with more where they hardly differ."""
     numbers = values.to_numpy(dtype=float)
     numbers = numbers[np.isfinite(numbers)]
     if not len(numbers):
@@ -271,14 +268,14 @@ def _row(
     largest, spread = np.max(np.abs(shown)), np.ptp(shown)
     digits = min(max(4, math.ceil(math.log10(largest / spread)) + 2), _MOST_DIGITS) if spread else 4
     texts = (f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.{digits}g}" for value in shown)
-    return words, unit_in_words(unit), *texts
+    return words, format_unit(unit), *texts
 
 
 _PUBLISHED = {"smallest": 0.0, "quantile_05": 0.05, "median": 0.5, "quantile_95": 0.95, "largest": 1.0}
 
 
 def metrics(scenario: Scenario, folder: Path) -> dict[str, float]:
-    """How many designs there are and failed; of each measure mean, deviation and quantiles."""
+    """Numbers of designs and failures, and mean, deviation and quantiles of each measure, for MLflow."""
     dataset = folder / "sweep/designs"
     designs = checked_dataset(scenario, dataset)
     reasons = _column(dataset, "reason")

@@ -1,6 +1,6 @@
 """Motion of a slider-crank with clearance joints: contact, friction, equations of motion, events, integration.
 
-`simulate` gives one motion with everything there is to see of it; `simulate_ensemble` many, from different starts.
+`simulate` returns one motion with all quantities; `simulate_ensemble` many motions from different starts.
 """
 
 from jointgap.dynamics.contact import LAWS, delivered_restitution

@@ -1,4 +1,4 @@
-"""From a configured mechanism and its drive to the numbers of the equations of motion; every effect writes its own."""
+"""Converts a mechanism and its drive to the parameters of the equations of motion; each effect adds its own."""
 
 import math
 
@@ -31,7 +31,7 @@ from jointgap.effects.base import CRANK_SIGN_SPEED, SLIDER_SIGN_SPEED
 
 
 def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
-    """The numbers of the joint `name` of a `mechanism` without effects."""
+    """Parameters of the joint `name` of a `mechanism` without effects."""
     joint = mechanism.joint(name)
     if joint is None:
         return JointParameters()
@@ -46,14 +46,14 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
     damping = 0.0 if penalty else LAWS[contact.law](contact.restitution)
     fading = {}
     if contact.reference_speed is not None:
-        # All that moves beyond the joint: the most that can rebound there.
+        # total mass beyond the joint: the largest mass that can rebound there
         beyond = ("crank", "rod", "slider") if name == "crank_pivot" else ("rod", "slider")
         mass = sum(getattr(mechanism, body).mass for body in beyond)
         duration = elastic_duration(stiffness, contact.exponent, mass, contact.least_approach_speed)
         fading = {
             "memory_time": MEMORY_DURATIONS * duration,
             "fading_time": FADING_DURATIONS * duration,
-            "lasting_damping": damping / contact.reference_speed,
+            "steady_contact_damping": damping / contact.reference_speed,
         }
     return JointParameters(
         loose=True,
@@ -75,7 +75,7 @@ def joint_parameters(mechanism: Mechanism, name: str) -> JointParameters:
 
 
 def _bodies(mechanism: Mechanism) -> BodyParameters:
-    """The numbers of crank, rod and slider without effects but weight."""
+    """Parameters of crank, rod and slider without effects except weight."""
     crank, rod, slider = mechanism.crank, mechanism.rod, mechanism.slider
     gravity_x, gravity_y = (float(component) for component in mechanism.gravity)
     return BodyParameters(
@@ -102,7 +102,7 @@ def _bodies(mechanism: Mechanism) -> BodyParameters:
 
 
 def _drive(options: Simulate, pieces: np.ndarray | None) -> DriveParameters:
-    """The numbers of the drive but its kind; `pieces` are those of a measured angle."""
+    """Parameters of the drive except its kind; `pieces` are those of a measured angle."""
     drive, speed, motor = options.drive, options.speed, {}
     if pieces is not None:
         steady = len(pieces) == 1
@@ -114,12 +114,12 @@ def _drive(options: Simulate, pieces: np.ndarray | None) -> DriveParameters:
 
 
 def parameters(mechanism: Mechanism, options: Simulate) -> Parameters:
-    """The numbers of `mechanism`, its effects applied, under the drive of `options`."""
+    """Parameters of `mechanism`, with its effects, under the drive of `options`."""
     if options.speed < 0:
         raise InputError(
-            f"simulate.speed {options.speed:g} rad/s is clockwise: a single simulation turns so, all else does not; "
-            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) "
-            "and a positive speed"
+            f"simulate.speed {options.speed:g} rad/s is clockwise, which only single simulations support; "
+            "mirror the mechanism (opposite sign of slider.offset, gravity_direction and phases) "
+            "and give a positive speed"
         )
     made = mechanism.applied()
     check_drive(made, options)

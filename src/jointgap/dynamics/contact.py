@@ -9,16 +9,16 @@ from scipy.optimize import brentq
 from jointgap.dynamics.numba_cache import compiled, inlined
 
 MEMORY_DURATIONS, FADING_DURATIONS = 2.5, 2.5
-"""Memory and fading of a contact in durations of the slowest elastic impact, one at `least_approach_speed`.
+"""Memory and fading time of a contact, over the duration of the slowest elastic impact, at `least_approach_speed`.
 
-With n = 3/2 a free impact at that speed lasts 2.0 times as long as an elastic one if it rebounds with 0.1, 2.4 times
-with 0.07 and 2.9 times with 0.05. A slower one is damped as one at that speed, less for its own, and lasts as the
-elastic one does with the speed to the power of -1/5: 2.2 durations at a fiftieth of the speed, 2.5 at a hundredth. So
-at 0.1 and above a free impact faster than that is over before memory fades. With a larger exponent impacts last longer:
-with n = 2 it is so from a tenth of the speed on, with n = 3 one that rebounds with 0.1 is not over."""
+With n = 3/2 a free impact at that speed lasts 2.0 times as long as an elastic one for a restitution of 0.1, 2.4 times
+for 0.07 and 2.9 times for 0.05. Slower impacts have the same damping parameter and last as long as elastic ones, with
+the speed to the power of -1/5: 2.2 durations at a fiftieth of the speed, 2.5 at a hundredth. So for a restitution of at
+least 0.1, impacts above that speed end before the memory fades. Larger exponents give longer impacts: with n = 2 this
+holds from a tenth of the speed on, with n = 3 not for a restitution of 0.1."""
 
 PULL_FAR_OFF = 1e3
-"""Parting speed [m/s] before a contact pulls, from which on it is not followed: no mechanism is that fast."""
+"""Parting speed [m/s] at zero force above which a contact is not checked for pulling: no mechanism is that fast."""
 
 
 def hunt_crossley(restitution: float) -> float:
@@ -67,15 +67,15 @@ def carvalho_martins(restitution: float) -> float:
 
 
 def exact_restitution(restitution: float) -> float:
-    """chi that delivers the restitution asked for: the root of the closed form between 0 and 1/e."""
+    """chi that gives exactly the configured restitution: the root of the closed form between 0 and 1/e."""
     highest = math.nextafter(1 / restitution, 0)
-    # Lankarani and Nikravesh always deliver more than is asked for, so that the root lies above their chi.
+    # the law of Lankarani and Nikravesh always gives a larger restitution, so the root lies above its chi
     lowest = lankarani_nikravesh(restitution)
     return _root(lambda damping: _closed_form(damping, restitution), lowest, highest)
 
 
 def delivered_restitution(damping: float) -> float:
-    """Coefficient of restitution that a free impact with chi = `damping` >= 0 really delivers."""
+    """Effective coefficient of restitution of a free impact with chi = `damping` >= 0."""
     if damping == 0:
         return 1.0
     highest = min(1.0, math.nextafter(1 / damping, 0))
@@ -83,7 +83,7 @@ def delivered_restitution(damping: float) -> float:
 
 
 def _closed_form(damping: float, restitution: float) -> float:
-    """chi (1 + e) - ln((1 + chi) / (1 - chi e)): falls through zero at the root in either argument."""
+    """chi (1 + e) - ln((1 + chi) / (1 - chi e)): decreasing through zero at the root in either argument."""
     return _excess(damping) - _excess(-damping * restitution)
 
 
@@ -95,7 +95,7 @@ def _excess(number: float) -> float:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where `function` falls through zero between `low` and `high`, by bisection to the last digit."""
+    """Zero of a decreasing `function` between `low` and `high`, by bisection to machine precision."""
     while low < (middle := (low + high) / 2) < high:
         low, high = (middle, high) if function(middle) > 0 else (low, middle)
     return low
@@ -116,14 +116,14 @@ LAWS: dict[str, Callable[[float], float]] = {
         exact_restitution,
     )
 }
-"""Dissipation laws by name: restitution asked for, between 0 and 1 -> chi."""
+"""Dissipation laws by name: configured restitution, between 0 and 1 -> chi."""
 
 
 def penalty_restitution(
     stiffness: float, exponent: float, penalty_damping: float, penalty_depth: float, mass: float, speed: float
 ) -> float:
     """Coefficient of restitution of a free impact with the penalty form."""
-    # Unknowns: depth over that of the elastic impact, speed over approach speed; so all numbers are near one.
+    # dimensionless: depth over that of the elastic impact, speed over approach speed
     scale = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** (1 / (exponent + 1))
     damping, step_depth = penalty_damping * scale / (mass * speed), penalty_depth / scale
 
@@ -141,7 +141,7 @@ def penalty_restitution(
     surface.direction = pull.direction = -1
 
     def pushed(start, *ends):
-        """From `start` to the first of `ends`; strong damping makes this stiff, and its duration hard to tell."""
+        """Integrate from `start` to the first of `ends`; strong damping makes this stiff."""
 
         def slope(_, state):
             return state[1], -force(*state)
@@ -152,9 +152,9 @@ def penalty_restitution(
     depth, rate = impact.y[:, -1]
     if depth < 1e-9 or exponent >= 2:
         return float(-rate)
-    # The force would pull, so that the mass flies on. For n < 2 the spring outdoes the damping, which goes like d^2,
-    # again nearer to the surface: at a depth between one where c(d) <= 3 c_max (d / d_max)^2 leaves the spring the
-    # stronger and the one where K d^n / c(d) is least.
+    # At zero force the mass leaves the surface. For n < 2 the spring exceeds the damping, which is proportional to d^2,
+    # again near the surface: at a depth between the one where c(d) <= 3 c_max (d / d_max)^2 makes the spring larger,
+    # and the one where K d^n / c(d) is smallest.
     low = 0.5 * ((exponent + 1) / 2 * step_depth**2 / (3 * damping * -rate)) ** (1 / (2 - exponent))
     high = min(depth, step_depth * 3 * (2 - exponent) / (6 - 2 * exponent))
     back = brentq(force, low, high, args=(rate,), xtol=1e-15)
@@ -162,7 +162,7 @@ def penalty_restitution(
 
 
 def elastic_duration(stiffness: float, exponent: float, mass: float, speed: float) -> float:
-    """How long [s] an elastic impact lasts."""
+    """Duration [s] of an elastic impact."""
     power = 1 / (exponent + 1)
     depth = ((exponent + 1) * mass * speed**2 / (2 * stiffness)) ** power
     return 2 * math.sqrt(math.pi) * math.gamma(1 + power) / math.gamma(0.5 + power) * depth / speed
@@ -170,7 +170,7 @@ def elastic_duration(stiffness: float, exponent: float, mass: float, speed: floa
 
 @compiled
 def smooth_step(x, x0, y0, x1, y1):
-    """y0 up to x0, y1 from x1 > x0 on, between them the cubic with zero slope at both ends."""
+    """Cubic step with zero slope at both ends: y0 below x0, y1 above x1 > x0."""
     if x <= x0:
         return y0
     if x >= x1:
@@ -191,22 +191,22 @@ def elastic_force(penetration, stiffness, exponent):
 
 @inlined
 def damping_factor_at(joint, approach, begin, time) -> float:
-    """chi / d'_0 [s/m] of a contact, or what its memory has faded to."""
+    """chi / d'_0 [s/m] of a contact, faded after its memory."""
     fading = time - begin - joint.memory_time
     if fading >= joint.fading_time:
-        return joint.lasting_damping
+        return joint.steady_contact_damping
     published = joint.damping / approach
     if not fading > 0.0:
         return published
-    # Ninth order: four derivatives are steady at both ends, enough for a method of fifth order to step across.
+    # Ninth order: four continuous derivatives at both ends, enough for steps of a fifth-order method.
     share = fading / joint.fading_time
     bend = 126.0 - share * (420.0 - share * (540.0 - share * (315.0 - share * 70.0)))
-    return published + (joint.lasting_damping - published) * share**5 * bend
+    return published + (joint.steady_contact_damping - published) * share**5 * bend
 
 
 @inlined
 def force_free_speed(joint, approach, begin, time) -> tuple:
-    """Parting speed at which the force of a contact vanishes, 1 / `damping_factor_at`, and its time derivative.
+    """Parting speed at zero contact force, 1 / `damping_factor_at`, and its time derivative.
 
     Arguments as in `damping_factor_at`.
     """
@@ -214,9 +214,9 @@ def force_free_speed(joint, approach, begin, time) -> tuple:
     if not fading > 0.0:
         return approach / joint.damping, 0.0
     if fading >= joint.fading_time:
-        return 1.0 / joint.lasting_damping, 0.0
+        return 1.0 / joint.steady_contact_damping, 0.0
     share = fading / joint.fading_time
-    change = joint.lasting_damping - joint.damping / approach
+    change = joint.steady_contact_damping - joint.damping / approach
     rate = change * 630.0 * (share * (1.0 - share)) ** 4 / joint.fading_time
     speed = 1.0 / damping_factor_at(joint, approach, begin, time)
     return speed, -rate * speed * speed
@@ -224,7 +224,7 @@ def force_free_speed(joint, approach, begin, time) -> tuple:
 
 @compiled
 def normal_force(joint, penetration, rate, damping_factor):
-    """Force [N] that pushes journal and bearing apart; that it never pulls is the caller's to see to, as an event."""
+    """Contact force [N]; the caller ends a contact, by an event, before the force becomes attractive."""
     elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
     if joint.penalty_damping > 0.0:
         return elastic + smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping) * rate
@@ -233,15 +233,15 @@ def normal_force(joint, penetration, rate, damping_factor):
 
 @compiled
 def pushing_margin(joint, penetration, rate, curvature, free_speed, free_rate):
-    """How far a contact is from pulling: positive while its force pushes, zero where the force vanishes."""
+    """Distance of a contact from pulling: positive for a repulsive force, zero at zero force."""
     if joint.penalty_damping > 0.0:
         if penetration <= 0.0:
             return PULL_FAR_OFF, 0.0
         elastic = elastic_force(penetration, joint.stiffness, joint.exponent)
         balance = elastic / smooth_step(penetration, 0.0, 0.0, joint.penalty_depth, joint.penalty_damping)
-        if not balance < PULL_FAR_OFF:  # c(d) goes like d^2: for n < 2 the quotient has no bound as d goes to zero
+        if not balance < PULL_FAR_OFF:  # c(d) ~ d^2: for n < 2 the quotient diverges as d goes to zero
             return PULL_FAR_OFF, 0.0
-        power = joint.exponent  # d/c dc/dd is taken off it within the step
+        power = joint.exponent  # reduced by d/c dc/dd in this branch
         share = penetration / joint.penalty_depth
         if share < 1.0:
             power -= 6.0 * (1.0 - share) / (3.0 - 2.0 * share)
@@ -261,7 +261,7 @@ _ACROSS = tuple((-1) ** k * (2 * k - 2) / (2 * k + 1) for k in _TERMS)
 def film_integrals(a, b, s):
     """I_w and I_n of the module's text for an eccentricity (a, b) of length < 1, s = sqrt(1 - a^2 - b^2)."""
     if a < -s / _SMALL:
-        # Where the film is thickest nearly equal terms cancel: the power series of what is left of them.
+        # for small eccentricities almost equal terms cancel: use the power series of the difference
         inverse = -1.0 / a
         square = (s * inverse) ** 2
         along = across = 0.0
@@ -281,9 +281,9 @@ def film_integrals(a, b, s):
 def film_force(joint, ex, ey, vx, vy, body_rate, partner_rate):
     """Force and moments of the oil film on the two bodies of a joint.
 
-    The pair of forces acts halfway between the centres, so that no angular momentum is lost; to this comes the couple
-    of the shear in the whole film, 2 pi mu R^3 L / (c sqrt(1 - eps^2)) times the difference of the rates. Beyond the
-    eccentricity where dry contact begins the film stays as thin as it is there.
+    The pair of forces acts halfway between the centres, which conserves angular momentum. In addition the couple of the
+    shear in the whole film acts, 2 pi mu R^3 L / (c sqrt(1 - eps^2)) times the difference of the rates. Beyond the
+    eccentricity of dry contact the film thickness is constant.
     """
     if joint.film_viscosity == 0.0:
         return 0.0, 0.0, 0.0, 0.0

@@ -1,10 +1,11 @@
-"""The state anywhere inside a step: the method's own interpolant of seventh order, from three more stages.
+"""The state within a step: the method's interpolant of seventh order, from three additional stages.
 
 Section II.10 of Hairer, Norsett, Wanner: Solving Ordinary Differential Equations I, 2nd edition. The three stages are
-made once for all samples in a step. Where time runs in the root of the time from an event, so does the interpolant.
+computed once per step with samples. Where time is a function of the root of the time from an event, so is the
+interpolant.
 
-Where the motion is rough the interpolant errs by more than the step does. The size of its highest term tells where: in
-such a step each sample is the end of a shorter step of the method itself. So samples are as exact as the steps are."""
+In nonsmooth motion the interpolant's error exceeds that of the step. The size of its highest term detects this: each
+sample of such a step is the end of a shorter step. So samples are as accurate as the steps."""
 
 import math
 
@@ -32,17 +33,17 @@ from jointgap.dynamics.runge_kutta import (
 _FIRST, _MORE, _TERMS = 5, KEPT - COUNT - 1, 4 + INTERPOLANT.shape[0]
 
 _ROUGHEST = 10.0
-"""Tolerances of the highest term from which on the interpolant is not used.
+"""Size of the highest term, in tolerances, above which the interpolant is not used.
 
-Over two revolutions of the paper's mechanism with and without friction, tolerances 1e-8 to 1e-14 m, it then errs by 1.4
-tolerances at most (in 99 samples of 100 by some 1), without this bound by 178. With friction 2 to 16 steps of 100 are
-rough.
+Over two revolutions of the paper's mechanism, with and without friction, at tolerances of 1e-8 to 1e-14 m, the error
+is then at most 1.4 tolerances (about 1 in 99 % of the samples); without this limit up to 178. With friction 2 to 16 %
+of the steps exceed it.
 """
 
 
 @compiled
 def prepare_inside(p, here, there, taken, tolerance, k):
-    """Make the further stages of a step and the coefficients of its interpolant."""
+    """Compute the additional stages of a step and the coefficients of its interpolant."""
     time_map, s, ds = taken
     y, x, auxiliary = here.clearance_state, here.auxiliary_state, p.switches.auxiliary
     rates_over_s(k, COUNT, there, dt_ds(time_map, s + ds), auxiliary)
@@ -88,7 +89,7 @@ def prepare_inside(p, here, there, taken, tolerance, k):
 
 @inlined
 def _highest_term(p, k) -> float:
-    """Largest size [m] of the interpolant's term share^4 (1 - share)^3, the states weighted as in a step's error."""
+    """Largest size [m] of the interpolant's term share^4 (1 - share)^3, weighted as in a step's error."""
     total = 0.0
     for i in range(STATES):
         weight = VELOCITY_TIME if i >= 4 else 1.0
@@ -101,7 +102,7 @@ def _highest_term(p, k) -> float:
 
 @inlined
 def _interpolate(terms, share, found) -> None:
-    """Put the values of all columns at the `share` of the step into `found`: nested in share and 1 - share by turns."""
+    """Evaluate all columns at the `share` of the step into `found`, nested in share and 1 - share alternately."""
     rest = 1.0 - share
     for i in range(found.size):
         value = terms[_TERMS - 1, i] * share

@@ -1,4 +1,4 @@
-"""What drives the crank: prescribed or measured motion."""
+"""The drive of the crank: prescribed or measured motion."""
 
 import math
 from pathlib import Path
@@ -19,10 +19,10 @@ from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MEASURED, MOST_K
 
 @compiled
 def fluctuation(ratio, anomaly):
-    """Angle u of u' = n (1 + ratio cos u), of mean rate sqrt(1 - ratio^2) n, when a steady one would be at `anomaly`.
+    """Angle u of u' = n (1 + ratio cos u), with mean rate sqrt(1 - ratio^2) n, at the mean `anomaly`.
 
-    From tan(u/2) = sqrt((1 + ratio) / (1 - ratio)) tan(anomaly/2), written so that it runs on over the turns; `ratio`
-    with its sign turned solves for the anomaly.
+    From tan(u/2) = sqrt((1 + ratio) / (1 - ratio)) tan(anomaly/2), continuous over turns. The opposite `ratio` gives
+    the inverse.
     """
     b = ratio / (1.0 + math.sqrt(1.0 - ratio * ratio))
     return anomaly + 2.0 * math.atan2(b * math.sin(anomaly), 1.0 - b * math.cos(anomaly))
@@ -32,7 +32,7 @@ def fluctuation(ratio, anomaly):
 def crank_motion(p, time):
     """Angle [rad], speed [rad/s] and acceleration [rad/s^2] of a prescribed crank at `time` [s].
 
-    Beyond the ends of a measured angle its first and last pieces go on.
+    Outside of a measured angle its first and last pieces are extrapolated.
     """
     d = p.drive
     if d.kind == CONSTANT:
@@ -61,10 +61,10 @@ def crank_motion(p, time):
 
 @compiled
 def crank_times(p, angles):
-    """Times [s] at which a prescribed crank passes `angles` (n,) [rad], growing, the first at the start.
+    """Times [s] at which a prescribed crank passes increasing `angles` (n,) [rad], the first at the start.
 
-    The end of a measured angle, `p.knots.end`, for those that it does not reach. When a motor's crank passes them only
-    the integration can tell: zeros.
+    `p.knots.end` for angles beyond the end of a measured angle; zeros for a motor, whose times result from the
+    integration.
     """
     times = np.zeros(angles.size)
     if p.drive.kind == MOTOR:
@@ -92,19 +92,19 @@ def crank_times(p, angles):
     return times
 
 
-_LEAST = 12  # samples that a smooth angle needs
+_MIN_SAMPLES = 12  # samples required for a smooth angle
 _TURN = 2 * math.pi
-_ORDERS = np.arange(1, 5)  # of what repeats in every turn: a gear's or a joint's are left to the spline
-_DRIFT_TERMS = 12  # of the polynomial beside them, at most
-_LEAST_TURNS = 3  # below, a drift and what repeats look alike
+_ORDERS = np.arange(1, 5)  # orders that repeat every turn; higher ones (gears, joints) are left to the spline
+_DRIFT_TERMS = 12  # largest number of terms of the polynomial
+_MIN_TURNS = 3  # with fewer, drift and orders are indistinguishable
 
 
 def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s] and angles [rad, running on over turns] of a measured drive."""
+    """Times [s] and continuous angles [rad] of a measured drive."""
     drive = options.drive
     path = Path(drive.file)
     if drive.time == drive.angle:
-        raise InputError(f"simulate.drive: time and angle both name column '{drive.time}' of {path}; give two columns")
+        raise InputError(f"simulate.drive: time and angle are both column '{drive.time}' of {path}; give two columns")
     if drive.resolution is not None and drive.resolution > _TURN / 4:
         raise InputError(
             f"simulate.drive.resolution: {math.degrees(drive.resolution):g} deg is more than a quarter turn; "
@@ -121,8 +121,7 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
     for key, column in (("time", drive.time), ("angle", drive.angle)):
         if column not in table:
             raise InputError(
-                f"{path}: has no column '{column}', which simulate.drive.{key} names; "
-                f"{did_you_mean(column, list(table))}"
+                f"{path}: has no column '{column}' (simulate.drive.{key}); {did_you_mean(column, list(table))}"
             )
         numbers = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
         if not np.isfinite(numbers).all():
@@ -130,18 +129,18 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
             raise InputError(f"{path}, column {column}, row {row + 1}: '{table[column][row]}' is not a finite number")
         values.append(numbers)
     time, angle = values[0], values[1] * unit_factor(drive.angle_unit, "rad")
-    if time.size < _LEAST:
-        raise InputError(f"{path}: {time.size} samples are too few for a smooth crank angle; give {_LEAST} at least")
+    if time.size < _MIN_SAMPLES:
+        raise InputError(f"{path}: {time.size} samples are too few for a smooth angle; give at least {_MIN_SAMPLES}")
     if (falls := np.flatnonzero(np.diff(time) <= 0)).size:
         row = int(falls[0]) + 2
         raise InputError(
-            f"{path}, column {drive.time}, row {row}: time {time[row - 1]:g} s does not rise; sort the rows"
+            f"{path}, column {drive.time}, row {row}: time {time[row - 1]:g} s does not increase; sort the rows"
         )
-    angle = running_on(angle)
+    angle = unwrapped(angle)
     if angle[-1] < angle[0]:
         raise InputError(
-            f"{path}, column {drive.angle}: the angle falls from {math.degrees(angle[0]):.6g} to "
-            f"{math.degrees(angle[-1]):.6g} deg, so the crank turns clockwise; change the sign of the angles"
+            f"{path}, column {drive.angle}: the angle decreases from {math.degrees(angle[0]):.6g} to "
+            f"{math.degrees(angle[-1]):.6g} deg: the crank turns clockwise; change the sign of the angles"
         )
     if (jumps := np.flatnonzero(np.abs(np.diff(angle)) > _TURN / 2)).size:
         row = int(jumps[0]) + 2
@@ -153,10 +152,10 @@ def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
     return time - time[0], angle
 
 
-def running_on(angle: np.ndarray) -> np.ndarray:
-    """Angles (n,) [rad] that run on over turns, of angles that may fall back after one turn or several.
+def unwrapped(angle: np.ndarray) -> np.ndarray:
+    """Continuous angles (n,) [rad], from angles that may jump back after one or several turns.
 
-    Angles that stay within one turn may cross its bound to and fro by noise. Others rise as they are told.
+    Angles within one turn may cross its limit in both directions because of noise.
     """
     if np.ptp(angle) <= _TURN:
         return np.unwrap(angle)
@@ -166,18 +165,18 @@ def running_on(angle: np.ndarray) -> np.ndarray:
 
 
 def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A slowly drifting rotation and its first orders, as columns (n, d) and (n, m) whose sum an angle is fitted by.
+    """A slowly drifting rotation and its first orders, as columns (n, d) and (n, m) for a linear fit of an angle.
 
-    They are orders of that rotation, a polynomial of time, not of the crank angle: so nothing has to be solved for,
-    however unsteadily the crank turns. No orders where turns or samples are too few to tell them from a drift.
+    The orders refer to that rotation, a polynomial of time, instead of the crank angle, so the problem is linear even
+    for unsteady rotation. No orders with too few turns or samples.
     """
     turns = (angle[-1] - angle[0]) / _TURN
     terms = int(min(turns, _DRIFT_TERMS)) + 1
     drift = np.polynomial.legendre.legvander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, terms)
-    if turns < _LEAST_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
+    if turns < _MIN_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
         return drift, np.empty((angle.size, 0))
     rotation = drift @ np.linalg.lstsq(drift, angle, rcond=None)[0]
-    for _ in range(2):  # beside the orders of a first rotation one that they have not bent
+    for _ in range(2):  # the second rotation is not distorted by the orders
         phases = _ORDERS * rotation[:, None]
         orders = np.column_stack([np.cos(phases), np.sin(phases)])
         weights = np.linalg.lstsq(np.column_stack([drift, orders]), angle, rcond=None)[0]
@@ -186,7 +185,7 @@ def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """By how much [rad] a crank is ahead, in its first orders, of a rotation that drifts slowly: (n,) array."""
+    """Deviation [rad] of a crank angle from a slowly drifting rotation in its first orders, (n,)."""
     drift, orders = repeated_basis(time, angle)
     return orders @ np.linalg.lstsq(np.hstack([drift, orders]), angle, rcond=None)[0][drift.shape[1] :]
 
@@ -194,14 +193,14 @@ def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
 def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) -> PPoly:
     """Smooth spline through a measured angle.
 
-    With the encoder's step q known: the quintic with few knots that deviates by q / sqrt(12) RMS, the rounding of an
-    encoder, and by three standard errors of that, lest ties be followed: the mean square of n roundings scatters by
-    sqrt(0.8 / n) of itself. Else a cubic whose smoothness cross-validation chooses (G. Wahba, Spline models for
-    observational data, 1990), which takes some 0.5 ms a sample. Both are made for what is left beside a steady
-    rotation, the cubic also beside what repeats in every turn, which smoothing would flatten.
+    With a known encoder step q: the quintic with few knots whose RMS deviation is q / sqrt(12), the rounding error,
+    plus three standard errors (the mean square of n rounding errors has the relative scatter sqrt(0.8 / n)), to avoid
+    fitting the rounding. Otherwise a cubic whose smoothness is chosen by cross-validation (G. Wahba, Spline models for
+    observational data, 1990), in about 0.5 ms per sample. Both are fitted to the deviation from a steady rotation, the
+    cubic also without the part that repeats every turn, which it would flatten.
 
-    At the very ends, where samples lie on one side alone, the accelerations are weak: some ten times as far off as
-    inside, and those of the cubic are zero there. Let a record begin and end some samples beyond what is simulated.
+    At the ends the accelerations are about ten times less accurate, and zero for the cubic. Records should begin and
+    end some samples outside of the simulated motion.
     """
     steady = np.polyfit(time, angle, 1)
     rest, scale = angle - np.polyval(steady, time), time[-1] / (time.size - 1)
@@ -210,44 +209,44 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
         spline = make_smoothing_spline(time / scale, rest - repeated)
     else:
         squares = time.size * resolution**2 / 12 * (1 + 3 * math.sqrt(0.8 / time.size))
-        # compiled, unlike make_splrep, which takes 30 times as long for 8000 samples
+        # compiled; make_splrep is 30 times slower for 8000 samples
         spline, _, status, _ = splrep(time / scale, rest, k=5, s=squares, full_output=True, quiet=True)
         if status > 0:
             raise InputError(
-                f"simulate.drive.resolution: no smooth angle keeps to {math.degrees(resolution):g} deg; "
-                "give the step of the encoder, or null where it is not known"
+                f"simulate.drive.resolution: no smooth angle is within {math.degrees(resolution):g} deg of the record; "
+                "give the step of the encoder, or null if it is unknown"
             )
     found = PPoly.from_spline(spline)
-    inside = np.flatnonzero(np.diff(found.x) > 0)  # the ends' repeated knots bound nothing
+    inside = np.flatnonzero(np.diff(found.x) > 0)  # without repeated knots at the ends
     degree = found.c.shape[0] - 1
     powers = scale ** np.arange(degree, -1, -1)[:, None]
     pieces = PPoly(found.c[:, inside] / powers, scale * found.x[np.append(inside, inside[-1] + 1)])
     pieces.c[-1] += np.polyval(steady, pieces.x[:-1])
     pieces.c[-2] += steady[0]
     if resolution is None:
-        pieces.c += CubicSpline(pieces.x, repeated).c  # the knots of this spline are the samples
+        pieces.c += CubicSpline(pieces.x, repeated).c  # its knots are the samples
     return pieces
 
 
-def stands_still(smooth: PPoly, begin: float, end: float) -> float | None:
-    """When [s] between `begin` and `end` [s] a smooth angle falls fastest, or stands still; None where it rises."""
+def standstill_time(smooth: PPoly, begin: float, end: float) -> float | None:
+    """Time [s] of the smallest speed of a smooth angle between `begin` and `end` [s] if it is not positive."""
     fine = np.linspace(begin, end, 20 * len(smooth.x))
     speed = smooth(fine, 1)
     return float(fine[np.argmin(speed)]) if speed.min() <= 0 else None
 
 
 def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
-    """Pieces (k, 7) of a measured drive from where it passes the start angle, and its end [s]: see `knots_record`.
+    """Pieces (k, 7) of a measured drive from its passage of the start angle, and its end [s]: see `knots_record`.
 
-    The time is zero there, the angle is shifted by whole turns to the start angle. Noise must not cost a record that
-    begins or ends on the start angle a revolution: both ends reach further by the encoder's step, or else by three
-    times the smoothing's residual but no more than a sample.
+    The time there is zero, and the angle is shifted by whole turns to the start angle. Both ends are extended by the
+    encoder's step, or by three times the smoothing's residual (at most one sample), so that noise does not remove a
+    revolution from a record that begins or ends at the start angle.
     """
     path, resolution = options.drive.file, options.drive.resolution
     time, angle = read_angle(options)
     if angle[-1] - angle[0] < _TURN * (options.revolutions - 0.25):
         raise _too_short(options, angle[0], angle[-1])
-    # a turn at most to the start angle, the revolutions, and half a turn to keep the weak end out
+    # at most one turn to the start angle, the revolutions, and half a turn as a margin
     needed = 1 + int(np.argmax(np.append(angle[:-1] > angle[0] + _TURN * (options.revolutions + 1.5), True)))
     time, angle = time[:needed], angle[:needed]
     if resolution is None and needed - 1 > MOST_KNOTS:
@@ -257,10 +256,10 @@ def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
     residual = math.sqrt(np.mean((smooth(time) - angle) ** 2))
     slack = resolution or min(3 * residual, mean_speed * time[-1] / (time.size - 1))
     ends = smooth.x[[0, -1]] + np.array([-1, 1]) * (slack + 1e-9) / mean_speed
-    if (still := stands_still(smooth, *ends)) is not None:
+    if (still := standstill_time(smooth, *ends)) is not None:
         raise InputError(
-            f"{path}: the crank stands still or turns back at {still:.6g} s; give an angle that "
-            "rises, or its resolution, for noise to be smoothed"
+            f"{path}: the crank stands still or turns back at {still:.6g} s; give an increasing angle, or its "
+            "resolution for smoothing"
         )
     first, last = (float(value) for value in smooth(ends))
     begin = _first_pass(options, first)
@@ -279,33 +278,33 @@ def angle_pieces(options: Simulate) -> tuple[np.ndarray, float]:
 
 
 def _first_pass(options: Simulate, first: float) -> float:
-    """The first angle [rad] from `first` on that is the start angle but for whole turns."""
+    """The first angle [rad] from `first` on that equals the start angle up to whole turns."""
     return options.start_angle + _TURN * math.ceil((first - options.start_angle) / _TURN)
 
 
 def _too_short(options: Simulate, first: float, last: float) -> InputError:
     held = max(math.floor((last - _first_pass(options, first)) / _TURN), 0)
     return InputError(
-        f"{options.drive.file}: it goes from {math.degrees(first):.6g} to {math.degrees(last):.6g} deg; from the start "
-        f"angle {math.degrees(options.start_angle):.6g} deg on it holds {held} whole revolutions, simulate.revolutions "
-        f"asks for {options.revolutions}; ask for fewer or give a longer record"
+        f"{options.drive.file}: covers {math.degrees(first):.6g} to {math.degrees(last):.6g} deg; from the start "
+        f"angle {math.degrees(options.start_angle):.6g} deg it contains {held} whole revolutions, simulate.revolutions "
+        f"is {options.revolutions}; reduce it or give a longer record"
     )
 
 
 def _too_many_pieces(path: str, count: int) -> InputError:
     return InputError(
-        f"{path}: its smooth angle needs {count} pieces, more than {MOST_KNOTS}; give fewer samples or the "
-        "resolution of the encoder, or ask for fewer revolutions"
+        f"{path}: the smooth angle requires {count} pieces, more than {MOST_KNOTS}; give fewer samples or the "
+        "resolution of the encoder, or reduce simulate.revolutions"
     )
 
 
-_MOST_KNOTS = 400  # of the splines that stand for those of the smoothing, which has one at every sample
-_LEFT_OUT = 1e-3  # share of their variance, by angle, speed and acceleration, that errors too small to count have
+_MOST_KNOTS = 400  # of the splines that approximate the smoothing spline, which has one per sample
+_LEFT_OUT = 1e-3  # share of the variance of angle, speed and acceleration in neglected errors
 _MOST_ERRORS = 100
 
 
 class AngleErrors:
-    """The independent errors of a smooth angle, each of one standard deviation."""
+    """Independent errors of a smooth angle, each of one standard deviation."""
 
     def __init__(
         self,
@@ -323,14 +322,14 @@ class AngleErrors:
         self._spline = BSpline(knots, np.eye(knots.size - degree - 1), degree)
         drift, orders = (np.empty((time.size, 0)),) * 2 if stepped else repeated_basis(time, angle)
         self._orders = CubicSpline(time, orders) if orders.size else None
-        told = np.linalg.pinv(np.hstack([drift, orders]))[drift.shape[1] :]  # sizes of the orders, from angles
+        projection = np.linalg.pinv(np.hstack([drift, orders]))[drift.shape[1] :]  # sizes of the orders, from angles
         basis, left = self._spline(time), smooth(time) - angle
         bending = None if stepped else self._bending()
-        kept, shapes = _shrinkage(basis, bending, angle - orders @ (told @ angle), left)
+        kept, shapes = _shrinkage(basis, bending, angle - orders @ (projection @ angle), left)
         spline = (shapes * kept) @ (basis @ shapes).T
         if noise is None:
             noise = math.sqrt(left @ left / max(time.size - kept.sum() - orders.shape[1], 1.0))
-        sizes = (copies.T @ np.vstack([spline - (spline @ orders) @ told, told]).T).T  # from readings
+        sizes = (copies.T @ np.vstack([spline - (spline @ orders) @ projection, projection]).T).T  # from readings
         covariance = noise**2 * (sizes @ sizes.T)
         if common is not None:
             covariance += (sizes @ common) @ (sizes @ common).T
@@ -338,11 +337,11 @@ class AngleErrors:
 
     @property
     def count(self) -> int:
-        """How many errors."""
+        """Number of errors."""
         return self._weights.shape[1]
 
     def __call__(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
-        """The errors (n, count) at times (n,) [s], or a derivative of theirs by time [rad/s^derivative]."""
+        """The errors (n, count) at times (n,) [s], or a time derivative [rad/s^derivative]."""
         return self._basis(time, derivative) @ self._weights
 
     def _basis(self, time: np.ndarray, derivative: int) -> np.ndarray:
@@ -350,14 +349,14 @@ class AngleErrors:
         return columns if self._orders is None else np.hstack([columns, self._orders(time, derivative)])
 
     def _bending(self) -> np.ndarray:
-        """Rows whose sum of squares is the integral of a spline's squared second derivative, by two Gauss points."""
+        """Rows whose sum of squares is the integral of a spline's squared second derivative (two Gauss points)."""
         ends = np.unique(self._spline.t)
         half, middle = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
         points = np.concatenate([middle - half / math.sqrt(3), middle + half / math.sqrt(3)])
         return np.sqrt(np.tile(half, 2))[:, None] * self._spline(points, 2)
 
     def _independent(self, time: np.ndarray, covariance: np.ndarray, speed: float) -> np.ndarray:
-        """Weights of the basis for each error; the largest come first, in angle, speed and acceleration together."""
+        """Weights of the basis for each error, sorted by size in angle, speed and acceleration together."""
         rows = [self._basis(time, derivative) / speed**derivative for derivative in range(3)]
         squares, vectors = np.linalg.eigh(sum(each.T @ each for each in rows))
         root = (vectors * np.sqrt(np.maximum(squares, 0.0))) @ vectors.T
@@ -368,9 +367,10 @@ class AngleErrors:
 
 
 def _shrinkage(basis, bending, angle, left) -> tuple[np.ndarray, np.ndarray]:
-    """What smoothing keeps (k,) of each of the spline's independent shapes, and their weights (k, k) of the basis.
+    """Factors (k,) by which smoothing reduces the spline's independent modes, and the modes' weights (k, k) in the
+    basis.
 
-    Without bending all is kept; else as much as leaves of the angle what the smoothing has left.
+    Without bending all are 1; otherwise the reduction gives the smoothing's residual.
     """
     gram = basis.T @ basis
     rough = np.zeros(gram.shape) if bending is None else bending.T @ bending

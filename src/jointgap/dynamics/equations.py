@@ -1,4 +1,4 @@
-"""Equations of motion with the effects' force laws."""
+"""Equations of motion with the force laws of effects."""
 
 import math
 from typing import NamedTuple
@@ -22,7 +22,7 @@ DEEPEST_STACK = f.DEEPEST_STACK
 
 @intrinsic
 def _slots(typing_context):
-    """Room for the stack in the calling function's own frame: an array on the heap would cost more than a formula."""
+    """The stack in the calling function's frame: an array on the heap would cost more than a formula."""
 
     def generate(context, builder, signature, arguments):
         return cgutils.alloca_once(builder, ir.DoubleType(), size=DEEPEST_STACK)
@@ -34,7 +34,7 @@ def _slots(typing_context):
 def evaluate(codes, numbers, v, x, w, theta, t):
     """Value of a program; 0 where it has no operations."""
     stack = carray(_slots(), (DEEPEST_STACK,))
-    below, top = -1, 0.0  # numbers in the stack's array, less one; the number on top, which is not in it
+    below, top = -1, 0.0  # index of the number below the top, in the array; the top itself is a scalar
     for i in range(codes.shape[0]):
         code, index = codes[i, 0], codes[i, 1]
         if code <= VARIABLE:
@@ -125,7 +125,7 @@ def table_value(e, table, crank_angle, time):
 
 @compiled
 def varying(share, phase):
-    """What is 1 at the `phase` 0 [rad] and less by up to the `share` [1] elsewhere."""
+    """1 at the `phase` 0 [rad], reduced by up to the `share` [1] elsewhere."""
     return 1.0 - share * (0.5 - 0.5 * math.cos(phase))
 
 
@@ -160,7 +160,7 @@ def slider_force(p, guide_force, x, v, crank_speed, crank_angle, time):
 
 @compiled
 def crank_losses(p, x, v, crank_speed, crank_angle, time):
-    """Torque [N m] on the crank by friction, in step with its angle, by a formula; arguments as in `slider_force`."""
+    """Torque [N m] on the crank by friction, periodic torques and formulas; arguments as in `slider_force`."""
     e = p.effects
     sign = math.tanh(crank_speed / e.crank_sign_speed)
     torque = -e.crank_coulomb * sign - e.crank_viscous * crank_speed
@@ -175,12 +175,12 @@ def crank_losses(p, x, v, crank_speed, crank_angle, time):
 
 @compiled
 def motor_torque(drive, speed):
-    """Torque [N m] of a motor with a straight line from its stall torque to its no-load speed."""
+    """Torque [N m] of a motor with a linear torque-speed line."""
     return drive.stall_torque * (1.0 - speed / drive.no_load_speed)
 
 
 STATES, AUXILIARY_STATES = 8, 11
-"""How many states there are, and how many auxiliary ones."""
+"""Numbers of states and of auxiliary states."""
 
 
 class Crank(NamedTuple):
@@ -204,14 +204,14 @@ class Pose(NamedTuple):
 
 @inlined
 def pose(bodies, crank, y, x) -> Pose:
-    """Where rod and slider are, from the clearance vectors."""
+    """Rod and slider from the clearance vectors."""
     length, inverse = bodies.rod_length, bodies.rod_inverse_length
     end_y = bodies.crank_length * crank.sine + y[1] + x[1]
     end_vy = bodies.crank_length * crank.speed * crank.cosine + y[5] + x[5]
     s = (bodies.slider_offset + y[3] - end_y) * inverse
     square = 1.0 - s * s
     c = math.sqrt(square)
-    speed = (y[7] - end_vy) * inverse * (c * (1.0 / square))  # over c; the division does not wait for the root
+    speed = (y[7] - end_vy) * inverse * (c * (1.0 / square))  # over c; this division is independent of the root
     end_x = bodies.crank_length * crank.cosine + y[0] + x[0]
     end_vx = y[4] + x[4] - bodies.crank_length * crank.speed * crank.sine
     return Pose(c, s, speed, end_x + length * c - y[2], end_vx - length * speed * s - y[6])
@@ -219,7 +219,7 @@ def pose(bodies, crank, y, x) -> Pose:
 
 @inlined
 def accelerations(p, time, crank_angle, crank, y, x, modes, damping) -> tuple:
-    """All accelerations at a state, and the forces behind them."""
+    """All accelerations at a state, and the forces."""
     here = pose(p.bodies, crank, y, x)
     pin = joint_force(p.crank_pin, modes[0], damping[0], y[0], y[1], y[4], y[5], here.rod_speed, crank.speed, x[8])
     piston = joint_force(p.piston_pin, modes[1], damping[1], y[2], y[3], y[6], y[7], here.rod_speed, 0.0, x[9])
@@ -240,7 +240,7 @@ def accelerations(p, time, crank_angle, crank, y, x, modes, damping) -> tuple:
         torque = motor_torque(p.drive, crank.speed)
         torque += crank_losses(p, here.slider, here.slider_speed, crank.speed, crank_angle, time)
     if p.effects.on_slider:
-        # Of an ideal piston pin's guide the force is not known yet: what it rubs is added with the reactions.
+        # the guide force of an ideal piston pin is unknown here: its friction is added with the reactions
         guide = piston[3] - p.bodies.slider_mass * p.bodies.gravity_y if p.piston_pin.loose else 0.0
         force = slider_force(p, guide, here.slider, here.slider_speed, crank.speed, crank_angle, time)
     if p.switches.constrained:

@@ -1,16 +1,14 @@
-"""Where the mode of a joint ends: conditions that hold within a mode, where in a step they first cease to, and
-the step that ends there.
+"""Events that end a mode of a joint: conditions, their first zero within a step, and the step that ends there.
 
-Each mode has two conditions, numbers that stay positive while the mode lasts:
+Each mode has two conditions, which are positive while the mode lasts:
 
-    FLIGHT     c^2 - r^2 over 2c                 (impact; smooth where r passes zero, other than c - r)
+    FLIGHT     c^2 - r^2 over 2c                 (impact; smooth at r = 0, unlike c - r)
     CONTACT    d                                 (separation)
-               d' + d'_0 / chi                   (the force falls to zero: clamped; chi / v_ref once memory has faded)
-    CLAMPED    d                                 (separation)
-               -(d' + d'_0 / chi)                (the force comes back)
+               d' + d'_0 / chi                   (zero force: then FORCE_FREE; chi / v_ref once memory has faded)
+    FORCE_FREE d                                 (separation)
+               -(d' + d'_0 / chi)                (the force returns)
 
-For other laws of the normal force than those of a restitution see
-`jointgap.dynamics.contact.pushing_margin`."""
+For laws without restitution see `jointgap.dynamics.contact.pushing_margin`."""
 
 import math
 
@@ -18,14 +16,14 @@ import numpy as np
 
 from jointgap.core.joints import JOINTS
 from jointgap.dynamics.contact import force_free_speed, pushing_margin
-from jointgap.dynamics.joints import CLAMPED, CONTACT, FLIGHT, relative_motion
+from jointgap.dynamics.joints import CONTACT, FLIGHT, FORCE_FREE, relative_motion
 from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.runge_kutta import AFTER, BEFORE, ds_for, elapsed_time, instant, instant_in_place, step
 
 NOWHERE, JOINT_COUNT = 2.0, len(JOINTS)
 
 DISTANCE, FORCE = (np.int64(kind) for kind in (0, 1))
-"""Which of a mode's two conditions."""
+"""Index of a mode's condition."""
 
 _PIECES = 16
 
@@ -34,7 +32,7 @@ _PIECES = 16
 def conditions(joint, mode, approach, begin, time, relative) -> tuple:
     """Both conditions of a joint's mode with their time derivatives.
 
-    `relative` is clearance vector, rate and second rate (ex, ey, vx, vy, ax, ay).
+    `relative` contains clearance vector, rate and second rate (ex, ey, vx, vy, ax, ay).
     """
     if not joint.loose:
         return 1.0, 0.0, 0.0, 1.0, 0.0
@@ -57,15 +55,15 @@ def conditions(joint, mode, approach, begin, time, relative) -> tuple:
 
 @compiled
 def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
-    """Fraction of a step at which a condition first falls through zero, on its quintic Hermite interpolant."""
+    """Fraction of a step at which a condition first decreases through zero, on its quintic Hermite interpolant."""
     if g0 <= 0.0 and v0 < 0.0:
         return 0.0
-    # Besides a fall below zero: one minimum, or a minimum and a maximum, within the step.
+    # Besides the ends: one minimum, or a minimum and a maximum, within the step.
     dips = v0 < 0.0 < v1 or (v0 < 0.0 and v1 < 0.0 and a0 > 0.0 > a1) or (v0 > 0.0 and v1 > 0.0 and a0 < 0.0 < a1)
     if g1 >= 0.0 and not dips:
         return NOWHERE
     v0, v1, a0, a1 = v0 * duration, v1 * duration, a0 * duration**2, a1 * duration**2
-    # The interpolant lies above the least of its Bernstein coefficients: as a rule that settles it.
+    # The smallest Bernstein coefficient is a lower bound of the interpolant, usually sufficient.
     near = min(g0, g0 + 0.2 * v0, g0 + 0.4 * v0 + 0.05 * a0)
     if min(near, g1, g1 - 0.2 * v1, g1 - 0.4 * v1 + 0.05 * a1) >= max(margin, 0.0):
         return NOWHERE
@@ -92,7 +90,7 @@ def first_crossing(g0, v0, a0, g1, v1, a1, duration, margin):
         low, fall = x, rate
     if high == NOWHERE:
         return NOWHERE
-    # At the very start the condition has only just come true: zero up to rounding, and rising.
+    # At the start the condition has just become true: zero up to rounding, and increasing.
     return _sign_change(value, low, high, 1.0)
 
 
@@ -104,9 +102,9 @@ def _quintic(c, x):
 
 @compiled
 def _sign_change(c, low, high, sign):
-    """Where `_quintic` passes zero between `low`, where it has the sign `sign`, and `high`, where it has not.
+    """Zero of `_quintic` between `low`, where it has the sign `sign`, and `high`, where it has not.
 
-    Newton's method, kept between the last points on either side.
+    Newton's method, safeguarded by bisection.
     """
     x = 0.5 * (low + high)
     for _ in range(60):
@@ -144,9 +142,7 @@ def with_conditions(p, here) -> tuple:
 
 @compiled
 def next_event(before, after, duration, margin):
-    """Where in a step the first condition of any joint ends: fraction (or `NOWHERE`), joint, which of its
-    conditions.
-    """
+    """The first event of any joint in a step: fraction (or `NOWHERE`), joint, index of its condition."""
     first, which, kind = NOWHERE, 0, DISTANCE
     for joint in range(JOINT_COUNT):
         g0, v0, a0, h0, w0 = before[joint]
@@ -156,7 +152,7 @@ def next_event(before, after, duration, margin):
             first, which, kind = x, joint, DISTANCE
         if h0 > 0.0 and h1 >= 0.0 and not w0 < 0.0 < w1:
             continue
-        # Of the second condition only one derivative is known; with the cubic's curvatures the quintic is that cubic.
+        # The second condition has only a first derivative; with the cubic's curvatures the quintic equals that cubic.
         slope = (h1 - h0) / duration
         bend0, bend1 = (6.0 * slope - 4.0 * w0 - 2.0 * w1) / duration, (2.0 * w0 + 4.0 * w1 - 6.0 * slope) / duration
         x = first_crossing(h0, w0, bend0, h1, w1, bend1, duration, 0.0)
@@ -167,23 +163,23 @@ def next_event(before, after, duration, margin):
 
 @compiled
 def switched(mode, approach, kind, speed, least):
-    """Mode and approach speed of a joint after its condition `kind` has ended with the surfaces closing at `speed`.
+    """Mode and approach speed of a joint after the event of condition `kind`, with the surfaces closing at `speed`.
 
-    A slower impact is damped as one at the speed `least`: with d'_0 -> 0 the damping chi d'/d'_0 would have no bound.
+    The approach speed is at least `least`: for d'_0 -> 0 the damping chi d'/d'_0 would diverge.
     """
     if mode == FLIGHT:
         return CONTACT, max(speed, least)
     if kind == DISTANCE:
         return FLIGHT, approach
-    return (CLAMPED if mode == CONTACT else CONTACT), approach
+    return (FORCE_FREE if mode == CONTACT else CONTACT), approach
 
 
 @compiled
 def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tolerance, k):
-    """Redo a step so that it ends where condition `kind` of `joint` falls through zero.
+    """Repeat a step so that it ends where condition `kind` of `joint` decreases through zero.
 
-    Newton's method with true steps, kept between the last points found before and after the event. Towards a separation
-    the step runs in the root of the time left: see `jointgap.dynamics.runge_kutta`.
+    Newton's method with true steps, between the closest points before and after the event. Towards a separation the
+    step is a function of the root of the remaining time: see `jointgap.dynamics.runge_kutta`.
     """
     to_separation = kind == DISTANCE and here.modes[joint] == CONTACT and not (time_map == AFTER and s == 0.0)
     low, high = 0.0, limit if crossed else math.inf
@@ -205,7 +201,7 @@ def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tole
         if g < 0.0:
             high = guess
         elif v >= 0.0 and high == math.inf:
-            break  # past an inner minimum that stays above zero
+            break  # beyond an inner minimum above zero
         else:
             low = guess
         guess -= g / v
@@ -218,17 +214,15 @@ def locate(p, here, time_map, s, limit, crossed, joint, kind, guess, close, tole
     return False, here, step_map, step_start, ds, 0.0, count
 
 
-_HOPELESS = 100.0  # tolerances of error beyond which no event is looked for: the step will be repeated, shorter
-_CLOSE = 0.01  # tolerances of distance by which an event may be missed
-_MARGIN = 100.0  # tolerances by which the interpolant of a grazing passage may err
-_UNKNOWN = np.bool_(False)  # whether an event is passed; not a literal, of which `locate` would be compiled once more
+_HOPELESS = 100.0  # error in tolerances above which events are not located: the step is repeated, shorter
+_CLOSE = 0.01  # tolerance of an event's location, in tolerances
+_MARGIN = 100.0  # error of the interpolant at a grazing passage, in tolerances
+_UNKNOWN = np.bool_(False)  # whether an event is passed; a literal would compile `locate` a second time
 
 
 @inlined
 def _separation_ahead(here, holding) -> tuple:
-    """Time [s] until a contact ends if its penetration goes on as a parabola, and its joint; infinite if it does
-    not.
-    """
+    """Time [s] until a contact ends, by parabolic extrapolation of its penetration, and its joint; infinite if none."""
     first, which = math.inf, 0
     for joint in range(JOINT_COUNT):
         depth, rate, curvature, _, _ = holding[joint]
@@ -242,7 +236,7 @@ def _separation_ahead(here, holding) -> tuple:
 
 @inlined
 def _holds(conditions) -> bool:
-    """Whether no mode has ended."""
+    """Whether all modes last."""
     pin, piston, pivot = conditions
     return min(pin[0], pin[3], piston[0], piston[3], pivot[0], pivot[3]) >= 0.0
 
@@ -252,10 +246,10 @@ def advance(p, now, time_map, s, duration, tolerance, k):
     """Take a step of `duration` [s], or a shorter one to the first event in it.
 
     Returns whether an event ends it, its joint and condition, the instant at its end (as `now`, with its conditions),
-    how time runs in the step, where it begins and how long it is, its error, and how many steps were tried.
+    the time map of the step, its start and length, its error, and the number of attempts.
     """
     steps, (here, _, holding) = 0, now
-    # A step across a separation is lost, for the force ends in a kink: where one is near, aim at it.
+    # The force has a kink at a separation, which a step must not cross: aim at it where one is near.
     ahead, joint = _separation_ahead(here, holding)
     if ahead < duration:
         close = max(_CLOSE * tolerance, 1e-18)
@@ -294,9 +288,9 @@ def advance(p, now, time_map, s, duration, tolerance, k):
             return True, joint, kind, then, (step_map, step_start, event_ds), event_error, steps
         if not event_error <= tolerance:
             return False, 0, DISTANCE, now, (step_map, step_start, event_ds), event_error, steps
-        if not _holds(then[2]):  # a near miss, and an event behind it: go to the near miss first
+        if not _holds(then[2]):  # an event behind a near miss: go to the near miss first
             error = _HOPELESS * tolerance
-        else:  # for `k` to hold the stages of the step that is kept
+        else:  # restore the stages of the accepted step in `k`
             step(p, here, time_map, s, ds, k)
             steps += 1
     return False, 0, DISTANCE, then, (time_map, s, ds), error, steps

@@ -1,7 +1,9 @@
 """Friction between journal and bearing: coefficient over sliding speed.
 
-The coefficient mu(v) has the sign of the sliding speed v, is odd in it and continuous through zero; the friction force
-is mu(v) times the normal force, against the sliding. LuGre's has a state besides, the bristles' mean deflection z."""
+The coefficient mu(v) has the sign of the sliding speed v and is an odd, continuous function. The friction force is
+mu(v) times the normal force, opposite to the sliding. LuGre's law has an additional state, the mean bristle deflection
+z.
+"""
 
 import math
 
@@ -21,11 +23,8 @@ _THRELFALL_IS_ONE = 13.0
 
 @compiled
 def coulomb(speed, friction, friction_speed):
-    """Coulomb friction made smooth through zero, mu tanh(v / v_0): 76 % of mu is reached at v_0.
-
-    Of the many smooth forms of the law of C. A. Coulomb, Théorie des machines simples (1785), the one that is analytic.
-    """
-    if abs(speed) > _TANH_IS_ONE * friction_speed:  # to the last digit, and the function is slow
+    """Coulomb friction (C. A. Coulomb, Théorie des machines simples, 1785), smoothed: mu tanh(v / v_0), 76 % at v_0."""
+    if abs(speed) > _TANH_IS_ONE * friction_speed:  # exact in double precision, and faster
         return math.copysign(friction, speed)
     return friction * math.tanh(speed / friction_speed)
 
@@ -34,8 +33,8 @@ def coulomb(speed, friction, friction_speed):
 def threlfall(speed, friction, friction_speed):
     """mu (1 - exp(-3 |v| / v_0)), 95 % of mu at v_0: D. C. Threlfall, Mech. Mach. Theory 13 (1978) 475-483.
 
-    The exponential is followed beyond v_0 too, so that the coefficient tends to mu; some quote the law with a plateau
-    of 95 % of mu from v_0 on.
+    The exponential continues beyond v_0, so the coefficient tends to mu; some quote the law with a plateau of 95 % of
+    mu from v_0 on.
     """
     ratio = abs(speed) / friction_speed
     if ratio > _THRELFALL_IS_ONE:
@@ -45,7 +44,7 @@ def threlfall(speed, friction, friction_speed):
 
 @compiled
 def ambrosio(speed, friction, dead_band_speed, friction_speed):
-    """Zero up to the dead band's speed, mu from v_0 on, a straight ramp between the two.
+    """Zero below the dead band's speed, mu above v_0, linear between.
 
     J. A. C. Ambrósio, Impact of rigid and flexible multibody systems: deformation description and contact models, in:
     Virtual Nonlinear Multibody Systems, NATO Science Series 103 (2003) 57-81.
@@ -60,7 +59,7 @@ def ambrosio(speed, friction, dead_band_speed, friction_speed):
 
 @compiled
 def bengisu_akay(speed, friction, static_friction, friction_speed, stribeck_speed):
-    """A parabola up to mu_s at v_0, then mu + (mu_s - mu) exp(-(|v| - v_0) / v_s): the coefficient falls with speed.
+    """A parabola up to mu_s at v_0, then mu + (mu_s - mu) exp(-(|v| - v_0) / v_s), decreasing with speed.
 
     M. T. Bengisu and A. Akay, J. Sound Vib. 171 (1994) 557-570; their rate of decay is 1 / v_s with the Stribeck speed.
     """
@@ -82,15 +81,16 @@ def lugre(speed, bristle, bristle_rate, stiffness, damping, viscous_friction):
     """sigma_0 z + sigma_1 dz/dt + sigma_2 v, each per unit of normal force: bristles that bend by z before they slip.
 
     C. Canudas de Wit, H. Olsson, K. J. Åström and P. Lischinsky, IEEE Trans. Autom. Control 40 (1995) 419-425. In
-    steady sliding this is sign(v) (mu + (mu_s - mu) exp(-(v / v_s)^2)) + sigma_2 v. Over every motion the contact takes
-    up energy if sigma_1 (mu_s - mu) <= sigma_2 mu: N. Barahanov and R. Ortega, IEEE Trans. Autom. Control 45 (2000).
+    steady sliding this is sign(v) (mu + (mu_s - mu) exp(-(v / v_s)^2)) + sigma_2 v. The law is passive (dissipative
+    over every motion) if sigma_1 (mu_s - mu) <= sigma_2 mu: N. Barahanov and R. Ortega, IEEE Trans. Autom. Control 45
+    (2000).
     """
     return stiffness * bristle + damping * bristle_rate + viscous_friction * speed
 
 
 @compiled
 def bristle_rate(joint, sliding_speed, bristle):
-    """Rate [m/s] of the bristles' deflection; zero for the laws that have none."""
+    """Rate [m/s] of the bristles' deflection; zero for laws without bristles."""
     if joint.friction == 0.0 or joint.friction_law != LUGRE:
         return 0.0
     return lugre_bristle_rate(
@@ -105,7 +105,7 @@ def bristle_rate(joint, sliding_speed, bristle):
 
 @compiled
 def friction_coefficient(joint, sliding_speed, bristle):
-    """Friction force over normal force, with the sign of the sliding speed (of LuGre's bristles when they are bent)."""
+    """Friction force over normal force, with the sign of the sliding speed (for LuGre, of the bent bristles)."""
     mu, law = joint.friction, joint.friction_law
     if mu == 0.0:
         return 0.0

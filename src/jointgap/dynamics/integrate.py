@@ -27,22 +27,22 @@ from jointgap.dynamics.runge_kutta import (
 )
 
 EPISODE = 4
-"""Numbers kept of a joint's contact: impulse [N s], largest normal force [N], maxima of the penetration, begin [s]."""
+"""Quantities of a joint's contact: impulse [N s], largest normal force [N], maxima of the penetration, begin [s]."""
 
 EVENT = ("time", "joint", "begins", "approach_speed", "impulse", "peak_force", "maxima", "crank_angle", "duration")
-"""What a row of the events holds; the numbers of the episode belong to its end."""
+"""Columns of the events; the quantities of an episode belong to its end."""
 
 EVENT_WIDTH = len(EVENT)
 
 EVENT_NAMES = np.array(["separation", "impact"], dtype=object)
 
 MODES = ("ideal", "flight", "impact", "contact")
-"""What a sample may be in, by joint."""
+"""Modes of samples, by joint."""
 
 
 @inlined
-def follow_episodes(episodes, here, motion, there_motion, step_map, step_start, ds, k) -> None:
-    """Carry on the episodes over an accepted step whose stages are in `k`."""
+def update_episodes(episodes, here, motion, there_motion, step_map, step_start, ds, k) -> None:
+    """Update the episodes over an accepted step whose stages are in `k`."""
     flying = here.modes[0] == FLIGHT and here.modes[1] == FLIGHT and here.modes[2] == FLIGHT
     if flying or ds == 0.0:
         return
@@ -64,14 +64,14 @@ def follow_episodes(episodes, here, motion, there_motion, step_map, step_start, 
 
 @compiled
 def begin_episode(episodes, joint, time):
-    """A contact begins at `time` [s]."""
+    """Start a contact at `time` [s]."""
     for i in range(3):
         episodes[joint, i] = 0.0
     episodes[joint, 3] = time
 
 
 @compiled
-def note_event(event, episodes, there, joint, begins, approach):
+def record_event(event, episodes, there, joint, begins, approach):
     """Write a row of events: see `EVENT`."""
     event[0], event[1], event[2], event[7] = there.time, joint, 1.0 if begins else 0.0, there.crank_angle
     event[3] = approach if begins else math.nan
@@ -81,14 +81,14 @@ def note_event(event, episodes, there, joint, begins, approach):
 
 
 def mode_numbers(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np.ndarray) -> np.ndarray:
-    """What each joint is in at samples, as places in `MODES`, shape (n, 3), int8."""
+    """Modes of the joints at samples, as indices in `MODES`, shape (n, 3), int8."""
     found = np.zeros((times.size, 3), np.int8)
     column = {name: i for i, name in enumerate(EVENT)}
     for number, joint in enumerate(JOINTS):
         if not getattr(p, joint).loose:
             continue
         ends = events[(events[:, column["joint"]] == number) & (events[:, column["begins"]] == 0)]
-        following = np.searchsorted(ends[:, column["time"]], times)  # the next separation; none: the contact goes on
+        following = np.searchsorted(ends[:, column["time"]], times)  # the next separation, if any
         maxima = np.append(ends[:, column["maxima"]], np.inf)[following]
         found[:, number] = np.where(modes[:, number] != FLIGHT, np.where(maxima <= 1, 2, 3), 1)
     return found
@@ -102,34 +102,34 @@ def sample_modes(p: Parameters, times: np.ndarray, modes: np.ndarray, events: np
 
 DONE, TOO_MANY_STEPS, STEP_TOO_SMALL, NOT_FINITE, STALLED = range(5)
 
-_LONGEST_TURN = 0.1  # rad of crank angle in one step: a clearance vector leaves its circle once in it, not twice
-_AFTER_IMPACT = 0.1  # share of the tolerance there: velocities wrong by that much last through the flight that follows
-_FAR = 20.0  # steps after an impact from which on its branch point no longer matters
+_LONGEST_TURN = 0.1  # [rad] of crank angle per step: a clearance vector leaves its circle at most once in it
+_AFTER_IMPACT = 0.1  # share of the tolerance there: errors of velocities persist through the following flight
+_FAR = 20.0  # steps after an impact beyond which its branch point is negligible
 
 
 class Progress(NamedTuple):
-    """How far an integration has come: all that it needs to go on as if it had never stopped."""
+    """State of an integration, complete for an exact continuation."""
 
-    here: Instant  # From which the next step begins; the samples so far end before or within this step
+    here: Instant  # Start of the next step; the samples so far are before or within this step
     seen: tuple  # `clearances` at the instant up to which the directions of the clearance vectors were followed
     seen_time: float  # That instant [s]
-    turns: tuple  # Angles through which the clearance vectors have turned [rad]
+    turns: tuple  # Rotation of the clearance vectors [rad]
     episodes: np.ndarray  # See `jointgap.dynamics.integrate`
     proposal: float  # Length of the next step [s]
-    time_map: int  # How time runs in it
-    s: float  # Where it begins in the variable of that map
+    time_map: int  # Time map of the next step
+    s: float  # Start of the next step in the variable of that map
 
 
 @compiled
 def contact_duration(joint, mass, speed):
-    """About how long [s] an elastic impact of `mass` at `speed` lasts."""
+    """Approximate duration [s] of an elastic impact of `mass` at `speed`."""
     n = joint.exponent
     return 3.0 * ((n + 1.0) * mass / (2.0 * joint.stiffness) * speed ** (1.0 - n)) ** (1.0 / (n + 1.0))
 
 
 @compiled
 def contact_begins(p, joint, approach):
-    """`contact_duration` of a joint with the rod's mass, near enough."""
+    """`contact_duration` of a joint with the rod's mass as an approximation."""
     mass = 0.5 * p.bodies.rod_mass
     if joint == 0:
         return contact_duration(p.crank_pin, mass, approach)
@@ -138,7 +138,7 @@ def contact_begins(p, joint, approach):
 
 @compiled
 def least_approach(p, joint):
-    """Approach speed [m/s] of a joint as which a slower one is damped."""
+    """Smallest approach speed [m/s] in the damping of a joint."""
     if joint == 0:
         return p.crank_pin.least_approach
     return p.piston_pin.least_approach if joint == 1 else p.crank_pivot.least_approach
@@ -146,7 +146,7 @@ def least_approach(p, joint):
 
 @inlined
 def time_to_knot(p, here, resolution) -> float:
-    """Time [s] from `here` until the memory of a contact begins or ends to fade, where a step has to end."""
+    """Time [s] from `here` until a step has to end because the memory of a contact begins or ends to fade."""
     knot = min(
         next_knot(p.crank_pin, here.begins[0], here.time, resolution),
         next_knot(p.piston_pin, here.begins[1], here.time, resolution),
@@ -186,14 +186,13 @@ def time_at_angle(p, here, there, taken, angle, smooth, k):
 
 @inlined
 def longest_step(p) -> float:
-    """Longest step [s]."""
     fastest = max(p.drive.speed, p.drive.no_load_speed) if p.drive.kind == MOTOR else abs(p.drive.speed)
     return _LONGEST_TURN / fastest
 
 
 @compiled
 def beginning(p, y, x, time):
-    """Progress of an integration that has not begun, all joints in flight."""
+    """State of an integration at its start, all joints in flight."""
     y_start = (y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7])
     x_start = (x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10])
     nowhere = (math.inf, math.inf, math.inf)
@@ -205,14 +204,14 @@ def beginning(p, y, x, time):
 
 @compiled
 def integrate(p, progress, found, angles, tolerance, step_limit, k):
-    """Integrate on and take samples, into the arrays of `found`."""
+    """Continue the integration, with samples in the arrays of `found`."""
     times, states, auxiliary_states = found.times, found.states, found.auxiliary_states
     modes_at, approaches_at = found.modes, found.approaches
     begins_at, directions_at = found.begins, found.directions
     events, event_count, steps, sample = np.empty((64, EVENT_WIDTH)), 0, 0, 0
     motor, longest = p.drive.kind == MOTOR, longest_step(p)
     here, seen, seen_time, turns, episodes, proposal, time_map, s = progress
-    episodes = episodes.copy()  # those of the caller stay
+    episodes = episodes.copy()  # not the caller's
     before_step = episodes.copy()
     now = with_conditions(p, here)
 
@@ -229,7 +228,7 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
         step_map, step_start, ds = taken
         there, steps = then[0], steps + made
 
-        # Accepted or not, the error says how long the next step may be.
+        # accepted or rejected, the error determines the length of the next step
         factor = 5.0 if error == 0.0 else min(5.0, max(0.2, 0.9 * math.sqrt(math.sqrt(math.sqrt(allowed / error)))))
         if not error <= allowed:
             factor = min(factor, 0.9) if error < math.inf else 0.1
@@ -250,7 +249,7 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
             for i in range(3):
                 for j in range(EPISODE):
                     before_step[i, j] = episodes[i, j]
-        follow_episodes(episodes, here, now[1], then[1], step_map, step_start, ds, k)
+        update_episodes(episodes, here, now[1], then[1], step_map, step_start, ds, k)
 
         prepared = smooth = False
         while sample < times.size:
@@ -277,7 +276,7 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
                 approaches_at[sample, i], begins_at[sample, i] = here.approaches[i], here.begins[i]
             sample += 1
         if sample == times.size:
-            # The step is made again by who goes on from here: samples may lie in the rest of it.
+            # this step is repeated by a continuation: its remaining part may contain samples
             end = Progress(here, seen, seen_time, turns, before_step, unhindered, time_map, s)
             return DONE, end, events[:event_count], steps
         now = clearances(there.clearance_state, there.auxiliary_state)
@@ -288,13 +287,13 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
         if not happens:
             following = elapsed_time(step_map, step_start + ds, ds * factor)
             if step_map == AFTER:
-                # Between equal steps in s, right at the impact, and in time, right far from it: fewer are rejected.
+                # between equal steps in s (suitable near the impact) and in time (far from it): fewer rejected steps
                 following = math.sqrt(following * factor * elapsed_time(step_map, step_start, ds))
             proposal = max(following, unhindered) if proposal < unhindered else following
             here, now = there, then
             continue
 
-        # The event: the joint's mode changes.
+        # the event: the joint's mode changes
         before, modes, x_after = here.modes[joint], here.modes, there.auxiliary_state
         approaches, begins = here.approaches, here.begins
         closing = max(-then[2][joint][1], 0.0)
@@ -303,7 +302,7 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
         if before == FLIGHT or mode == FLIGHT:
             if event_count == events.shape[0]:
                 events = np.concatenate((events, np.empty_like(events)))
-            note_event(events[event_count], episodes, there, joint, before == FLIGHT, closing)
+            record_event(events[event_count], episodes, there, joint, before == FLIGHT, closing)
             event_count += 1
         if before == FLIGHT:
             begin_episode(episodes, joint, there.time)
@@ -312,7 +311,7 @@ def integrate(p, progress, found, angles, tolerance, step_limit, k):
             proposal = min(proposal, 0.1 * contact_begins(p, joint, approach))
         elif mode == FLIGHT:
             begins = replaced(begins, joint, math.inf)
-            # Bristles that touch nothing are straight.
+            # bristles without contact are straight
             x_after = x_after[:8] + replaced((x_after[8], x_after[9], x_after[10]), joint, 0.0)
             if modes[0] == FLIGHT and modes[1] == FLIGHT and modes[2] == FLIGHT:
                 time_map, s, proposal = LINEAR, 0.0, max(proposal, 0.2 * longest)

@@ -33,12 +33,12 @@ def clearances(y, x) -> tuple:
 
 @compiled
 def swept_angle(before, after, duration):
-    """Angle [rad] through which a clearance vector turns between two instants of one step, whole turns included."""
+    """Angle [rad] by which a clearance vector turns between two instants of one step, whole turns included."""
     x0, y0, x1, y1 = before[0], before[1], after[0], after[1]
     direct = math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
     if abs(direct) < 0.5:
         return direct
-    # Perhaps a passage near the centre: follow the cubic Hermite curve.
+    # possibly a passage near the centre: follow the cubic Hermite curve
     total = 0.0
     px, py = x0, y0
     for i in range(1, _PIECES + 1):
@@ -54,7 +54,7 @@ def swept_angle(before, after, duration):
 
 @compiled
 def turns_after(turns, before, after, duration):
-    """Whole turns of a clearance vector after `duration` [s], counted where it passes the negative x-axis.
+    """Whole turns of a clearance vector after `duration` [s], counted at its passages of the negative x-axis.
 
     Its direction is atan2(y, x) + 2 pi `turns`.
     """
@@ -82,21 +82,21 @@ def all_turns(turns, before, after, duration) -> tuple:
 
 @compiled
 def direction(turns, vector):
-    """Unwrapped direction [rad] of a clearance vector, NaN where its length is zero."""
+    """Unwrapped direction [rad] of a clearance vector, NaN for length zero."""
     if vector[0] == 0.0 and vector[1] == 0.0:
         return math.nan
     return math.atan2(vector[1], vector[0]) + 2.0 * math.pi * turns
 
 
-FLIGHT, CONTACT, CLAMPED = (np.int64(mode) for mode in (0, 1, 2))
-"""Modes of a joint: apart; in contact; penetrated, but parting so fast that the force, which never pulls, is zero."""
+FLIGHT, CONTACT, FORCE_FREE = (np.int64(mode) for mode in (0, 1, 2))
+"""Modes of a joint: apart; in contact; penetrated without force, because an attractive force is replaced by zero."""
 
 NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
 def arms_and_sliding(joint, penetration, swing, body_rate, partner_rate) -> tuple:
-    """Levers [m] of the contact point about both centres, sliding speed [m/s] there; `swing` is that of the centres."""
+    """Levers [m] of the contact point about both centres, and sliding speed [m/s]; `swing`: that of the centres."""
     body_arm = joint.side * joint.body_radius - 0.5 * penetration
     partner_arm = joint.side * joint.partner_radius + 0.5 * penetration
     return body_arm, partner_arm, swing + body_arm * body_rate - partner_arm * partner_rate
@@ -106,7 +106,7 @@ def arms_and_sliding(joint, penetration, swing, body_rate, partner_rate) -> tupl
 def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_rate, bristle) -> tuple:
     """Force of the partner on the body in a loose joint.
 
-    The bodies touch halfway through their overlap: one common point, so that no angular momentum is lost between them.
+    The contact point is in the middle of the overlap for both bodies, which conserves angular momentum.
     """
     if mode != CONTACT and joint.film_viscosity == 0.0:
         return NOTHING
@@ -115,13 +115,13 @@ def joint_force(joint, mode, damping_factor, ex, ey, vx, vy, body_rate, partner_
     r = math.sqrt(square)
     penetration = r - joint.clearance
     if mode == CONTACT and penetration > 0.0:
-        inverse = r * (1.0 / square)  # 1 / r; the division does not wait for the root
+        inverse = r * (1.0 / square)  # 1 / r; this division is independent of the root
         nx, ny = ex * inverse, ey * inverse
         normal = normal_force(joint, penetration, vx * nx + vy * ny, damping_factor)
         body_arm, partner_arm, sliding = arms_and_sliding(
             joint, penetration, vy * nx - vx * ny, body_rate, partner_rate
         )
-        # All that does not wait for the normal force first.
+        # first everything that is independent of the normal force
         mu = friction_coefficient(joint, sliding, bristle)
         tangential = -normal * mu
         fx, fy = normal * (mu * ny - nx), -normal * (mu * nx + ny)
@@ -147,9 +147,7 @@ def bristle_motion(joint, mode, ex, ey, vx, vy, body_rate, partner_rate, bristle
 
 @compiled
 def pin_friction(joint, fx, fy, speed, sign_speed):
-    """Moment [N m] on the body by friction in an ideal joint under the reaction (fx, fy): -k r |F| sgn w, w =
-    `speed`.
-    """
+    """Friction moment [N m] on the body in an ideal joint under the reaction (fx, fy): -k r |F| sgn w, w = `speed`."""
     if joint.pin_friction == 0.0:
         return 0.0
     size = math.sqrt(fx * fx + fy * fy)
@@ -158,19 +156,19 @@ def pin_friction(joint, fx, fy, speed, sign_speed):
 
 @compiled
 def reaction(fx, fy, moment):
-    """Force in an ideal joint, as `joint_force` has it, with the friction's `moment` [N m] on the body."""
+    """Force in an ideal joint, in the form of `joint_force`, with the friction `moment` [N m] on the body."""
     return math.sqrt(fx * fx + fy * fy), 0.0, fx, fy, moment, -moment
 
 
-_ROUNDS, _SETTLED = 200, 1e-13  # relative to the reactions and to the inertia forces of which they are the rest
+_ROUNDS, _SETTLED = 200, 1e-13  # iterations; tolerance relative to reactions and inertia forces
 
 
 class _Compliance(NamedTuple):
-    """Accelerations by forces in the pins: openings by blocks and their solution, and how the crank gives way.
+    """Compliance of the linkage to forces in the pins: opening accelerations by blocks, their inverse, and the crank.
 
     With the openings [[A, B], [B^T, D]]: A^-1 (xx, xy, yy), B (xx, xy, yx, yy), A^-1 B and (D - B^T A^-1 B)^-1, where
-    an inverse is zero if its pin is loose; for the crank 1 / mass of a loose pivot, 1 / inertia under a motor, and the
-    lever (x, y) [m] of the pin's force.
+    an inverse is zero for a loose pin; for the crank 1 / mass of a loose pivot, 1 / inertia under a motor, and the
+    lever (x, y) [m] of the pin force.
     """
 
     crank_pin: tuple[float, float, float]
@@ -191,9 +189,9 @@ def _inverse(xx, xy, yy) -> tuple:
 
 @inlined
 def _compliance(p, crank, here, bend) -> _Compliance:
-    """How everything gives way to forces in the pins."""
+    """Compliance of all bodies to forces in the pins."""
     b, c, s = p.bodies, here.rod_cos, here.rod_sin
-    # A force on the rod moves all of it by (xx, xy, yy) and turns it by its lever, longer along a rod that bends.
+    # A force on the rod gives the acceleration (xx, xy, yy) and a rotation by its lever, longer for a bending rod.
     xx = yy = b.rod_inverse_mass
     xy = along = across = 0.0
     turn = b.rod_inverse_inertia
@@ -231,7 +229,7 @@ def _compliance(p, crank, here, bend) -> _Compliance:
 
 @inlined
 def _closing(solved, opening) -> tuple:
-    """Forces in crank pin (x, y) and piston pin (x, y) [N] that take back how the pins open [m/s^2]."""
+    """Forces in crank pin (x, y) and piston pin (x, y) [N] that cancel the opening of the pins [m/s^2]."""
     (cxx, cxy, cyy), (gxx, gxy, gyx, gyy), (pxx, pxy, pyy) = solved.crank_pin, solved.passed_on, solved.piston_pin
     ax, ay = opening[0], opening[1]
     bx, by = opening[2] - gxx * ax - gyx * ay, opening[3] - gxy * ax - gyy * ay
@@ -241,9 +239,9 @@ def _closing(solved, opening) -> tuple:
 
 @compiled
 def _with_friction(p, crank, here, x, torque, free, loaded, pin, piston, pivot, solved):
-    """Accelerations without the reactions, reactions, force on the slider, moments on the rod by friction in its pins.
+    """Accelerations without the reactions, reactions, force on the slider, friction moments on the rod in its pins.
 
-    Parameters as of `under_reactions`; `free` is its force on the slider, `loaded` the guide's coefficient of friction.
+    Parameters as in `under_reactions`; `free` is its force on the slider, `loaded` the guide's coefficient of friction.
     """
     width, weight = p.effects.crank_sign_speed, p.bodies.slider_mass * p.bodies.gravity_y
     loaded *= math.tanh(here.slider_speed / p.effects.slider_sign_speed)
@@ -265,7 +263,7 @@ def _with_friction(p, crank, here, x, torque, free, loaded, pin, piston, pivot, 
         pin_moment = pin_friction(p.crank_pin, f0, f1, here.rod_speed - crank.speed, width)
         piston_moment = pin_friction(p.piston_pin, f2, f3, here.rod_speed, width)
         overshot, before = change > before, change
-        if overshot:  # steep friction against the load: again from its beginning, more slowly
+        if overshot:  # steep friction against the load: restart with stronger damping
             share, before = 0.5 * share, math.inf
             f0 = f1 = f2 = f3 = pin_moment = piston_moment = 0.0
     return a, (math.nan, math.nan, math.nan, math.nan), math.nan, math.nan, math.nan
@@ -273,7 +271,7 @@ def _with_friction(p, crank, here, x, torque, free, loaded, pin, piston, pivot, 
 
 @inlined
 def under_reactions(p, crank, here, x, torque, force, pin, piston, pivot) -> tuple:
-    """Accelerations of everything where a pin is ideal, and the forces that belong to them."""
+    """Accelerations of all bodies where a pin is ideal, and the forces."""
     solved = _compliance(p, crank, here, x[3])
     if not p.crank_pin.loose:
         pin = NOTHING
@@ -288,7 +286,7 @@ def under_reactions(p, crank, here, x, torque, force, pin, piston, pivot) -> tup
             p, crank, here, x, torque, force, loaded, pin, piston, pivot, solved
         )
 
-    # What the reactions change; an ideal joint does not open by rounding either, but what is not a number stays so.
+    # Corrections by the reactions; ideal joints stay exactly closed, but NaN is kept.
     ax = ay = 0.0 * f0
     bx = by = 0.0 * f2
     bxx, bxy, byx, byy = solved.between

@@ -28,15 +28,15 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Motion:
-    """A quantity over time."""
+    """A quantity with its first two time derivatives, of shapes that broadcast."""
 
-    position: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
-    velocity: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
-    acceleration: np.ndarray  # The quantity and its first two time derivatives, of shapes that broadcast
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
 
     @classmethod
     def of(cls, position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0) -> "Motion":
-        """Make arrays of what is given; what is left out stands still."""
+        """From array-likes; derivatives are zero by default."""
         return cls(np.asarray(position), np.asarray(velocity), np.asarray(acceleration))
 
     def __add__(self, other: "Motion") -> "Motion":
@@ -50,16 +50,15 @@ class Motion:
         return Motion(self.position * factor, self.velocity * factor, self.acceleration * factor)
 
     def standing_still(self) -> "Motion":
-        """The same positions with both derivatives set to zero."""
+        """The same positions with zero derivatives."""
         still = np.zeros(np.shape(self.position))
         return Motion(self.position, still, still)
 
 
 def rotating_vector(length: Motion, direction: Motion) -> tuple[Motion, Motion]:
-    """Components of a vector that turns and changes its length.
+    """Components of a vector of variable length and direction.
 
-    A vector of length zero is the zero vector, whatever its direction; its derivatives are undefined (nan) where the
-    direction is.
+    A vector of length zero is the zero vector; its derivatives are undefined (nan) where the direction is.
     """
     cosine, sine = np.cos(direction.position), np.sin(direction.position)
     vanishes = length.position == 0.0
@@ -84,7 +83,7 @@ _SIGNS = {1: 1.0, 2: 1.0, 3: -1.0}
 
 
 def clearance_lift(vectors: Mapping[str, ArrayLike]) -> np.ndarray:
-    """What the clearances add to the height that the rod has to span."""
+    """Contribution of the clearances to the height that the rod spans."""
     lift = np.zeros(())
     for number, sign in _SIGNS.items():
         if (name := f"r{number}") in vectors:
@@ -107,7 +106,7 @@ def transmission_angle(
 
 
 def check_reach(cosine: np.ndarray, crank_angle: ArrayLike, rod_length: ArrayLike) -> None:
-    """Raise an `InputError` where the height to span, in rod lengths, is 1 or more; undefined samples pass."""
+    """InputError where the height to span is at least one rod length; undefined samples are accepted."""
     span = np.abs(cosine)
     if not np.any(span >= 1.0):
         return
@@ -115,13 +114,13 @@ def check_reach(cosine: np.ndarray, crank_angle: ArrayLike, rod_length: ArrayLik
     angle = np.real(np.broadcast_to(crank_angle, span.shape)[worst])
     length = np.broadcast_to(rod_length, span.shape)[worst]
     raise InputError(
-        f"the rod of {1e3 * length:g} mm cannot reach the slide at crank angle {np.degrees(angle):.4g} deg: its crank "
-        f"end is {1e3 * length * span[worst]:.6g} mm off the slide's line; shorten the crank or lengthen the rod"
+        f"the rod of {1e3 * length:g} mm does not reach the slide at crank angle {np.degrees(angle):.4g} deg: its crank"
+        f" end is {1e3 * length * span[worst]:.6g} mm from the slide's line; shorten the crank or lengthen the rod"
     )
 
 
 Fit = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""A learned output: crank angles (n,) [rad] to its values (n,) in SI and their derivative by the crank angle (n,)."""
+"""A surrogate: from crank angles (n,) [rad] to values (n,) in SI and their derivative by the crank angle (n,)."""
 
 
 _NOTHING = Motion.of(0.0)
@@ -129,22 +128,24 @@ _NOTHING = Motion.of(0.0)
 
 @dataclass(frozen=True)
 class ClearanceMotion:
-    """The virtual links of the loose joints; those of ideal joints have no length.
+    """The virtual links of the loose joints: lengths [m] and directions from +x [rad], shape (n,); zero for ideal
+    joints.
 
     r1 at gamma1 points from the frame's centre of the crank pivot to the crank's, r2 at gamma2 from the crank's pin
-    centre A to the rod's end A', r3 at gamma3 from the slider's pin centre B to the rod's end B'.
+    centre A to the rod's end A', r3 at gamma3 from the slider's pin centre B to the rod's end B'. Directions are nan
+    where the length is zero.
     """
 
-    r2: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
-    gamma2: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
-    r3: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
-    gamma3: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
-    r1: Motion = _NOTHING  # Lengths of the clearance vectors [m], shape (n,)
-    gamma1: Motion = _NOTHING  # Their directions from +x [rad], shape (n,); nan where the length is zero
+    r2: Motion = _NOTHING
+    gamma2: Motion = _NOTHING
+    r3: Motion = _NOTHING
+    gamma3: Motion = _NOTHING
+    r1: Motion = _NOTHING
+    gamma1: Motion = _NOTHING
 
     @classmethod
     def from_table(cls, table: pd.DataFrame, loose: Iterable[str]) -> "ClearanceMotion":
-        """Read the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` and so on for the joints `loose`."""
+        """From the columns ``r2, r2_dot, r2_ddot, gamma2, ... gamma2_ddot`` etc. for the joints `loose`."""
 
         def motion(name: str) -> Motion:
             return Motion.of(*(table[f"{name}{suffix}"].to_numpy(dtype=float) for suffix in ("", "_dot", "_ddot")))
@@ -153,7 +154,7 @@ class ClearanceMotion:
         return cls(**{name: motion(name) for name in names})
 
     def paper_form(self) -> "ClearanceMotion":
-        """The motion as equations (6)-(9) take it: all lengths constant, only the directions move."""
+        """The motion in equations (6)-(9): constant lengths, variable directions."""
         return replace(self, **{name: getattr(self, name).standing_still() for name in ("r1", "r2", "r3")})
 
     def crank_pivot_vector(self) -> tuple[Motion, Motion]:
@@ -171,14 +172,14 @@ class ClearanceMotion:
 
 @dataclass(frozen=True)
 class LinkageMotion:
-    """Motion of the three moving links; every array has the shape (n,) of the crank angles."""
+    """Motion of the three moving links; all arrays have the shape (n,) of the crank angles."""
 
-    crank_x: Motion  # Crank's mass centre G2 [m], equation (2), moved by the clearance of the crank pivot
-    crank_y: Motion  # Crank's mass centre G2 [m], equation (2), moved by the clearance of the crank pivot
+    crank_x: Motion  # Crank's mass centre G2 [m], equation (2), with the clearance of the crank pivot
+    crank_y: Motion
     rod_x: Motion  # Rod's mass centre G3 [m], equations (3), (14)
-    rod_y: Motion  # Rod's mass centre G3 [m], equations (3), (14)
-    slider_x: Motion  # Slider's pin centre G4 [m], equations (4), (15); slider_y is the slide's offset up to rounding
-    slider_y: Motion  # Slider's pin centre G4 [m], equations (4), (15); slider_y is the slide's offset up to rounding
+    rod_y: Motion
+    slider_x: Motion  # Slider's pin centre G4 [m], equations (4), (15)
+    slider_y: Motion  # The slide's offset up to rounding
     rod_angle: Motion  # theta3 [rad], equations (5), (8), (9)
     transmission_angle: Motion  # mu [rad], equation (10)
 
@@ -197,7 +198,7 @@ def linkage_motion(
     head_x, head_y = clearance.piston_pin_vector()
     foot_x, foot_y = pivot_x + pin_x + step_x, pivot_y + pin_y + step_y
 
-    # The slider stays on its line: the rod comes down by its foot's height above the slider less the vector B -> B'.
+    # The slider stays on its line: the height of the rod's foot minus the vector B -> B' determines the rod's angle.
     height = foot_y - head_y - Motion.of(mechanism.slider.offset)
     rod_angle = _falling_rod(height, rod.length, crank_angle.position)
     rod_length = Motion.of(rod.length)
@@ -216,7 +217,7 @@ def linkage_motion(
 
 
 def _falling_rod(height: Motion, rod_length: float, crank_angle: np.ndarray) -> Motion:
-    """Angle of a rod that spans a falling height: L3 sin theta3 = -height, differentiated twice."""
+    """Angle of a rod that spans a negative height: L3 sin theta3 = -height, differentiated twice."""
     check_reach(height.position / rod_length, crank_angle, rod_length)
     angle = np.arcsin(-height.position / rod_length)
     lever = rod_length * np.cos(angle)
@@ -229,15 +230,15 @@ class IdealCycle:
     """Extremes over one turn of the crank, without clearance."""
 
     smallest_transmission_angle: float  # Of mu and its supplement [rad]
-    largest_departure: float  # Largest distance of mu from 90 deg [rad]
-    outer_dead_centre: float  # Farthest and nearest slider position [m]
-    inner_dead_centre: float  # Farthest and nearest slider position [m]
-    outer_dead_centre_angle: float  # Crank angles there [rad]
-    inner_dead_centre_angle: float  # Crank angles there [rad]
+    largest_departure: float  # Of mu from 90 deg [rad]
+    outer_dead_centre: float  # Largest slider position [m]
+    inner_dead_centre: float  # Smallest slider position [m]
+    outer_dead_centre_angle: float  # Crank angle [rad]
+    inner_dead_centre_angle: float  # Crank angle [rad]
 
     @property
     def stroke(self) -> float:
-        """Way of the slider between its dead centres [m]."""
+        """Distance of the dead centres [m]."""
         return self.outer_dead_centre - self.inner_dead_centre
 
 
@@ -246,7 +247,7 @@ def ideal_cycle(crank_length: float, rod_length: float, offset: float = 0.0) -> 
     span = crank_length + abs(offset)
     if span >= rod_length:
         raise InputError(
-            f"a crank of {1e3 * crank_length:g} mm with offset {1e3 * offset:g} mm cannot turn on a rod of "
+            f"a crank of {1e3 * crank_length:g} mm with offset {1e3 * offset:g} mm cannot turn with a rod of "
             f"{1e3 * rod_length:g} mm; shorten the crank or lengthen the rod"
         )
     departure = float(np.arcsin(span / rod_length))
@@ -273,14 +274,14 @@ SPEED_POWERS = {
     "frame_force_x": 2,
     "frame_force_y": 2,
 }
-"""With which power of the crank's speed each channel of the ideal motion grows."""
+"""Power of the crank speed to which each channel of the ideal motion is proportional."""
 
 FORCES = ("crank_torque", "guide_force", "frame_force_x", "frame_force_y")
-"""Channels that loads and friction change; the others follow from the geometry."""
+"""Channels affected by loads and friction; the others are purely geometric."""
 
 
 def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dict[str, np.ndarray]:
-    """Channels of the ideal motion by inverse dynamics of the rigid links, without gravity and other loads."""
+    """Channels of the ideal motion by inverse dynamics of rigid links, without gravity and other loads."""
     crank, rod, slider = mechanism.crank, mechanism.rod, mechanism.slider
     still = np.zeros(np.shape(angle))
     motion = linkage_motion(mechanism, Motion.of(angle, still + speed, still))
@@ -318,9 +319,7 @@ def ideal_channels(mechanism: Mechanism, angle: np.ndarray, speed: float) -> dic
 
 
 def ideal_orders(mechanism: Mechanism, speed: float, orders: int, points: int = 360) -> dict[str, np.ndarray]:
-    """The low orders of `ideal_channels` over a turn: (orders,) complex C, the channel being Re sum C_k exp(i k
-    angle).
-    """
+    """The low orders of `ideal_channels`: (orders,) complex C, where the channel is Re sum C_k exp(i k angle)."""
     angle = np.arange(points) * (tau / points)
     channels = ideal_channels(mechanism, angle, speed)
     return {name: 2.0 * np.fft.rfft(values)[1 : orders + 1] / points for name, values in channels.items()}

@@ -1,28 +1,28 @@
-"""Data of a mechanism that may be right, but look mistaken."""
+"""Warnings about unusual, possibly wrong, data of a mechanism."""
 
 from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
 from jointgap.core.joints import JOINT
-from jointgap.core.words import in_words, joined
+from jointgap.core.words import format_name, joined
 from jointgap.dynamics.contact import LAWS, delivered_restitution, penalty_restitution
 
 WIDE_CLEARANCE = 0.05
-"""Share of the journal's radius from which on a clearance is worth a remark."""
+"""Clearance over the journal's radius above which a warning is given."""
 
 UNLIKE_MASSES = 50.0
-"""Ratio of the heaviest body's mass to the lightest one's from which on it is worth a remark."""
+"""Ratio of the largest to the smallest mass above which a warning is given."""
 
 
 def odd_data(mechanism: Mechanism) -> list[str]:
-    """Remarks on masses and clearances that look mistaken, such as ``slider.mass: ...``; empty where none does."""
+    """Warnings about unusual masses and clearances, such as ``slider.mass: ...``."""
     applied = mechanism.applied()
     masses = {f"{body}.mass": getattr(applied, body).mass for body in ("crank", "rod", "slider")}
     light, heavy = min(masses, key=masses.get), max(masses, key=masses.get)
     found = []
     if masses[heavy] > UNLIKE_MASSES * masses[light]:
         found.append(
-            f"{heavy}: {masses[heavy]:.4g} kg are {masses[heavy] / masses[light]:.4g} times {light}, "
+            f"{heavy}: {masses[heavy]:.4g} kg is {masses[heavy] / masses[light]:.4g} times {light}, "
             f"{masses[light]:.4g} kg; check the units of both"
         )
     for name in applied.loose:
@@ -36,15 +36,15 @@ def odd_data(mechanism: Mechanism) -> list[str]:
     return found
 
 
-UNTOLD = 0.005
-"""Deviation of the delivered from the asked restitution that is too small to tell: no measured one is known better."""
+NEGLIGIBLE_DIFFERENCE = 0.005
+"""Difference of effective and configured restitution without a warning: below the accuracy of measurements."""
 
 PENALTY_SPEEDS = (0.1, 1.0)
-"""Approach speeds [m/s] at which the penalty form's restitution is given: hits in settled and in starting motion."""
+"""Approach speeds [m/s] at which the penalty law's restitution is given: impacts in settled and in starting motion."""
 
 
 def remarks(mechanism: Mechanism) -> list[str]:
-    """Data that look mistaken, and where contacts do otherwise than one may think: ``crank_pin: ...``, one for each."""
+    """Warnings about unusual data and unexpected behaviour of contacts: ``crank_pin: ...``."""
     applied = mechanism.applied()
     return odd_data(mechanism) + [
         f"{name}: {sentence}"
@@ -54,13 +54,15 @@ def remarks(mechanism: Mechanism) -> list[str]:
 
 
 def sentences(mechanism: Mechanism) -> tuple[str, ...]:
-    """The `remarks` on a `mechanism` as sentences, one that joints share once: ``Contact of the crank pin: ...``."""
+    """The `remarks` as sentences, with joints of equal remarks combined: ``Contact of the crank pin: ...``."""
     subjects: dict[str, list[str]] = {}
     for remark in remarks(mechanism):
         subject, _, words = remark.partition(": ")
         subjects.setdefault(words, []).append(subject)
     return tuple(
-        f"Contact of the {joined(map(in_words, names))}: {words}." if names[0] in JOINT else f"`{names[0]}`: {words}."
+        f"Contact of the {joined(map(format_name, names))}: {words}."
+        if names[0] in JOINT
+        else f"`{names[0]}`: {words}."
         for words, names in subjects.items()
     )
 
@@ -72,15 +74,15 @@ def _of_contact(joint: Joint, rod_mass: float) -> Iterator[str]:
         yield _of_penalty(joint, contact, rod_mass)
         return
     delivered = delivered_restitution(LAWS[contact.law](contact.restitution))
-    if abs(delivered - contact.restitution) > UNTOLD:
+    if abs(delivered - contact.restitution) > NEGLIGIBLE_DIFFERENCE:
         yield (
-            f"{contact.law} delivers a restitution of {delivered:.4g} where {contact.restitution:.4g} is asked for; "
-            "exact_restitution delivers what is asked"
+            f"you asked for a restitution of {contact.restitution:.4g}; {contact.law} effectively gives "
+            f"{delivered:.4g}. Use `law: exact_restitution` for {contact.restitution:.4g}"
         )
 
 
 def _of_friction(contact: Contact) -> Iterator[str]:
-    """The condition for passive bristles stands in `jointgap.dynamics.friction.lugre`."""
+    """LuGre friction that is not passive; condition in `jointgap.dynamics.friction.lugre`."""
     given = contact.friction_parameters()
     excess = given["static_friction"] - contact.friction
     if contact.friction_law != "lugre" or contact.friction == 0 or excess == 0:
@@ -88,17 +90,17 @@ def _of_friction(contact: Contact) -> Iterator[str]:
     most = given["viscous_friction"] * contact.friction / excess
     if given["bristle_damping"] > most:
         yield (
-            "lugre with static_friction above friction can drive a motion for moments instead of braking it; a "
-            f"bristle_damping of {most:.3g} s/m or less rules that out, or more viscous_friction"
+            "lugre with static_friction above friction can temporarily drive the motion; to exclude this, use a "
+            f"bristle_damping of at most {most:.3g} s/m, or more viscous_friction"
         )
 
 
 def _of_penalty(joint: Joint, contact: Contact, rod_mass: float) -> str:
     stiffness = hertz_stiffness(joint) if contact.stiffness is None else contact.stiffness
-    mass = rod_mass / 2  # what a hit at one of its ends feels of the rod, near enough; the partner is taken as driven
+    mass = rod_mass / 2  # approximate effective mass of the rod for an impact at its end; the partner is driven
     found = (
         penalty_restitution(stiffness, contact.exponent, contact.penalty_damping, contact.penalty_depth, mass, speed)
         for speed in PENALTY_SPEEDS
     )
-    told = " and ".join(f"{value:.3g} at {speed:g} m/s" for value, speed in zip(found, PENALTY_SPEEDS, strict=True))
-    return f"the penalty form's restitution depends on mass and speed: about {told}"
+    values = " and ".join(f"{value:.3g} at {speed:g} m/s" for value, speed in zip(found, PENALTY_SPEEDS, strict=True))
+    return f"the restitution of law penalty depends on mass and speed: approximately {values}"

@@ -1,4 +1,4 @@
-"""Compiling for this machine once."""
+"""Compilation for this machine, cached on disk."""
 
 import contextlib
 import hashlib
@@ -21,19 +21,19 @@ from numba.core.registry import CPUDispatcher
 
 try:
     import fcntl
-except ImportError:  # Windows: each process compiles for itself
+except ImportError:  # Windows: each process compiles
     fcntl = None
 
 ANNOUNCED_AFTER = 1.0  # s
-SECONDS = 15  # of one core, all that a first simulation needs
+SECONDS = 15  # on one core, for a first simulation
 _COMPILING = f"compiling the simulation for this machine, once (about {SECONDS} s) ..."
-_WAITING = f"waiting for another process to load the simulation, or to compile it (about {SECONDS} s) ..."
+_WAITING = f"waiting for another process to load or compile the simulation (about {SECONDS} s) ..."
 
 _said: set[str] = set()
 
 
 def say(message: str) -> None:
-    """Print a line on stderr, once in a process."""
+    """Print a line on stderr, once per process."""
     if message not in _said:
         _said.add(message)
         print(f"jointgap: {message}", file=sys.stderr, flush=True)
@@ -41,7 +41,7 @@ def say(message: str) -> None:
 
 @contextlib.contextmanager
 def announced(message: str) -> Iterator[threading.Timer]:
-    """A timer that, once started, says `message` unless all is done before."""
+    """A timer that, once started, prints `message` unless the block ends before."""
     timer = threading.Timer(ANNOUNCED_AFTER, say, (message,))
     timer.daemon = True
     try:
@@ -51,7 +51,7 @@ def announced(message: str) -> Iterator[threading.Timer]:
 
 
 class _OnCompiling(event.Listener):
-    """Starts a timer when numba first compiles, and not where it loads."""
+    """Starts a timer when numba first compiles (not when it loads from the cache)."""
 
     def __init__(self, timer: threading.Timer):
         self.timer = timer
@@ -65,7 +65,7 @@ class _OnCompiling(event.Listener):
 
 
 def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
-    """`compile_function`, called by one process at a time, and announced where it or the wait takes long."""
+    """`compile_function`, by one process at a time, with a message if it or the wait takes long."""
 
     def compile_once(signature):
         with contextlib.ExitStack() as stack:
@@ -84,11 +84,11 @@ def compiled_by_one(compile_function: Callable, lock: Path) -> Callable:
 _NO_WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 AVAILABLE = numba.version_info.short == (0, 68)
-"""Whether this numba's insides are those that this file was written for; with others all is compiled as numba does."""
+"""Whether numba's internals are those that this file requires; otherwise functions are compiled in numba's way."""
 
 
 class _LinkedCode(JITCodeLibrary):
-    """Code for linking: cleaned function by function, but neither optimised as a whole nor made native."""
+    """Code for linking: optimised per function, but neither as a whole nor to machine code."""
 
     def _optimize_final_module(self) -> None:
         pass
@@ -106,7 +106,7 @@ class _ToLink(Compiler):
 
 
 class _Part(CPUDispatcher):
-    """A function as compiled code calls it; its libraries stand in for the entry points that it lacks."""
+    """A function for calls from compiled code; its libraries replace the missing entry points."""
 
     def add_overload(self, cres) -> None:
         self.overloads[tuple(cres.signature.args)] = cres
@@ -117,7 +117,7 @@ class _Part(CPUDispatcher):
 
 
 def linked_where_called(dispatcher: Dispatcher) -> Callable:
-    """`dispatcher`, which compiled code from now on calls in its linked form, and Python as ever."""
+    """`dispatcher`, which compiled code calls in its linked form, and Python as usual."""
     if AVAILABLE:
         options = dispatcher.targetoptions | _NO_WRAPPERS
         part = _Part(dispatcher.py_func, targetoptions=options, pipeline_class=_ToLink)
@@ -128,13 +128,14 @@ def linked_where_called(dispatcher: Dispatcher) -> Callable:
 _PACKAGE = Path(__file__).parent
 _ELSEWHERE = ("core/formula.py", "core/joints.py", "config/friction_laws.py")
 SOURCES = (*sorted(_PACKAGE.rglob("*.py")), *(_PACKAGE.parent / name for name in _ELSEWHERE))
-"""All that compiled code of this package is made from."""
+"""Source files of the compiled code."""
 
 
 def _is_usable(folder: Path) -> bool:
-    """Whether `folder` can be made, is one's own and takes files; permission bits alone do not say so (root, mounts).
+    """Whether `folder` can be created, belongs to the user and is writable; permission bits are not sufficient (root,
+    mounts).
 
-    Compiled code in a folder of somebody else is not to be trusted.
+    Compiled code in another user's folder is not trusted.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -144,11 +145,11 @@ def _is_usable(folder: Path) -> bool:
         return False
 
 
-def cache_folder(beside: Path) -> str:
-    """First usable place of: the user's choice, `beside` the sources, the user's cache, the temporary folder.
+def cache_folder(sources_folder: Path) -> str:
+    """First usable one of: the user's choice, a folder next to the sources, the user's cache, the temporary folder.
 
-    It does not depend on what calls: command, notebook and job of the same installation share it. Returns an empty
-    string (numba's own choice) when none is usable.
+    Independent of the caller: commands, notebooks and jobs of an installation share it. '' (numba's own choice) when
+    none is usable.
     """
     sources = b"".join(path.read_bytes() for path in SOURCES)
     digest = hashlib.sha256(sources).hexdigest()[:16]
@@ -156,24 +157,24 @@ def cache_folder(beside: Path) -> str:
     user = f"jointgap-{os.getuid()}" if hasattr(os, "getuid") else "jointgap"
     bases = [
         *([Path(chosen) / "jointgap"] if chosen else []),
-        beside,
+        sources_folder,
         Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "jointgap",
         Path(tempfile.gettempdir()) / user,
     ]
     for base in bases:
         if _is_usable(base / digest):
-            os.utime(base / digest)  # says when it was used last
+            os.utime(base / digest)  # time of last use
             remove_old_folders(base)
             return str(base / digest)
     return ""
 
 
-_KEPT, _RECENT = 5, 24 * 3600.0  # the newest folders and those of the last day [s]: somebody may be using them
+_KEPT, _RECENT = 5, 24 * 3600.0  # the newest folders and those of the last day [s] may be in use
 
 
 def remove_old_folders(base: Path) -> None:
-    """Remove the folders of other sources in `base` but the newest few and those used within the last day."""
-    with contextlib.suppress(OSError):  # another process may be removing the same
+    """Remove folders of other source versions in `base`, except the newest and those used within the last day."""
+    with contextlib.suppress(OSError):  # removed by another process at the same time
         used = {path: path.stat().st_mtime for path in base.iterdir() if re.fullmatch("[0-9a-f]{16}", path.name)}
         for path in sorted(used, key=used.get)[:-_KEPT]:
             if used[path] < time.time() - _RECENT:
@@ -184,9 +185,9 @@ _FOLDER = cache_folder(_PACKAGE / "__pycache__")
 
 
 def compiled(function, **flags) -> Callable:
-    """`function` as machine code: cached on disk, free of the interpreter's lock, dividing by IEEE rules.
+    """`function` as machine code: cached on disk, without the interpreter's lock, with IEEE division.
 
-    Products and sums may fuse (faster and rounding less); nothing else is reordered.
+    Products and sums may fuse (faster, smaller rounding errors); nothing else is reordered.
     """
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = _FOLDER or before
@@ -197,7 +198,7 @@ def compiled(function, **flags) -> Callable:
     finally:
         numba.config.CACHE_DIR = before
     if not isinstance(code, Dispatcher):
-        return code  # the function itself: NUMBA_DISABLE_JIT
+        return code  # a plain function: NUMBA_DISABLE_JIT
     if _FOLDER:
         lock = Path(_FOLDER) / f"{function.__module__}.{function.__qualname__}.lock"
         code.compile = compiled_by_one(code.compile, lock)
@@ -205,5 +206,5 @@ def compiled(function, **flags) -> Callable:
 
 
 def inlined(function) -> Callable:
-    """`compiled`, and put in wherever it is called: for what runs millions of times."""
+    """`compiled`, and inlined at every call."""
     return compiled(function, forceinline=True)

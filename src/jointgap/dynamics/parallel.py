@@ -1,4 +1,4 @@
-"""Many simulations at once."""
+"""Parallel simulations."""
 
 import math
 import os
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import JOINTS
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.drive import crank_motion
 from jointgap.dynamics.numba_cache import compiled
@@ -23,34 +23,34 @@ from jointgap.dynamics.simulation import IntegrationResult, crank_angles, integr
 
 Item, Found = TypeVar("Item"), TypeVar("Found")
 
-_AHEAD = 8  # items per worker that may be finished or under way before the first of them is taken
+_AHEAD = 8  # items per worker that may be finished or in progress before the first of them is consumed
 
 
 @dataclass(frozen=True)
 class Run:
     """One motion to simulate."""
 
-    mechanism: Mechanism  # What `jointgap.dynamics.simulation` takes
-    options: Simulate  # What `jointgap.dynamics.simulation` takes
-    perturbation: ArrayLike | None = None  # What `jointgap.dynamics.simulation` takes
-    crank_angle: np.ndarray | None = None  # Samples [rad], growing, the first at the start
-    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)  # What distinguishes the run, by name
+    mechanism: Mechanism
+    options: Simulate
+    perturbation: ArrayLike | None = None
+    crank_angle: np.ndarray | None = None  # Samples [rad], increasing, the first at the start
+    values: Mapping[str, float | int | str | bool] = field(default_factory=dict)  # Varied values of the run, by name
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a `Run`."""
+    """Result of a `Run`."""
 
     run: Run
-    parameters: Parameters | None  # Its numbers; None where the mechanism is impossible
+    parameters: Parameters | None  # None for an infeasible mechanism
     crank_angle: np.ndarray  # Of the samples [rad]
     result: IntegrationResult | None  # Samples and events; None where the run failed
-    error: Exception | None = None  # Why it failed
+    error: Exception | None = None  # Reason of a failure
 
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Motions that share their samples.
+    """Motions with common samples.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Ensemble:
     rod_angle, slider_position : (runs, samples) array
         [rad], [m].
     pin_force, normal_force : dict of str to (runs, samples) array
-        By joint: size of the force between its bodies, and its part along the clearance [N].
+        By joint: magnitude of the force between its bodies, and its component along the clearance [N].
     """
 
     crank_angle: np.ndarray
@@ -81,10 +81,10 @@ class Ensemble:
 
 
 def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[Outcome]:
-    """Simulate runs side by side; their outcomes in order, whatever the number of workers.
+    """Simulate runs in parallel; outcomes in order of the runs.
 
-    Only a few runs are held at a time: `runs` may be a generator of any length. A run that cannot be simulated comes
-    out with its error, and the others go on.
+    Only a few runs are held in memory: `runs` may be a generator of any length. The outcome of a failed run contains
+    its error; the others continue.
     """
     known = None
 
@@ -101,7 +101,7 @@ def simulate_runs(runs: Iterable[Run], workers: int | None = None) -> Iterator[O
 def side_by_side(
     function: Callable[[Item], Found], items: Iterable[Item], workers: int | None = None
 ) -> Iterator[Found]:
-    """What a `function` makes of each of the `items`, in their order, only a few of which are held at a time."""
+    """Results of a `function` for each of the `items`, in order, with only a few in memory."""
     workers = workers or cores()
     if workers == 1:
         yield from map(function, items)
@@ -121,12 +121,12 @@ def side_by_side(
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def numbers_of(run: Run) -> Parameters | InputError:
-    """The numbers of a run; or why there are none, for its mechanism is impossible."""
+    """The parameters of a run; an InputError for an infeasible mechanism."""
     try:
         return parameters(run.mechanism, run.options)
     except InputError as error:
@@ -134,7 +134,7 @@ def numbers_of(run: Run) -> Parameters | InputError:
 
 
 def simulate_run(run: Run, numbers: Parameters | InputError) -> Outcome:
-    """Simulate one run, whose `numbers` are as `numbers_of` has them; one that cannot be comes out with its error."""
+    """Simulate one run with the result of `numbers_of`; the outcome of a failed run contains its error."""
     angles = crank_angles(run.options) if run.crank_angle is None else run.crank_angle
     if isinstance(numbers, InputError):
         return Outcome(run, None, angles, None, numbers)
@@ -169,10 +169,10 @@ def crank_speeds(p: Parameters, times, auxiliary_states) -> np.ndarray:
 
 
 def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, workers: int | None = None) -> Ensemble:
-    """Simulate one mechanism from many starts."""
+    """Simulate one mechanism from several starts."""
     rows = []
     outcomes = simulate_runs((Run(mechanism, options, one) for one in perturbations), workers)
-    for outcome in followed(outcomes, "simulated starts", len(perturbations)):
+    for outcome in with_progress(outcomes, "simulated starts", len(perturbations)):
         if outcome.error is not None:
             raise outcome.error
         p, result = outcome.parameters, outcome.result

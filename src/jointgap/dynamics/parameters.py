@@ -1,6 +1,6 @@
-"""The plain numbers that compiled code reads: of the bodies, the joints, the drive and the effects; SI.
+"""Parameters of compiled code in SI: bodies, joints, drive and effects.
 
-Each group is a structured record, which compiled code receives as one pointer. What is off is zero."""
+Each group is a structured record, which compiled code receives as one pointer. Inactive parts are zero."""
 
 import math
 from functools import cache
@@ -16,7 +16,7 @@ CONSTANT, FLUCTUATING, MEASURED, MOTOR = range(len(DRIVE_KINDS))
 """Kinds of drive."""
 
 LONGEST_PROGRAM, MOST_KNOTS = 1024, 16384
-"""Room for a formula and for the pieces of a measured angle."""
+"""Array sizes of a formula's program and of a measured angle's pieces."""
 
 
 class JointParameters(NamedTuple):
@@ -25,18 +25,18 @@ class JointParameters(NamedTuple):
     loose: bool = False
     clearance: float = 1.0  # Distance of the centres [m] at which dry contact begins
     body_radius: float = 0.0  # Radii of the surfaces [m]
-    partner_radius: float = 0.0  # Radii of the surfaces [m]
+    partner_radius: float = 0.0
     side: float = -1.0
-    stiffness: float = 0.0  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
-    exponent: float = 1.5  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
-    damping: float = 0.0  # K [N/m^n], n and chi of the normal force; chi is 0 in the penalty form
-    least_approach: float = 1e-3  # Approach speed [m/s] as which a slower one is damped
+    stiffness: float = 0.0  # K [N/m^n], n and chi of the normal force; chi is 0 for law penalty
+    exponent: float = 1.5
+    damping: float = 0.0
+    least_approach: float = 1e-3  # Lower limit of the approach speed in the damping [m/s]
     memory_time: float = math.inf
     fading_time: float = 1.0
-    lasting_damping: float = 0.0  # chi / v_ref [s/m] of a lasting contact
-    penalty_damping: float = 0.0  # c_max [N s/m], 0 unless the penalty form, and d_max [m]
-    penalty_depth: float = 0.0  # c_max [N s/m], 0 unless the penalty form, and d_max [m]
-    friction_law: int = 0  # See `jointgap.dynamics.friction`, which explains the other numbers of the laws too
+    steady_contact_damping: float = 0.0  # chi / v_ref [s/m] of a lasting contact
+    penalty_damping: float = 0.0  # Law penalty: c_max [N s/m] and d_max [m], else 0
+    penalty_depth: float = 0.0
+    friction_law: int = 0  # This and the following: see `jointgap.dynamics.friction`
     friction: float = 0.0
     friction_speed: float = 1.0
     dead_band_speed: float = 0.0
@@ -45,12 +45,12 @@ class JointParameters(NamedTuple):
     viscous_friction: float = 0.0
     bristle_stiffness: float = 0.0
     bristle_damping: float = 0.0
-    film_viscosity: float = 0.0  # Of the lubricant [Pa s], 0 without one
-    film_length: float = 0.0  # Of the lubricant [Pa s], 0 without one
-    film_clearance: float = 1.0  # Of the lubricant [Pa s], 0 without one
-    film_least: float = 0.0  # Of the lubricant [Pa s], 0 without one
-    pin_friction: float = 0.0  # Coefficient of friction and radius [m] of a joint that is ideal
-    pin_radius: float = 0.0  # Coefficient of friction and radius [m] of a joint that is ideal
+    film_viscosity: float = 0.0  # Of the lubricant [Pa s]; 0: no film
+    film_length: float = 0.0  # [m]
+    film_clearance: float = 1.0  # [m]
+    film_least: float = 0.0  # Smallest film thickness [m]
+    pin_friction: float = 0.0  # Coefficient of friction and radius [m] of an ideal joint
+    pin_radius: float = 0.0
 
 
 class BodyParameters(NamedTuple):
@@ -58,8 +58,8 @@ class BodyParameters(NamedTuple):
 
     crank_length: float
     crank_mass: float
-    crank_moment_x: float  # First moment of the crank's mass about its pivot [kg m], along the crank and across it
-    crank_moment_y: float  # First moment of the crank's mass about its pivot [kg m], along the crank and across it
+    crank_moment_x: float  # First moment of the crank's mass about its pivot [kg m], along and across the crank
+    crank_moment_y: float
     crank_inertia: float  # About the pivot [kg m^2]
     rod_length: float
     rod_inverse_length: float
@@ -74,27 +74,27 @@ class BodyParameters(NamedTuple):
     gravity_x: float
     gravity_y: float
     rod_angular_frequency: float  # Of the rod's bending mode [rad/s]; 0 for a rigid rod
-    rod_damping_ratio: float  # Of the rod's bending mode [rad/s]; 0 for a rigid rod
+    rod_damping_ratio: float
 
 
 class DriveParameters(NamedTuple):
-    """What turns the crank."""
+    """The drive of the crank."""
 
     kind: int = CONSTANT  # `CONSTANT`, `FLUCTUATING`, `MEASURED` or `MOTOR`
-    speed: float = 0.0  # Speed, or the motor's at the start [rad/s]
+    speed: float = 0.0  # Speed, for a motor the initial one [rad/s]
     start_angle: float = 0.0  # [rad]
     ratio: float = 0.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
-    order: float = 1.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
-    phase: float = 0.0  # Of a fluctuating speed w0 (1 + ratio cos(order theta - phase))
+    order: float = 1.0
+    phase: float = 0.0
     stall_torque: float = 0.0
     no_load_speed: float = 1.0
     rotor_inertia: float = 0.0
 
 
 class EffectParameters(NamedTuple):
-    """Forces on the slider and torques on the crank beyond joints and weight; see `jointgap.effects`.
+    """Forces on the slider and torques on the crank besides joints and weight; see `jointgap.effects`.
 
-    `table_over` is 1 of a load over the crank angle, 2 of one over time, 0 without one.
+    `table_over`: 1 for a load over the crank angle, 2 for one over time, 0 for none.
     """
 
     on_slider: bool = False
@@ -143,21 +143,21 @@ class EffectParameters(NamedTuple):
 
 
 class Switches(NamedTuple):
-    """What of the general equations a mechanism needs."""
+    """Parts of the general equations that a mechanism requires."""
 
-    auxiliary: bool  # It has states beyond the clearance vectors of both pins
-    constrained: bool  # A pin is ideal: its reaction has to be solved for
-    free_crank: bool  # The crank's motion is not prescribed: a motor turns it, or its pivot is loose
-    bristles: bool  # A joint has LuGre friction
+    auxiliary: bool  # States besides the clearance vectors of both pins
+    constrained: bool  # An ideal pin, whose reaction is solved for
+    free_crank: bool  # Crank motion not prescribed: a motor, or a loose pivot
+    bristles: bool  # A joint with LuGre friction
 
 
 class Record(np.void):
-    """Numbers by name, as compiled code receives them."""
+    """Numbers by name for compiled code."""
 
     __slots__ = ("data",)
 
     def __getattr__(self, name: str):
-        if name == "data":  # of a copy, which has only numpy's own
+        if name == "data":  # copies have numpy's attribute only
             return np.void.data.__get__(self)
         try:
             return self[name]
@@ -172,27 +172,27 @@ class Record(np.void):
 
 
 class Parameters(NamedTuple):
-    """Everything that the equations of motion know.
+    """All parameters of the equations of motion.
 
-    Records alone: with arrays among them compiled code would count references at every call, which costs more than the
-    equations of motion.
+    Records only: compiled code would count references to arrays at every call, which costs more than the equations of
+    motion.
     """
 
-    bodies: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
+    bodies: Record  # `BodyParameters`
     crank_pin: Record  # `JointParameters`
     piston_pin: Record  # `JointParameters`
     crank_pivot: Record  # `JointParameters`
-    drive: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
-    effects: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
-    switches: Record  # `BodyParameters`, `DriveParameters`, `EffectParameters`, `Switches`
-    slider_formula: Record  # Programs for a force on the slider and for a torque on the crank: see `program_record`
-    crank_formula: Record  # Programs for a force on the slider and for a torque on the crank: see `program_record`
+    drive: Record  # `DriveParameters`
+    effects: Record  # `EffectParameters`
+    switches: Record  # `Switches`
+    slider_formula: Record  # Program of a force on the slider: see `program_record`
+    crank_formula: Record  # Program of a torque on the crank: see `program_record`
     knots: Record  # A measured crank angle: see `knots_record`
     slider_table: Record  # A measured load on the slider: see `table_record`
 
 
 def record(numbers: NamedTuple) -> Record:
-    """A group of numbers as a record of floats and integers."""
+    """A group of parameters as a record of floats and integers."""
     return _with_data(np.array([tuple(numbers)], _kind(type(numbers))))
 
 
@@ -218,7 +218,7 @@ _TABLE = np.dtype((Record, [("count", "i8"), ("pieces", "f8", (MOST_ROWS, 5))]))
 
 
 def program_record(program: Program) -> Record:
-    """The program of a formula: its length, its codes and its numbers."""
+    """The program of a formula: length, codes and numbers."""
     if not len(program.codes):
         return NO_PROGRAM
     found = _with_data(np.zeros(1, _PROGRAM))
@@ -229,9 +229,9 @@ def program_record(program: Program) -> Record:
 
 
 def knots_record(pieces: np.ndarray, end: float = math.inf) -> Record:
-    """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial of the time since, highest power first.
+    """A measured crank angle as pieces (k, 7): begin [s] and quintic polynomial from there, highest power first.
 
-    `end` [s] is where the last piece ends.
+    `end` [s] is the end of the last piece.
     """
     found = _with_data(np.zeros(1, _KNOTS))
     found.count, found.end = len(pieces), end
@@ -240,8 +240,8 @@ def knots_record(pieces: np.ndarray, end: float = math.inf) -> Record:
 
 
 def table_record(pieces: np.ndarray) -> Record:
-    """A measured load as pieces (k, 5) of one period: begin [rad or s] and cubic polynomial of what is since, highest
-    power first.
+    """A measured load as pieces (k, 5) of one period: begin [rad or s] and cubic polynomial from there, highest power
+    first.
     """
     found = _with_data(np.zeros(1, _TABLE))
     found.count = len(pieces)

@@ -1,4 +1,4 @@
-"""The Runge-Kutta method: tableau, stages, steps and their error."""
+"""The Runge-Kutta method: tableau, stages, steps and error estimate."""
 
 import math
 from typing import NamedTuple
@@ -29,17 +29,17 @@ ERROR_5, ERROR_3 = DOP853.E5[:COUNT].copy(), DOP853.E3[:COUNT].copy()
 """Weights of the stages in the differences to the solutions of 5th and 3rd order."""
 
 KEPT = 16
-"""Stages kept of a step: its own, the rates at its end, and three more from which the interpolant follows."""
+"""Number of stages of a step: its own, the rates at its end, and three for the interpolant."""
 
 MORE_STAGES, MORE_NODES, INTERPOLANT = (np.array(each) for each in (DOP853.A_EXTRA, DOP853.C_EXTRA, DOP853.D))
-"""Weights (3, 16) and nodes (3,) of the three further stages; weights (4, 16) of all stages in the interpolant's upper
-terms. Columns 1 to 4 are zero."""
+"""Weights (3, 16) and nodes (3,) of the three additional stages; weights (4, 16) of all stages in the interpolant's
+upper terms. Columns 1 to 4 are zero."""
 
 
 _JOINTS, _TERMS = 3, 4 + len(INTERPOLANT)
-_LANES = 4  # numbers that one operation takes: with eight, processors that can do so slow down all else
+_LANES = 4  # vector width; a width of eight slows down some processors
 AUXILIARY_WIDTH = -(-AUXILIARY_STATES // _LANES) * _LANES
-"""How many numbers a row of auxiliary rates has: those beyond the auxiliary states fill up the last vector."""
+"""Length of a row of auxiliary rates, padded to whole vectors."""
 
 STAGES_KEPT = np.dtype(
     (
@@ -56,11 +56,11 @@ STAGES_KEPT = np.dtype(
     )
 )
 """Rates of the states and of the auxiliary states over s, by stage; normal forces [N], by joint and stage; coefficients
-of the interpolant and what it gives."""
+and results of the interpolant."""
 
 
 def room_for_stages() -> np.record:
-    """An empty record of `STAGES_KEPT`; each integration needs one of its own."""
+    """An empty record of `STAGES_KEPT`, one per integration."""
     return np.zeros(1, STAGES_KEPT)[0]
 
 
@@ -117,18 +117,18 @@ weighted_rows = _weighted_rows(STATES, STATES)
 `last` - 1, a tuple of 8 numbers; zeros if `last` is 0."""
 
 weighted_motion = _weighted_rows(8, AUXILIARY_WIDTH)
-"""The same of auxiliary rates, over those states that are no bristles; `weighted_auxiliary` over all of them."""
+"""The same for auxiliary rates without those of bristles; `weighted_auxiliary` for all of them."""
 
 weighted_auxiliary = _weighted_rows(AUXILIARY_WIDTH, AUXILIARY_WIDTH)
 
 
 VELOCITY_TIME = 3e-5
-"""Time [s] that turns an error in a velocity into one in a position: a contact's ringing over 2 pi, near enough."""
+"""Time [s] that converts an error in a velocity to one in a position: about a period of the contact over 2 pi."""
 
-LINEAR, AFTER, BEFORE = (np.int64(time_map) for time_map in (0, 1, -1))  # of one type, so that code is compiled once
+LINEAR, AFTER, BEFORE = (np.int64(time_map) for time_map in (0, 1, -1))  # of one type: code is compiled once
 
 SECOND = np.array([1, 1, *(1 + np.flatnonzero(row[1:])[0] for row in STAGES[2:])])
-"""By stage, the first column after column 0 that is not zero; in the solution's row the error estimators' too."""
+"""By stage, the first nonzero column after column 0; for the solution's row including the error estimators."""
 
 
 _ERRORS = np.array([ERROR_5, ERROR_3])
@@ -139,13 +139,13 @@ COS_4, COS_6, COS_8, COS_10 = (1 / math.factorial(n) for n in (4, 6, 8, 10))
 
 
 class Instant(NamedTuple):
-    """State of the integration at one time: all that a step starts from."""
+    """State of the integration at one time, complete for the next step."""
 
     time: float  # [s]
-    clearance_state: tuple[float, ...]  # Clearance vectors with their rates, and auxiliary states
-    auxiliary_state: tuple[float, ...]  # Clearance vectors with their rates, and auxiliary states
+    clearance_state: tuple[float, ...]  # Clearance vectors with their rates
+    auxiliary_state: tuple[float, ...]  # Auxiliary states
     clearance_rates: tuple[float, ...]  # Their time derivatives
-    auxiliary_rates: tuple[float, ...]  # Their time derivatives
+    auxiliary_rates: tuple[float, ...]
     crank_angle: float  # [rad]
     crank: Crank
     modes: tuple[int, int, int]
@@ -156,10 +156,10 @@ class Instant(NamedTuple):
 
 @inlined
 def turned(cosine, sine, angle) -> tuple:
-    """Cosine and sine of an angle further on by `angle` [rad] than the one with the given `cosine` and `sine`."""
+    """Cosine and sine of the angle with the given `cosine` and `sine`, increased by `angle` [rad]."""
     if abs(angle) > 0.1:
         c, s = math.cos(angle), math.sin(angle)
-    else:  # Taylor polynomials, exact to the last digit here and many times faster than the library's functions
+    else:  # Taylor polynomials: exact in double precision here, and many times faster than library functions
         q = angle * angle
         q2 = q * q
         s = angle + angle * q * ((q * SIN_5 - SIN_3) + q2 * (q * SIN_9 - SIN_7))
@@ -169,7 +169,7 @@ def turned(cosine, sine, angle) -> tuple:
 
 @inlined
 def elapsed_time(time_map, s, ds) -> float:
-    """Time [s] that passes between s and s + ds."""
+    """Time [s] between s and s + ds."""
     return ds if time_map == LINEAR else time_map * ds * (2.0 * s + ds)
 
 
@@ -181,7 +181,7 @@ def dt_ds(time_map, s) -> float:
 
 @inlined
 def ds_for(time_map, s, duration) -> float:
-    """The ds that takes `duration` [s] from s on."""
+    """The ds for a `duration` [s] from s."""
     if time_map == LINEAR:
         return duration
     inside = s * s + time_map * duration
@@ -207,7 +207,7 @@ def _fades(joint, begin, time, later) -> bool:
 
 @inlined
 def next_knot(joint, begin, time, resolution) -> float:
-    """Next time [s] at which the memory of a contact begins or ends to fade, infinite if there is none."""
+    """Next time [s] at which the memory of a contact begins or ends to fade, or infinity."""
     knot = begin + joint.memory_time
     if knot > time + resolution:
         return knot
@@ -217,7 +217,7 @@ def next_knot(joint, begin, time, resolution) -> float:
 
 @inlined
 def crank_at(p, time, x) -> tuple:
-    """Angle [rad] of the crank and its `Crank`, from the time or, where a motor turns it, from the auxiliary states."""
+    """Angle [rad] of the crank and its `Crank`, from the time or, with a motor, from the auxiliary states."""
     if p.drive.kind == MOTOR:
         return x[2], Crank(math.cos(x[2]), math.sin(x[2]), x[6], 0.0)
     angle, speed, acceleration = crank_motion(p, time)
@@ -243,12 +243,12 @@ def instant(p, time, y, x, modes, approaches, begins):
 
 
 instant_in_place = inlined(getattr(instant, "py_func", instant))
-"""`instant`, put in where it is called: for the one place that the integration passes at every step."""
+"""`instant`, inlined: for the call in every step of the integration."""
 
 
 @inlined
 def auxiliary_rows(p, weights, row, first, last, k) -> tuple:
-    """Weighted sums of the auxiliary states' rates that are kept; those of bristles only where a joint has some."""
+    """Weighted sums of the auxiliary states' rates; those of bristles only where a joint has some."""
     if p.switches.bristles:
         return weighted_auxiliary(k.auxiliary_rates, weights, row, first, last)[:AUXILIARY_STATES]
     return (*weighted_motion(k.auxiliary_rates, weights, row, first, last), 0.0, 0.0, 0.0)
@@ -256,7 +256,7 @@ def auxiliary_rows(p, weights, row, first, last, k) -> tuple:
 
 @inlined
 def auxiliary_after(p, x, ds, sums, weight, newest) -> tuple:
-    """Auxiliary states after `ds` from `x` on at rates that are summed up but for the newest one."""
+    """Auxiliary states after `ds` from `x`; `sums` contain all rates except the newest one."""
     motion = (
         x[0] + ds * (sums[0] + weight * newest[0]), x[1] + ds * (sums[1] + weight * newest[1]),
         x[2] + ds * (sums[2] + weight * newest[2]), x[3] + ds * (sums[3] + weight * newest[3]),
@@ -285,7 +285,7 @@ def _scaled(factor, rates) -> tuple:
 
 @inlined
 def rates_over_s(k, row, here, factor, auxiliary) -> None:
-    """Keep the rates at an instant."""
+    """Store the rates at an instant."""
     for i in range(STATES):
         k.rates[row, i] = factor * here.clearance_rates[i]
     if auxiliary:
@@ -295,7 +295,7 @@ def rates_over_s(k, row, here, factor, auxiliary) -> None:
 
 @compiled
 def step(p, here, time_map, s, ds, k):
-    """Advance the state from s to s + ds with the modes frozen."""
+    """Advance the state from s to s + ds with constant modes."""
     y, x, begins = here.clearance_state, here.auxiliary_state, here.begins
     damping, later = damping_factors(p, here.approaches, begins, here.time), here.time + elapsed_time(time_map, s, ds)
     fades = (
@@ -303,7 +303,7 @@ def step(p, here, time_map, s, ds, k):
         or _fades(p.piston_pin, begins[1], here.time, later)
         or _fades(p.crank_pivot, begins[2], here.time, later)
     )
-    # The newest stage's rates stay at hand: the sums over the earlier ones, which take long, need not wait for them.
+    # The newest stage's rates are kept in registers: the slow sums over the earlier ones do not depend on them.
     auxiliary, factor, v = p.switches.auxiliary, dt_ds(time_map, s), here.clearance_rates
     newest = (
         factor * v[0], factor * v[1], factor * v[2], factor * v[3],
@@ -351,7 +351,7 @@ def step(p, here, time_map, s, ds, k):
                 k.auxiliary_rates[stage, i] = newest_auxiliary[i]
         k.normals[0, stage], k.normals[1, stage], k.normals[2, stage] = pin[0], piston[0], pivot[0]
     e, w = weighted_rows(k.rates, STAGES, COUNT, SECOND[COUNT], _LAST), STAGES[COUNT, _LAST]
-    # Summed before it is added to the state: of a state's last digit nothing is lost twice.
+    # Sum up before adding to the state: one rounding error of the state instead of several.
     z = (
         y[0] + ds * (e[0] + w * newest[0]), y[1] + ds * (e[1] + w * newest[1]),
         y[2] + ds * (e[2] + w * newest[2]), y[3] + ds * (e[3] + w * newest[3]),
@@ -374,7 +374,7 @@ def _squares(values) -> float:
 
 @inlined
 def _with_newest(k, row, newest) -> tuple:
-    """Error estimate in the states of row `row` of `_ERRORS`."""
+    """Error estimate in the states with the weights of row `row` of `_ERRORS`."""
     e, w = weighted_rows(k.rates, _ERRORS, row, SECOND[COUNT], _LAST), _ERRORS[row, _LAST]
     return (
         e[0] + w * newest[0], e[1] + w * newest[1], e[2] + w * newest[2], e[3] + w * newest[3],
@@ -386,7 +386,7 @@ def _with_newest(k, row, newest) -> tuple:
 def relative_error(p, k, newest) -> float:
     """Estimated local error [m] over ds, from a step's stages: the 5th-order estimate, damped by the 3rd-order one.
 
-    Errors in velocities count by `VELOCITY_TIME`, those of the crank angle by the crank's length.
+    Errors in velocities are multiplied by `VELOCITY_TIME`, those of the crank angle by the crank's length.
     """
     fifth = _squares(_with_newest(k, 0, newest))
     third = _squares(_with_newest(k, 1, newest))
@@ -397,7 +397,7 @@ def relative_error(p, k, newest) -> float:
     size = math.sqrt(fifth + 0.01 * third)
     if size == 0.0:
         return 0.0
-    return fifth / size if size < math.inf else math.inf  # an overflow or NaN must not pass for a small error
+    return fifth / size if size < math.inf else math.inf  # an overflow or NaN is not a small error
 
 
 @inlined

@@ -1,4 +1,4 @@
-"""Samples of the motion and sums over them."""
+"""Samples of the motion, and sums over them."""
 
 import math
 
@@ -13,14 +13,14 @@ from jointgap.dynamics.numba_cache import compiled, inlined
 from jointgap.dynamics.runge_kutta import crank_at, damping_factors
 
 SAMPLE = np.dtype((np.record, [(column.name, "f8") for column in TRAJECTORY.columns if column.kind == "float"]))
-"""Record of one sample as compiled code fills it."""
+"""Record of one sample in compiled code."""
 
 
 @compiled
 def polar_rates(vector, direction):
     """Length and direction of a clearance vector with two time derivatives each.
 
-    Where the length is zero its derivatives are those just after, the direction and its derivatives NaN.
+    At length zero its derivatives are the right-sided ones; the direction and its derivatives are NaN.
     """
     ex, ey, vx, vy, ax, ay = vector
     r = math.sqrt(ex * ex + ey * ey)
@@ -37,15 +37,13 @@ def polar_rates(vector, direction):
 
 @compiled
 def _never_pulling(joint, force):
-    """A joint's force, or none where rounding has left a pull at the very end of a contact."""
+    """A joint's force, or zero where rounding makes it attractive at the end of a contact."""
     return NOTHING if joint.loose and joint.film_viscosity == 0.0 and force[0] <= 0.0 else force
 
 
 @inlined
 def joint_forces_at(p, crank, alpha, pin, piston, pivot) -> tuple:
-    """Forces in crank pin, piston pin and crank pivot as samples show them: none pulls, and an ideal pivot has one
-    too.
-    """
+    """Forces in the joints for samples, without attractive ones, including those of an ideal crank pivot."""
     pin, piston = _never_pulling(p.crank_pin, pin), _never_pulling(p.piston_pin, piston)
     if p.crank_pivot.loose:
         return pin, piston, _never_pulling(p.crank_pivot, pivot)
@@ -73,7 +71,7 @@ def _at_sample(p, found, n) -> tuple:
 
 @compiled
 def fill_samples(p, found, samples):
-    """Compute every number that follows from the samples `found` by an integration."""
+    """Compute all quantities of the samples `found` by an integration."""
     b, times, states, auxiliary_states = p.bodies, found.times, found.states, found.auxiliary_states
     modes_at, approaches_at, begins_at = found.modes, found.approaches, found.begins
     directions_at = found.directions
@@ -132,14 +130,14 @@ def fill_samples(p, found, samples):
 
 
 ROUNDING = 1e-9
-"""Crank angles closer than this are the same [rad]."""
+"""[rad] Crank angles closer than this are equal."""
 
 _TIME, _JOINT, _BEGINS, _PEAK_FORCE = (EVENT.index(name) for name in ("time", "joint", "begins", "peak_force"))
 
 
 @compiled
 def angle_errors(p, angles, states, auxiliary_states, low, high):
-    """How far the transmission angle lies from that of the same lengths without clearance, equations (10) and (17)."""
+    """Difference of the transmission angle from that of the same lengths without clearance, equations (10) and (17)."""
     b, everywhere = p.bodies, low <= 0.0 and high >= 2.0 * math.pi - ROUNDING
     count, squares, total, peak, steepest = 0, 0.0, 0.0, 0.0, 0.0
     for n in range(angles.size):
@@ -147,12 +145,12 @@ def angle_errors(p, angles, states, auxiliary_states, low, high):
         end = rise + states[n, 1] + auxiliary_states[n, 1]
         rod, ideal = (b.slider_offset + states[n, 3] - end) / b.rod_length, (b.slider_offset - rise) / b.rod_length
         steepest = max(steepest, abs(rod))
-        # A sample at the beginning of a later revolution may lie short of it by rounding.
+        # rounding may put the first sample of a later revolution before its beginning
         turned = angles[n] + ROUNDING
-        if not 0.0 <= turned < 2.0 * math.pi:  # a remainder takes longer than all else here
+        if not 0.0 <= turned < 2.0 * math.pi:  # the remainder is slow
             turned %= 2.0 * math.pi
         if everywhere or low <= turned <= high + 2.0 * ROUNDING:
-            # The difference of two angles by their sines: one inverse sine instead of two.
+            # difference of two angles from their sines: one inverse sine instead of two
             size = abs(math.asin(ideal * math.sqrt(1.0 - rod * rod) - rod * math.sqrt(1.0 - ideal * ideal)))
             count += 1
             squares += size * size
@@ -166,7 +164,7 @@ def angle_errors(p, angles, states, auxiliary_states, low, high):
 
 @compiled
 def slider_and_forces(p, found):
-    """The slider's motion at the samples `found`, and the sizes of the normal forces."""
+    """The slider's motion at the samples `found`, and the normal forces."""
     b, count = p.bodies, found.times.size
     position, acceleration = np.empty(count), np.empty(count)
     peaks, squares = np.zeros(3), np.zeros(3)
@@ -183,7 +181,7 @@ def slider_and_forces(p, found):
 
 @compiled
 def largest_change(states, auxiliary_states, apart):
-    """Largest distance of the clearance vectors of samples from those `apart` samples earlier [m]."""
+    """Largest distance of the clearance vectors from those `apart` samples earlier [m]."""
     largest = 0.0
     for n in range(apart, len(states)):
         square = 0.0
@@ -197,7 +195,7 @@ def largest_change(states, auxiliary_states, apart):
 
 @compiled
 def contact_sums(events, begin, end):
-    """How long the joints are in contact between two times, how often they come into it, and how hard."""
+    """Duration, number and largest force of the joints' contacts between two times."""
     touching, impacts, peaks = np.zeros(3), np.zeros(3), np.zeros(3)
     begun = np.full(3, math.inf)  # of contacts that have not ended
     for n in range(len(events)):

@@ -35,14 +35,12 @@ from jointgap.dynamics.sampling import SAMPLE, fill_samples
 
 
 def perturbed_start(vectors: np.ndarray, loose: Collection[str]) -> np.ndarray:
-    """Clearance vectors at the start, one start or several: those of `vectors` in loose joints, zero in ideal ones."""
+    """Initial clearance vectors, of one start or several: `vectors` in loose joints, zero in ideal ones."""
     return np.where(np.repeat([joint in loose for joint in JOINTS], 2), vectors, 0.0)
 
 
 def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarray]:
-    """State with given clearance vectors, their rates zero; by default the ideal mechanism's positions and
-    velocities.
-    """
+    """State with given clearance vectors and zero rates; by default the ideal mechanism's positions and velocities."""
     vectors = np.zeros(4) if perturbation is None else np.asarray(perturbation, dtype=float)
     if vectors.shape not in ((4,), (6,)) or not np.isfinite(vectors).all():
         raise InputError(
@@ -59,8 +57,8 @@ def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarra
             )
         if length >= numbers.clearance:
             raise InputError(
-                f"perturbation of the {joint.words}: {length:g} m is not within its clearance of {numbers.clearance:g} "
-                "m; a simulation starts out of contact"
+                f"perturbation of the {joint.words}: {length:g} m is not less than its clearance of "
+                f"{numbers.clearance:g} m; a simulation starts without contact"
             )
     b, d = p.bodies, p.drive
     rise = b.slider_offset + vectors[3] - b.crank_length * math.sin(d.start_angle) - vectors[1] - vectors[5]
@@ -76,41 +74,43 @@ def start_state(p: Parameters, perturbation=None) -> tuple[np.ndarray, np.ndarra
 
 
 STEPS_PER_REVOLUTION = 1_000_000
-"""Most integration steps that a revolution may take on average, seconds of one core. A usual one takes some thousands,
-one with a journal that friction makes whirl 10 000 to 50 000, one at 3 rpm or with stiff bristles some 100 000, a film
-beside all other effects 600 000."""
+"""Largest mean number of steps per revolution: seconds on one core. Typical are some thousands; 10 000 to 50 000 with a
+journal that whirls by friction; some 100 000 at 3 rpm or with stiff bristles; 600 000 for a film combined with all
+other effects.
+"""
 
 COARSEST_PUBLISHED = 1e-8
-"""Largest tolerance [m] to which a contact of the published form is integrated. Damped by the approach speed for good,
-it is stiff where that was small, and an explicit method that may err by more makes up to twenty times as many steps."""
+"""Largest tolerance [m] for a contact of the published form. Its damping by the approach speed is permanent, so the
+equations are stiff after a slow impact, and an explicit method with a larger tolerance takes up to twenty times as many
+steps."""
 
 _FAILURES = {
-    TOO_MANY_STEPS: "needs more than {limit} steps",
-    STEP_TOO_SMALL: "would need a step below the resolution of time",
-    NOT_FINITE: "meets a number that is not finite",
-    STALLED: "ends where the motor stalls",
+    TOO_MANY_STEPS: "requires more than {limit} steps",
+    STEP_TOO_SMALL: "requires a step below the resolution of time",
+    NOT_FINITE: "gave a number that is not finite",
+    STALLED: "ended because the motor stalls",
 }
 _ADVICE = {
     STALLED: "give the motor more torque or inertia, or less load",
-    NOT_FINITE: "check the effects and formulas (a root of a negative number, friction that holds itself) and "
+    NOT_FINITE: "check the effects and formulas (a root of a negative number, self-locking friction) and "
     "whether a contact is so soft that the rod leaves the slide",
 }
 
 _CREEPING = 1e-3
-"""Share of a motor's no_load_speed below which its crank creeps: smooth laws of friction let it never stand still."""
+"""Share of a motor's no_load_speed below which it has stalled; with smooth friction laws the crank never stops."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
     """One simulated motion."""
 
-    samples: pd.DataFrame  # One row a sample, columns of the table ``trajectory``; NaN where undefined
-    events: pd.DataFrame  # One row a beginning or end of contact, columns of the table ``events``
-    steps: int  # Integration steps taken, rejected ones included
+    samples: pd.DataFrame  # One row per sample, columns of the table ``trajectory``; NaN where undefined
+    events: pd.DataFrame  # One row per beginning or end of contact, columns of the table ``events``
+    steps: int  # Integration steps, including rejected ones
 
 
 class IntegrationResult(NamedTuple):
-    """Samples and events of one integration, as compiled code fills and reads them."""
+    """Samples and events of one integration in the form of compiled code."""
 
     times: np.ndarray
     states: np.ndarray
@@ -123,20 +123,20 @@ class IntegrationResult(NamedTuple):
     steps: int
 
     def part(self, chosen: slice | np.ndarray) -> "IntegrationResult":
-        """The `chosen` samples alone, with all events."""
+        """The `chosen` samples only, with all events."""
         return IntegrationResult(*(values[chosen] for values in self[:-2]), *self[-2:])
 
     def observed(self, p: Parameters) -> dict[str, np.ndarray]:
-        """Every number at the samples, by column of `jointgap.dynamics.sampling.SAMPLE`, (n,) each."""
+        """All quantities of the samples, by column of `jointgap.dynamics.sampling.SAMPLE`, (n,) each."""
         samples = np.empty(self.times.size, SAMPLE)
         fill_samples(p, self, samples)
         return {name: samples[name] for name in SAMPLE.names}
 
 
 def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Trajectory:
-    """Simulate a slider-crank, any of its joints loose.
+    """Simulate a slider-crank with loose or ideal joints.
 
-    It starts with coincident joint centres and the velocities of the ideal mechanism.
+    The motion starts with coincident joint centres and the velocities of the ideal mechanism.
     """
     if options.speed < 0:
         return _clockwise(mechanism, options, perturbation)
@@ -146,13 +146,13 @@ def simulate(mechanism: Mechanism, options: Simulate, perturbation=None) -> Traj
     columns = run.observed(p)
     _check_finite(columns, run.times)
     columns |= sample_modes(p, run.times, run.modes, run.events)
-    columns["crank_angle"] = angles  # as asked for: of a motor's crank compiled code knows it to a few roundings
+    columns["crank_angle"] = angles  # exact; a motor's simulated crank angle has rounding errors
     frame = pd.DataFrame({column.name: columns[column.name] for column in TRAJECTORY.columns})
     return Trajectory(samples=frame, events=event_frame(run.events), steps=run.steps)
 
 
 def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Trajectory:
-    """`simulate` of a crank that turns clockwise: its mirror image turns counter-clockwise."""
+    """`simulate` for a clockwise crank, by its mirror image."""
     behind = options.model_copy(update={"speed": -options.speed, "start_angle": -options.start_angle})
     if perturbation is not None:
         perturbation = np.asarray(perturbation, dtype=float) * np.resize([1.0, -1.0], np.shape(perturbation))
@@ -166,7 +166,7 @@ def _clockwise(mechanism: Mechanism, options: Simulate, perturbation) -> Traject
 
 
 def _turns_sign(name: str) -> bool:
-    """Whether a column of the trajectory has the other sign in the mirror image in the line y = 0."""
+    """Whether a column of the trajectory changes its sign in the mirror image in the line y = 0."""
     across = name.endswith(("_y", "_friction_force", "_torque")) or name.startswith(("crank_a", "crank_s", "gamma"))
     return across or (name.startswith(("guide_", "rod_a")) and "acceleration_x" not in name) or name == "rod_deflection"
 
@@ -186,9 +186,7 @@ def integrate_to_angles(
     tolerance: float,
     steps_per_revolution: int | None = None,
 ) -> IntegrationResult:
-    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], of which the first is the start
-    angle.
-    """
+    """Integrate from `start` and sample at the crank angles `angles` (n,) [rad], the first being the start angle."""
     progress = beginning(p, *start, crank_times(p, angles[:1])[0])
     return integrate_on(p, progress, angles, tolerance, steps_per_revolution)[0]
 
@@ -200,7 +198,7 @@ def integrate_on(
     tolerance: float,
     steps_per_revolution: int | None = None,
 ) -> tuple[IntegrationResult, Progress]:
-    """Integrate on from where another integration ended, as if it had never ended."""
+    """Continue an integration exactly from the end of another one."""
     n = angles.size
     times = crank_times(p, angles)
     if p.drive.kind == MEASURED:
@@ -222,28 +220,28 @@ def integrate_on(
     status, end, events, steps = integrate(p, progress, samples, angles, fine, limit, room)
     if status != DONE:
         advice = (
-            f"ask for a larger tolerance than {tolerance:g} m, or check what makes the motion so stiff: stiffness, "
+            f"use a larger tolerance than {tolerance:g} m, or check the causes of stiffness: stiffness, "
             "restitution, friction_speed or bristle_stiffness of the contacts, a small mass, an effect or its formula"
         )
         if status == TOO_MANY_STEPS:
-            advice = f"{_contacts_in_words(p, end.here, events)}; {advice}, or friction that makes a journal whirl"
+            advice = f"{_format_contacts(p, end.here, events)}; {advice}, or friction that makes a journal whirl"
             if p.drive.kind == MOTOR and abs(end.here.crank.speed) < _CREEPING * abs(p.drive.no_load_speed):
-                advice = f"the crank all but stands still; {_ADVICE[STALLED]}"
+                advice = f"the crank almost stands still; {_ADVICE[STALLED]}"
         raise SimulationError(
             f"the simulation {_FAILURES[status].format(limit=limit)} at time {end.here.time:.9g} s, crank "
-            f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_state_in_words(p, end.here)}); "
+            f"angle {math.degrees(end.here.crank_angle):.6g} deg ({_format_state(p, end.here)}); "
             f"{_ADVICE.get(status, advice)}"
         )
     return samples._replace(events=events, steps=steps), end
 
 
 def _check_reached(p: Parameters, times: np.ndarray, angles: np.ndarray) -> None:
-    """A measured angle passes the samples one after the other, the last one too."""
+    """InputError where a measured angle does not pass the samples one after the other."""
     reached = crank_motion(p, times[-1])[0]
     if (np.diff(times) <= 0).any() or abs(reached - angles[-1]) > 1e-9 * max(abs(angles[-1]), 1.0):
         raise InputError(
-            f"the measured crank angle goes as far as {math.degrees(reached):.9g} deg at {times[-1]:.9g} s, the "
-            f"samples to {math.degrees(angles[-1]):.9g} deg; ask for fewer revolutions or give a longer record"
+            f"the measured crank angle ends at {math.degrees(reached):.9g} deg and {times[-1]:.9g} s, the "
+            f"samples at {math.degrees(angles[-1]):.9g} deg; reduce the revolutions or give a longer record"
         )
 
 
@@ -253,7 +251,7 @@ def _fine_enough(p: Parameters, tolerance: float) -> float:
     return min(tolerance, COARSEST_PUBLISHED) if published else tolerance
 
 
-def _state_in_words(p: Parameters, end: Instant) -> str:
+def _format_state(p: Parameters, end: Instant) -> str:
     vectors = [
         f"; r{joint.number} {x:.9g}, {y:.9g}, rate {vx:.9g}, {vy:.9g}"
         for joint, (x, y, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True)
@@ -262,23 +260,23 @@ def _state_in_words(p: Parameters, end: Instant) -> str:
     return f"state in SI: crank speed {end.crank.speed:.9g}" + "".join(vectors)
 
 
-def _contacts_in_words(p: Parameters, end: Instant, events: np.ndarray) -> str:
-    """What each loose joint does, for whoever looks for the one that takes the steps."""
-    begun, told = events[events[:, EVENT.index("begins")] == 1], []
+def _format_contacts(p: Parameters, end: Instant, events: np.ndarray) -> str:
+    """Contacts of each loose joint, to find the one that requires the steps."""
+    begun, texts = events[events[:, EVENT.index("begins")] == 1], []
     for joint, (ex, ey, vx, vy) in zip(JOINT.values(), clearances(*end[1:3]), strict=True):
         if not getattr(p, joint.name).loose:
             continue
         count = int((begun[:, EVENT.index("joint")] == joint.index).sum())
-        doing = f"{joint.words}: {count} contacts began"
+        doing = f"{joint.words}: {count} contacts"
         if end.modes[joint.index] != FLIGHT:
             turns = (ex * vy - ey * vx) / (ex * ex + ey * ey) / end.crank.speed
             doing += f", in contact, circling its clearance {turns:.3g} times per turn of the crank"
-        told.append(doing)
-    return ", ".join(told) or "no joint is loose"
+        texts.append(doing)
+    return ", ".join(texts) or "no joint is loose"
 
 
 def _check_finite(columns: dict[str, np.ndarray], times: np.ndarray) -> None:
-    """What is no part of the motion may fail too: the torque on a crank whose motion is prescribed."""
+    """SimulationError where a quantity besides the motion, such as the torque on a prescribed crank, is not finite."""
     for name, values in columns.items():
         if name.startswith("gamma") or np.isfinite(values).all():
             continue

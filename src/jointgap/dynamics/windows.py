@@ -1,8 +1,8 @@
-"""A motion in windows: the full contact model over short pieces of a record, each from a state of its own.
+"""A motion in windows: the full contact model over short parts of a record, each with its own initial state.
 
-The state of a loose joint in a window is the angle of its pin on the clearance circle and that angle's rate. All else
-follows: in contact the depth at which the pin stays on its circle, plus by how much the window before said it is off;
-in flight the share of the clearance. A record whose windows join is one trajectory, from a start that was estimated."""
+The state of a loose joint in a window is the angle of its pin on the clearance circle and the rate of that angle. The
+distance of the centres follows: in contact the equilibrium penetration, plus the deviation at the end of the previous
+window; in flight its share of the clearance. Windows that join form one trajectory from an estimated start."""
 
 import math
 from dataclasses import dataclass
@@ -22,31 +22,31 @@ from jointgap.dynamics.sampling import SAMPLE, fill_samples
 from jointgap.dynamics.simulation import IntegrationResult
 
 STEPS_PER_REVOLUTION = 30_000
-"""Most steps of a window, by the revolution: a state that needs more is far from any motion that is there."""
+"""Largest number of steps of a window, per revolution: states that require more are unrealistic."""
 
-_LONG_AGO = -1e6  # [s] when a contact began whose beginning nobody knows: nothing of its impact is left
-_NEWTON, _CLOSE = 6, 1e-6  # most steps to the balance, and the change of the forces [1] at which it is reached
-_LOST = 100.0  # [1] squared residual of each reading in a window that is lost
-_NEGLIGIBLE = 0.3  # [1] decrease of a window's squares that is not worth a step
-_LEAST_FORCE = 1e-4  # [N] of a contact in balance, where nothing presses it together
+_LONG_AGO = -1e6  # [s] beginning of a contact whose impact has no effect any more
+_NEWTON, _CLOSE = 6, 1e-6  # largest number of steps to the equilibrium, and its tolerance of the forces [1]
+_LOST = 100.0  # [1] squared residual of each reading in a failed window
+_NEGLIGIBLE = 0.3  # [1] decrease of a window's squares below which iteration stops
+_LEAST_FORCE = 1e-4  # [N] of a contact in equilibrium without load
 
 
 class Carried(NamedTuple):
-    """What each of k windows takes over from the one before, beside its state."""
+    """Initial values of each of k windows besides its state, from the previous window."""
 
     auxiliary: np.ndarray  # (k, 11) states of a bending rod, of bristles, and of a crank that is free
     modes: np.ndarray  # (k, 3)
     approaches: np.ndarray  # (k, 3) [m/s]
     begins: np.ndarray  # (k, 3) [s]
-    off: np.ndarray  # (k, 3) in contact the depth beyond that of the balance [m], in flight the share of the clearance
+    off: np.ndarray  # (k, 3) in contact the penetration minus that of the equilibrium [m], in flight r over clearance
     radial: np.ndarray  # (k, 3) radial speeds [m/s]
 
 
 @dataclass(frozen=True)
 class WindowStates:
-    """Where the motion of a record is at the beginning of each of k windows.
+    """States at the beginning of each of k windows of a record.
 
-    `slow` (k, d) holds angle [rad] and rate over the crank's speed [1] of each loose joint.
+    `slow` (k, d) contains angle [rad] and rate over the crank speed [1] of each loose joint.
     """
 
     edges: np.ndarray  # (k + 1,) times since the record's first sample [s]
@@ -55,12 +55,12 @@ class WindowStates:
 
 
 def loose_joints(p: Parameters) -> np.ndarray:
-    """Places of the loose joints."""
+    """Indices of the loose joints."""
     return np.flatnonzero([getattr(p, name).loose for name in JOINTS])
 
 
 def resting(p: Parameters, count: int) -> Carried:
-    """What windows take over of which nothing is known: joints that have been in contact for long, in balance."""
+    """Default initial values: all joints in lasting contact, in equilibrium."""
     least = [getattr(p, name).least_approach for name in JOINTS]
     loose = np.zeros(3, bool)
     loose[loose_joints(p)] = True
@@ -81,7 +81,7 @@ def _joint(p, j):
 
 @compiled
 def _placed(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins):
-    """The instant at which the loose joints are at `angle` (3,) with `rate`, `depth` and `radial` speed."""
+    """The instant with the loose joints at `angle` (3,) with `rate`, `depth` and `radial` speed."""
     y = np.zeros(STATES)
     x = auxiliary.copy()
     for j in range(3):
@@ -102,7 +102,7 @@ def _placed(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, b
 
 @compiled
 def _leaving(p, here, angle, rate, depth, out):
-    """Second rate [m/s^2] of each loose joint's distance of centres."""
+    """Second rate [m/s^2] of the distance of centres of each loose joint."""
     a, b = here.clearance_rates, here.auxiliary_rates
     for j in range(3):
         joint = _joint(p, j)
@@ -115,9 +115,9 @@ def _leaving(p, here, angle, rate, depth, out):
 
 @compiled
 def _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, begins):
-    """The `depth` [m] (3,), that of joints in contact replaced by the one at which they stay on their circles.
+    """The `depth` [m] (3,) with the equilibrium penetration of joints in contact, which keeps them on their circles.
 
-    Newton's method for the forces, of which accelerations are a linear function but for friction.
+    Newton's method for the forces; accelerations are linear in them, except for friction.
     """
     force, depth, still = np.zeros(3), depth.copy(), radial.copy()
     out, moved = np.zeros(3), np.zeros(3)
@@ -159,7 +159,7 @@ def _balance(p, time, angle, rate, depth, radial, auxiliary, modes, approaches, 
 
 @compiled
 def _polar(here):
-    """Distance of the centres, its rate, angle and its rate, (3, 4), of each joint."""
+    """Distance of the centres, its rate, angle and its rate, (3, 4), of the joints."""
     out = np.zeros((3, 4))
     motion = clearances(here.clearance_state, here.auxiliary_state)
     for j in range(3):
@@ -174,7 +174,7 @@ def _polar(here):
 
 @compiled
 def _begin(p, time, k, slow, speed, carried):
-    """The integration at the beginning of window `k` in its state `slow` (d,)."""
+    """Start of the integration of window `k` in its state `slow` (d,)."""
     angle, rate, depth, radial = np.zeros(3), np.zeros(3), np.zeros(3), carried.radial[k].copy()
     m, a, b = carried.modes[k], carried.approaches[k], carried.begins[k]
     modes, approaches, begins = (m[0], m[1], m[2]), (a[0], a[1], a[2]), (b[0], b[1], b[2])
@@ -198,7 +198,7 @@ def _begin(p, time, k, slow, speed, carried):
 
 @compiled
 def _part(found, first, last):
-    """Rows of an integration."""
+    """Rows of an integration from `first` to `last`."""
     return IntegrationResult(
         found.times[first:last],
         found.states[first:last],
@@ -214,10 +214,10 @@ def _part(found, first, last):
 
 @compiled
 def _run(p, k, slow, speed, carried, rows, tolerance, room, end, after):
-    """Integrate window `k` from the state `slow` (d,): whether it went well.
+    """Integrate window `k` from the state `slow` (d,); returns whether it succeeded.
 
-    Its samples are of the `rows`, the last one at its end, whose
-    state and what goes with it are row `k` of `end` and `after`.
+    Its samples are those of the `rows`, the last one at its end. The state there and its other values become row `k` of
+    `end` and `after`.
     """
     found, first, last = rows.found, rows.bounds[k], rows.bounds[k + 1]
     part = _part(found, first, last)
@@ -252,20 +252,20 @@ def _run(p, k, slow, speed, carried, rows, tolerance, room, end, after):
 
 @compiled
 def _run_all(p, slow, carried, rows, tolerance, room, end, after, done):
-    """`_run` of all windows; `done` (k,) says which went well."""
+    """`_run` for all windows; `done` (k,) contains their success."""
     speed = abs(p.drive.speed)
     for k in range(len(slow)):
         done[k] = _run(p, k, slow[k], speed, carried, rows, tolerance, room, end, after)
 
 
 class Rows(NamedTuple):
-    """Rows of an integration in windows: of each its beginning, its samples, and its end."""
+    """Rows of an integration in windows: beginning, samples and end of each window."""
 
     angles: np.ndarray  # (n,) [rad]
     bounds: np.ndarray  # (k + 1,) first rows of the windows
-    sample: np.ndarray  # (n,) which sample a row is; -1 of the ends of windows
+    sample: np.ndarray  # (n,) sample index of each row; -1 for ends of windows
     found: IntegrationResult
-    limits: np.ndarray  # (k,) most steps
+    limits: np.ndarray  # (k,) largest numbers of steps
 
 
 def rows_of(p: Parameters, edges: np.ndarray, angles: np.ndarray) -> Rows:
@@ -297,9 +297,9 @@ def simulate_windows(
     p: Parameters, rows: Rows, slow: np.ndarray, carried: Carried, tolerance: float
 ) -> tuple[dict[str, np.ndarray], np.ndarray, Carried, np.ndarray]:
     """Channels (m,) at the samples of the `rows`, by column of `jointgap.dynamics.sampling.SAMPLE`; states (k, d) at
-    the ends of the windows, what these hand on, and which (k,) could be simulated.
+    the ends of the windows, further values there, and the success (k,) of each window.
 
-    NaN in windows that could not.
+    NaN in failed windows.
     """
     end, after, done = np.full(slow.shape, np.nan), _like(carried), np.zeros(len(slow), bool)
     room = room_for_stages()
@@ -327,8 +327,8 @@ def _like(carried):
 
 
 @compiled
-def _hand_on(before, k, after, later):
-    """Row `later` of `after` is row `k` of `before`."""
+def _copy_row(before, k, after, later):
+    """Copy row `k` of `before` to row `later` of `after`."""
     after.auxiliary[later] = before.auxiliary[k]
     after.modes[later] = before.modes[k]
     after.approaches[later] = before.approaches[k]
@@ -338,30 +338,30 @@ def _hand_on(before, k, after, later):
 
 
 class Readings(NamedTuple):
-    """What the filter compares: c channels, by row of an integration in windows."""
+    """Readings for the filter: c channels, by row of an integration in windows."""
 
-    columns: np.ndarray  # (c,) places of the channels in `SAMPLE`
-    factor: np.ndarray  # (c,) what is read over what is true
-    shift: np.ndarray  # (c,) and what is read where that is zero [unit]
+    columns: np.ndarray  # (c,) indices of the channels in `SAMPLE`
+    factor: np.ndarray  # (c,) scale of the readings
+    shift: np.ndarray  # (c,) offset of the readings [unit]
     data: np.ndarray  # (n, c) [unit]
-    weight: np.ndarray  # (n, c) one over the standard deviation of the noise [1/unit]; 0 where nothing was read
+    weight: np.ndarray  # (n, c) 1 over the standard deviation of the noise [1/unit]; 0 for missing readings
 
 
 class FilterSettings(NamedTuple):
-    """How the filter goes on."""
+    """Settings of the filter."""
 
-    jump: float  # [rad], [crank's rates] standard deviation of a state beyond where the window before ended
-    first: float = 1.0  # the same of the first state beyond the best of the guesses
-    heavy: float = 9.0  # degrees of freedom of the residuals' heavy tails
+    jump: float  # [rad], [crank speeds] standard deviation of a state relative to the end of the previous window
+    first: float = 1.0  # the same for the first state relative to the best guess
+    heavy: float = 9.0  # degrees of freedom of the heavy-tailed residuals
     iterations: int = 6
-    bad: float = 4.0  # mean square of residuals from which on the filter may have lost its way
-    angle_step: float = 1e-4  # [rad] over which derivatives are taken
-    rate_step: float = 2e-4  # [crank's rates]
+    bad: float = 4.0  # mean squared residual above which the filter may have diverged
+    angle_step: float = 1e-4  # [rad] of difference quotients
+    rate_step: float = 2e-4  # [crank speeds]
 
 
 @compiled
 def _misfit(p, found, first, last, samples, numbers, readings, heavy, out):
-    """Residuals of the rows from `first` to `last`, into `out` (c n,): how many, and the sum of their squares."""
+    """Residuals of the rows from `first` to `last`, into `out` (c n,); returns their number and sum of squares."""
     fill_samples(p, _part(found, first, last), samples[first:last])
     n, total = 0, 0.0
     for i in range(first, last):
@@ -379,7 +379,7 @@ def _misfit(p, found, first, last, samples, numbers, readings, heavy, out):
 
 @compiled
 def _turned_by(after, before, out):
-    """Difference of two states, angles by the shorter way round."""
+    """Difference of two states, with angles in the shorter direction."""
     for i in range(after.size):
         out[i] = after[i] - before[i]
         if i % 2 == 0:
@@ -387,31 +387,30 @@ def _turned_by(after, before, out):
 
 
 class _Filtering(NamedTuple):
-    """What the filter goes over, and its room."""
+    """Data and work arrays of the filter."""
 
     rows: Rows
     readings: Readings
     settings: FilterSettings
     tolerance: float  # [m]
-    carried: Carried  # what the windows take over
-    after: Carried  # and hand on
-    room: np.record  # for the stages of a step
+    carried: Carried  # initial values of the windows
+    after: Carried  # the same at their ends
+    room: np.record  # stages of a step
     samples: np.ndarray  # (n,) of the rows, and the same as numbers (n, s)
     numbers: np.ndarray
-    residual: np.ndarray  # (m,) of the state that is kept, and of one that is tried
+    residual: np.ndarray  # (m,) of the accepted state, and of a trial state
     moved: np.ndarray
     jacobian: np.ndarray  # (m, d)
     forward: np.ndarray  # (d, d) derivatives of the state at the end
-    sensed: np.ndarray  # (d, d) what the readings say of the state
+    sensed: np.ndarray  # (d, d) information of the readings on the state
     change: np.ndarray  # (d,)
-    end: np.ndarray  # (k, d) states at the ends, of the state that is kept and of one that is tried
+    end: np.ndarray  # (k, d) states at the ends, of the accepted state and of a trial state
     tried_end: np.ndarray
 
 
 @compiled
-def _tried(p, k, state, of, into, end):
-    """Simulate window `k` from a `state`: how many residuals it leaves, in
-    `into`, and their squares; none and infinity where it cannot be simulated."""
+def _trial(p, k, state, of, into, end):
+    """Simulate window `k` from a `state`; returns number and squares of residuals, 0 and infinity for a failure."""
     rows, speed = of.rows, abs(p.drive.speed)
     if not _run(p, k, state, speed, of.carried, rows, of.tolerance, of.room, end, of.after):
         return 0, math.inf
@@ -422,17 +421,17 @@ def _tried(p, k, state, of, into, end):
 
 @compiled
 def _pull(state, mean, precision, change):
-    """Squares by which a `state` is off its `mean`."""
+    """Squared deviation of a `state` from its `mean`."""
     _turned_by(state, mean, change)
     return change @ (precision @ change)
 
 
 @compiled
-def _polished(p, k, state, mean, precision, of):
-    """The state of window `k` that fits best near `state`, by Levenberg-Marquardt steps: it, and its squares of
-    residuals and of how far it is off its `mean`."""
+def _refined_state(p, k, state, mean, precision, of):
+    """The best state of window `k` near `state`, by Levenberg-Marquardt steps, with its squares of residuals and of the
+    deviation from its `mean`."""
     d, settings = state.size, of.settings
-    n, total = _tried(p, k, state, of, of.residual, of.end)
+    n, total = _trial(p, k, state, of, of.residual, of.end)
     damping = 1e-3
     for _ in range(settings.iterations):
         if n == 0:
@@ -443,7 +442,7 @@ def _polished(p, k, state, mean, precision, of):
             step = settings.angle_step if i % 2 == 0 else settings.rate_step
             other = state.copy()
             other[i] += step
-            m, _ = _tried(p, k, other, of, of.moved, of.tried_end)
+            m, _ = _trial(p, k, other, of, of.moved, of.tried_end)
             _turned_by(of.tried_end[k], of.end[k], of.change)
             for j in range(n):
                 of.jacobian[j, i] = (of.moved[j] - of.residual[j]) / step if m == n else 0.0
@@ -463,7 +462,7 @@ def _polished(p, k, state, mean, precision, of):
             for i in range(d):
                 reach = 0.8 if i % 2 == 0 else 3.0
                 other[i] -= min(max(step_to[i], -reach), reach)
-            m, squares = _tried(p, k, other, of, of.moved, of.tried_end)
+            m, squares = _trial(p, k, other, of, of.moved, of.tried_end)
             there = squares + _pull(other, mean, precision, of.change)
             if there < here:
                 better, state, total = True, other, squares
@@ -479,13 +478,13 @@ def _polished(p, k, state, mean, precision, of):
 
 @compiled
 def find_states(p, of, guesses, first_is_known, others, slow):
-    """Find the states of all windows one after the other, each from where the one before ended.
+    """Estimate the states of all windows one after the other, each from the end of the previous one.
 
     An iterated extended Kalman filter. The first state is near the best of the `guesses`, or near the first of them if
-    that is known and does well. Where a window leaves much, the one of the `others` (k, d) is tried too, unless it is
-    NaN. Fills `slow` (k, d) and what windows take over. Returns the sums over the windows of squares of residuals and
-    jumps and of the logarithms of determinants, of which minus twice the logarithm of the marginal likelihood is made;
-    squares (k,) of the residuals alone, and how many there are (k,).
+    that is known and fits well. For a window with large residuals the one of the `others` (k, d) is tried too, unless
+    it is NaN. Fills `slow` (k, d) and the initial values of the windows. Returns sums over the windows: squares of
+    residuals and jumps, and log determinants, which give the log marginal likelihood; and squares (k,) and numbers (k,)
+    of the residuals.
     """
     count, d = slow.shape
     rows, settings = of.rows, of.settings
@@ -497,23 +496,23 @@ def find_states(p, of, guesses, first_is_known, others, slow):
         precision, state, least = np.linalg.inv(prior), mean.copy(), math.inf
         if k == 0:
             for g in range(guesses.shape[0]):
-                m, total = _tried(p, k, guesses[g], of, of.moved, of.tried_end)
+                m, total = _trial(p, k, guesses[g], of, of.moved, of.tried_end)
                 if total < least and (g == 0 or not first_is_known or least > settings.bad * m):
                     least, state = total, guesses[g].copy()
             mean = state.copy()
         elif not math.isnan(others[k, 0]):
             for other in (mean, others[k]):
-                m, total = _tried(p, k, other, of, of.moved, of.tried_end)
+                m, total = _trial(p, k, other, of, of.moved, of.tried_end)
                 if total < (least if least < math.inf else total + 1.0) and least > settings.bad * m:
                     lost = least < math.inf and total < 0.5 * least
                     state = other.copy()
-                    if lost:  # where the one before ended is no place to start from
+                    if lost:  # do not start from the end of a failed window
                         mean, prior = other.copy(), np.eye(d) * settings.first**2
                         precision = np.linalg.inv(prior)
                 least = min(least, total)
-        state, n, total, pull = _polished(p, k, state, mean, precision, of)
-        # what is tried last is no state that is kept
-        n, total = _tried(p, k, state, of, of.residual, of.end)
+        state, n, total, pull = _refined_state(p, k, state, mean, precision, of)
+        # the last trial state may have been rejected
+        n, total = _trial(p, k, state, of, of.residual, of.end)
         slow[k] = state
         if n > 0:
             squares[k], sizes[k] = total, n
@@ -526,31 +525,31 @@ def find_states(p, of, guesses, first_is_known, others, slow):
             covariance = (vectors * values) @ vectors.T
             mean = of.end[k].copy()
             if k + 1 < count:
-                _hand_on(of.after, k, of.carried, k + 1)
+                _copy_row(of.after, k, of.carried, k + 1)
         elif rows.bounds[k + 1] - rows.bounds[k] > 2 or total == math.inf:
             squares[k] = total
             turned = rows.angles[rows.bounds[k + 1] - 1] - rows.angles[rows.bounds[k]]
             for i in range(0, d, 2):
                 mean[i], mean[i + 1] = state[i] + state[i + 1] * turned, state[i + 1]
             covariance = np.eye(d)
-        else:  # nothing was read
+        else:  # no readings
             mean, covariance = of.end[k].copy(), prior
             if k + 1 < count:
-                _hand_on(of.after, k, of.carried, k + 1)
+                _copy_row(of.after, k, of.carried, k + 1)
     return cost, log_determinant, squares, sizes
 
 
 class Found(NamedTuple):
-    """What the filter found."""
+    """Result of the filter."""
 
     slow: np.ndarray  # (k, d) states
     carried: Carried
 
 
 class Sums(NamedTuple):
-    """What it sums up on its way."""
+    """Sums of the filter."""
 
-    deviance: float  # minus twice the logarithm of the marginal likelihood, but for a constant
+    deviance: float  # minus twice the log marginal likelihood, up to a constant
     readings: float
 
 
@@ -565,7 +564,7 @@ def filtered(
     others: np.ndarray,
     tolerance: float,
 ) -> tuple[Found, Sums]:
-    """States of the first `count` windows of the `rows`, by `find_states`, of which the arguments are."""
+    """States of the first `count` windows of the `rows`, by `find_states` with the same arguments."""
     d, carried = others.shape[1], resting(p, count)
     slow, numbers = np.zeros((count, d)), np.zeros((rows.angles.size, len(SAMPLE.names)))
     most = int(np.max(np.diff(rows.bounds[: count + 1]))) * readings.columns.size
@@ -576,6 +575,6 @@ def filtered(
     )  # fmt: skip
     cost, determinant, squares, sizes = find_states(p, of, guesses, first_is_known, others, slow)
     lost = ~np.isfinite(squares)
-    # a window that cannot be simulated tells as much against it as one that misses all of its readings
+    # a failed window counts as much as one that misses all of its readings
     usual = float(np.mean(sizes[~lost])) if (~lost).any() else float(np.count_nonzero(readings.weight))
     return Found(slow, carried), Sums(cost + determinant + _LOST * usual * int(lost.sum()), float(sizes.sum()))

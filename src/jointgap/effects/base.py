@@ -11,7 +11,7 @@ from pydantic import ConfigDict, Field, create_model, model_validator
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import InputError
 from jointgap.core.formula import compile_formula
-from jointgap.core.section import Section
+from jointgap.core.section import ConfigModel
 from jointgap.core.units import quantity
 
 #: Width [m/s] of the sign of the slider's velocity in its friction: sgn v = tanh(v / 0.01 m/s).
@@ -152,7 +152,7 @@ def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: f
     return Parameter(name, 0.0, low, high, step, unit)
 
 
-class Effect(Section):
+class Effect(ConfigModel):
     """A physical effect beyond contact and friction in the joints; off unless a mechanism file lists it.
 
     A subclass with the decorator `register_effect` is an effect of the catalogue. Its entry in a mechanism file has
@@ -173,7 +173,7 @@ class Effect(Section):
         What a verdict calls it; may hold ``{site}``.
     KEYS : mapping of str to (type, Field)
         Keys of an entry beside ``name`` and ``parameters``.
-    PARAMETERS : Section
+    PARAMETERS : ConfigModel
         Its parameters, with units in their names, where they are not attributes of the class, each a `parameter`.
     ANGLE : str
         The parameter that is the phase or the direction [rad] of the one that has a ``step``: a fit varies the
@@ -203,7 +203,7 @@ class Effect(Section):
     REFERENCE: ClassVar[str] = "definition"
     WORDS: ClassVar[str]
     KEYS: ClassVar[Mapping[str, Any]] = {}
-    PARAMETERS: ClassVar[type[Section] | None] = None
+    PARAMETERS: ClassVar[type[ConfigModel] | None] = None
     DESCRIBED: ClassVar[Mapping[str, EffectParameter]]
     ANGLE: ClassVar[str] = ""
     OPTIONAL: ClassVar[bool] = False
@@ -384,7 +384,7 @@ def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
                 )
                 for key, one in described.items()
             }
-            section = create_model(f"{cls.__name__}Parameters", __base__=Section, **options, **fields)
+            section = create_model(f"{cls.__name__}Parameters", __base__=ConfigModel, **options, **fields)
             section.__doc__ = f"Parameters of ``{name}``."
         keys = cls.KEYS | {"parameters": (section, section() if cls.OPTIONAL else ...)}
         effect = create_model(cls.__name__, __base__=cls, **options, name=(Literal[name], ...), **keys)
@@ -398,7 +398,7 @@ def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
     return decorate
 
 
-class FormulaParameters(Section):
+class FormulaParameters(ConfigModel):
     """Parameters of ``discovered_slider_force`` and ``discovered_crank_torque``."""
 
     formula: str = Field(

@@ -7,7 +7,7 @@ from pydantic import AfterValidator, Field
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import REFERENCE_APPROACH_SPEED
-from jointgap.core.section import Section
+from jointgap.core.section import ConfigModel
 from jointgap.core.units import FrictionCoefficient, quantity
 from jointgap.effects.base import Candidates, DataEffect, FitContext, Values, amplitude, joint_data, register_effect
 
@@ -43,7 +43,7 @@ def _none_or_more_than_atoms(clearance: float) -> float:
     return clearance
 
 
-class ClearanceParameters(Section):
+class ClearanceParameters(ConfigModel):
     """Parameters of the effects ``crank_pivot_clearance``, ``crank_pin_clearance`` and ``piston_pin_clearance``."""
 
     clearance_m: Annotated[quantity("m", ge=0), AfterValidator(_none_or_more_than_atoms)] = Field(

@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from jointgap.core.csv_files import Csv, read_columns
 from jointgap.core.errors import InputError
-from jointgap.core.section import Section
+from jointgap.core.section import ConfigModel
 from jointgap.core.units import Angle, PositiveLength, quantity, unit_factor
 from jointgap.effects.base import Effect, Records, register_effect
 
@@ -23,14 +23,14 @@ _GAP = 3.0  # [1, of the usual step] that may lie between the last row and the f
 _SI = {"angle": "rad", "time": "s", "force": "N", "pressure": "Pa"}
 
 
-class TableColumn(Section):
+class TableColumn(ConfigModel):
     """A column of a table of loads."""
 
     column: str = Field(min_length=1, description="heading of the column")
     unit: str = Field(description="its unit, such as deg, s, N, kN, bar or MPa")
 
 
-class ForceTableParameters(Section):
+class ForceTableParameters(ConfigModel):
     """Parameters of ``slider_force_table``."""
 
     file: str = Field(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
@@ -212,7 +212,7 @@ def _fit_each(
     """Fits of what is `chosen`, one after the other, none of which begins once `until` runs are simulated."""
     problem, differences, parts = baseline.problem, baseline.differences, [baseline.base, *alone]
     fits, seconds = [], []
-    for screened, signatures in followed(chosen, "fits of effects"):
+    for screened, signatures in with_progress(chosen, "fits of effects"):
         if problem.simulations > until:
             break
         begin = time.monotonic()

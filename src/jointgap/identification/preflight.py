@@ -11,7 +11,7 @@ from scipy import optimize, stats
 
 from jointgap.core.candidates import Candidate, Model, Series, runs_of
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.core.words import size_for_the_eye
+from jointgap.core.words import format_size
 from jointgap.identification.fit import (
     FAILED,
     FiniteDifferences,
@@ -320,7 +320,7 @@ def assumed_noise(
                 continue
             sd, reason = _assumed_sd(series, predicted[series.channel], settings)
             noise[series.key] = Noise(np.full(series.value.shape, sd), source="assumed")
-            assumptions[series.key] = f"{series.channel} in run {run}: {size_for_the_eye(sd, series.unit)}, {reason}"
+            assumptions[series.key] = f"{series.channel} in run {run}: {format_size(sd, series.unit)}, {reason}"
     return noise, assumptions
 
 

@@ -10,7 +10,7 @@ from scipy.signal import lfilter, lfiltic
 
 from jointgap.core.candidates import Candidate, Model, Parameter, Series, runs_of
 from jointgap.core.errors import SimulationError
-from jointgap.core.progress import tell
+from jointgap.core.progress import report_progress
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 
 
@@ -212,7 +212,7 @@ class Problem:
     ) -> Mapping[str, np.ndarray]:
         """What the sensors would read in one run."""
         self.simulations += 1
-        tell("simulated runs of the rig", self.simulations)
+        report_progress("simulated runs of the rig", self.simulations)
         return self.model.simulate(run, *values_in_run(self.model, run, values, hypothesis), numerics)
 
     def residual(

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.errors import InputError, SimulationError
-from jointgap.core.progress import followed
+from jointgap.core.progress import with_progress
 from jointgap.identification.fit import FiniteDifferences, Fit, bounded_step, bounds_of, compress_rows
 from jointgap.identification.problem import Hypothesis, Part, Problem, label_of
 from jointgap.identification.settings import DEFAULT_SETTINGS, ScreeningSettings
@@ -234,7 +234,7 @@ def simulate_signatures(
         candidates = [one for one in problem.model.candidates if problem.has_statistics or not one.is_rough]
     taken = {name for effect in base.hypothesis for name in effect.claims}
     candidates = [candidate for candidate in candidates if not taken & candidate.claims]
-    for candidate in followed(steady_first(candidates), "effects to screen"):
+    for candidate in with_progress(steady_first(candidates), "effects to screen"):
         steady = [signature for signature in entries if signature.candidate.label == candidate.steady_counterpart]
         try:
             origin = base.residual

@@ -1,4 +1,4 @@
-"""The error of the transmission angle over lengths."""
+"""The error of the transmission angle as a function of the lengths."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,12 +14,12 @@ from jointgap.lengths.region import Region
 
 
 class Measures(NamedTuple):
-    """Four sizes of one error; floats, or arrays of one shape for several errors."""
+    """Four norms of an error; floats, or arrays of one shape for several errors."""
 
     rms: np.ndarray  # [rad]
     mean_absolute: np.ndarray  # [rad]
     peak: np.ndarray  # [rad]
-    sum_of_squares: np.ndarray  # What equation (12) minimises [rad^2]; grows with the number of samples
+    sum_of_squares: np.ndarray  # Objective of equation (12) [rad^2]; grows with the number of samples
 
 
 MEASURES = Measures._fields
@@ -34,10 +34,10 @@ def measure(error: ArrayLike) -> Measures:
 
 @dataclass(frozen=True)
 class Objective:
-    """Equation (12) with the clearance motion frozen; make it with `frozen_objective`."""
+    """Equation (12) with frozen clearance motion; created by `frozen_objective`."""
 
     sine: np.ndarray  # shape (n,); sin theta2 at the evaluation points
-    lift: np.ndarray  # shape (n,); r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3 there, less the slide's offset [m]
+    lift: np.ndarray  # shape (n,); r1 sin gamma1 + r2 sin gamma2 - r3 sin gamma3, minus the slide's offset [m]
     desired: np.ndarray  # shape (n,); transmission angle at the original lengths without clearance [rad]
     original: tuple[float, float]  # Original crank and rod length [m]
 
@@ -50,7 +50,7 @@ class Objective:
         return measure(self.error(lengths))
 
     def reductions(self, lengths: ArrayLike) -> Measures:
-        """By which fraction each measure lies below that of the original lengths; shape (...), for lengths (..., 2)."""
+        """Relative reduction of each measure from the original lengths; shape (...), for lengths (..., 2)."""
         pairs = zip(self.measures(lengths), self.measures(self.original), strict=True)
         return Measures(*(1.0 - new / original for new, original in pairs))
 
@@ -60,7 +60,7 @@ class Objective:
         return np.einsum("...n,...n->...", error, error)
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
-        """Derivative of `value` by (L2, L3) [rad^2/m], shape (2,), for lengths of shape (2,) [m]."""
+        """Gradient of `value` with respect to (L2, L3) [rad^2/m], shape (2,), for lengths of shape (2,) [m]."""
         cosine = self._cosine(lengths)
         rod_length = np.asarray(lengths)[1]
         weight = 2.0 * (self.desired - np.arccos(cosine)) / (rod_length * np.sqrt(1.0 - cosine**2))
@@ -72,9 +72,9 @@ class Objective:
 
 
 def frozen_objective(mechanism: Mechanism, crank_angle: ArrayLike, lift: ArrayLike) -> Objective:
-    """The objective for a clearance motion that does not answer to the lengths."""
+    """The objective for a clearance motion that is independent of the lengths."""
     crank_length, rod_length, offset = mechanism.crank.length, mechanism.rod.length, mechanism.slider.offset
-    transmission_angle(crank_length, rod_length, crank_angle, lift, offset)  # refuses what cannot be assembled
+    transmission_angle(crank_length, rod_length, crank_angle, lift, offset)  # raises where the linkage has no solution
     return Objective(
         sine=np.sin(crank_angle),
         lift=np.asarray(lift) - offset,
@@ -84,8 +84,8 @@ def frozen_objective(mechanism: Mechanism, crank_angle: ArrayLike, lift: ArrayLi
 
 
 def objective_of_motion(mechanism: Mechanism, crank_angle: ArrayLike, rod_angle: ArrayLike) -> Objective:
-    """The objective on a simulated motion: what clearances add to the rod's height is read from the rod's angle."""
-    # equation (10) solved for the clearances' share
+    """The objective for a simulated motion; the rod's angle gives the contribution of the clearances."""
+    # equation (10), solved for the clearances
     height = mechanism.crank.length * np.sin(crank_angle) + mechanism.rod.length * np.sin(rod_angle)
     return frozen_objective(mechanism, crank_angle, mechanism.slider.offset - height)
 
@@ -93,16 +93,16 @@ def objective_of_motion(mechanism: Mechanism, crank_angle: ArrayLike, rod_angle:
 def evaluation_samples(
     crank_angle: ArrayLike, window: tuple[float, float], samples_per_revolution: int, training_points: int
 ) -> np.ndarray:
-    """Which samples of a trajectory the objective counts: held-out ones of the first revolution inside the window."""
+    """Samples of a trajectory that the objective uses: held-out ones of the first revolution inside the window."""
     stride = samples_per_revolution // (training_points - 1)
     index = np.arange(min(samples_per_revolution + 1, len(crank_angle)))
     turned = np.asarray(crank_angle)[index] - crank_angle[0]
-    slack = np.pi / samples_per_revolution  # half a sample: a window's ends do not hang on rounding
+    slack = np.pi / samples_per_revolution  # half a sample: a window's ends do not depend on rounding
     inside = (turned >= window[0] - slack) & (turned <= window[1] + slack)
     return index[inside & (index % stride != 0)]
 
 
-CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # points of the grid: every 0.1 mm by 0.25 mm in the paper's box
+CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # grid points: every 0.1 mm by 0.25 mm in the paper's box
 
 
 def grid(objective: Objective, region: Region) -> pd.DataFrame:
@@ -122,18 +122,16 @@ def grid(objective: Objective, region: Region) -> pd.DataFrame:
 
 
 def invariant(reduction: float, rod_length: float, name: str) -> float:
-    """(1 - R) L3 [m], or (1 - R) L3^2 [m^2] for the sum of squares: constant along the valley's floor."""
+    """(1 - R) L3 [m], or (1 - R) L3^2 [m^2] for the sum of squares; constant along the valley's floor."""
     return (1.0 - reduction) * rod_length ** (2 if name == "sum_of_squares" else 1)
 
 
 def best_cranks(objective: Objective, region: Region) -> pd.DataFrame:
-    """The best crank length for each rod length and measure; the crank's bounds and the inequality are not looked
-    at.
-    """
+    """The best crank length for each rod length and measure, regardless of the crank's bounds and the inequality."""
     rows = []
     for rod in np.linspace(region.lower[1], region.upper[1], ROD_LENGTHS):
         best = {name: _best_crank(objective, region, rod, name) for name in MEASURES[:3]}
-        best["sum_of_squares"] = best["rms"]  # each grows with the other
+        best["sum_of_squares"] = best["rms"]  # a monotonic function of it
         for name, crank in best.items():
             found = {"measure": name, "crank_length": crank, "rod_length": rod, "ratio": crank / rod}
             found["value"] = float(getattr(objective.measures((crank, rod)), name))
@@ -143,7 +141,7 @@ def best_cranks(objective: Objective, region: Region) -> pd.DataFrame:
 
 
 def _best_crank(objective: Objective, region: Region, rod_length: float, name: str) -> float:
-    """Crank length with the smallest measure; each is a norm of an error nearly affine in L2, so it has one minimum."""
+    """Crank length with the smallest measure; a norm of an error almost affine in L2 has one minimum."""
     result = minimize_scalar(
         lambda crank: float(getattr(objective.measures((crank, rod_length)), name)),
         bounds=(region.lower[0] - region.size[0], region.upper[0] + region.size[0]),
@@ -154,7 +152,7 @@ def _best_crank(objective: Objective, region: Region, rod_length: float, name: s
 
 
 _MOST = 0.01
-"""Share of the rod's length up to which a deviation is looked at."""
+"""Largest deviation examined, as a share of the rod's length."""
 
 
 def it7(length: float) -> float:
@@ -165,7 +163,7 @@ def it7(length: float) -> float:
 
 
 def tolerance_effect(objective: Objective, lengths: tuple[float, float], tolerance: float | None) -> dict[str, float]:
-    """Columns of the table optimise_optima on the rod's tolerance."""
+    """Columns of the table optimise_optima about the rod's tolerance."""
     crank, rod = map(float, lengths)
     width = it7(rod) if tolerance is None else tolerance
     original = float(objective.measures(objective.original).rms)

@@ -1,4 +1,4 @@
-"""The stage optimise: sources in, tables out."""
+"""The stage optimise: from the sources of the motion to its tables."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -23,15 +23,15 @@ from jointgap.lengths.resimulate import (
 )
 from jointgap.lengths.search import Point, Search, labelled, optima, paths, printed_points, search_all, tolerances
 
-FORCE_ROUNDS = 4  # searches at most until the lengths found keep the largest force of a pin once simulated again
-FORCE_SLACK = 1e-3  # share of the force by which it may be exceeded
+FORCE_ROUNDS = 4  # largest number of searches until the re-simulated lengths satisfy the force limit
+FORCE_SLACK = 1e-3  # relative tolerance of the force limit
 
-DIGITS = 6  # lengths are simulated again to the micrometre; points that agree so far are simulated once
+DIGITS = 6  # lengths are simulated again to the micrometre; equal points once
 
 
 @dataclass(frozen=True)
 class Optimisation:
-    """What the stage finds: a frame for each table optimise_..., columns in `jointgap.core.schema`."""
+    """Results of the stage: a frame for each table optimise_..., columns in `jointgap.core.schema`."""
 
     optima: pd.DataFrame
     population: pd.DataFrame
@@ -54,8 +54,8 @@ def objectives(
 ) -> dict[str, Objective]:
     """Equation (12) by source of the frozen clearance motion.
 
-    The surrogates and ``simulation`` over the configured window of the first revolution, on samples that are no
-    training points; ``simulation_settled`` over a whole settled revolution.
+    The surrogates and ``simulation`` refer to the configured window of the first revolution, without training points;
+    ``simulation_settled`` to a whole settled revolution.
     """
     window, settled = sample_ranges(simulate, options, training_points).values()
     names = [f"{name}{JOINT_NUMBERS[joint]}" for joint in mechanism.loose for name in ("r", "gamma")]
@@ -77,7 +77,7 @@ def optimise(
     trajectory: pd.DataFrame,
     surrogates: Mapping[str, Mapping[str, Fit]],
 ) -> Optimisation:
-    """Search the lengths for every source in every box, and simulate again what was found."""
+    """Optimise the lengths for every source in every box, and simulate the optima again."""
     by_source = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
     original = Point("original", "original", (mechanism.crank.length, mechanism.rod.length))
     fixed = [original, *printed_points(mechanism, simulate)]
@@ -114,8 +114,8 @@ def _searched(
 ) -> list[Search]:
     """The search under all constraints.
 
-    Where the lengths found carry more than the largest force asked for, once simulated again, the surface that stands
-    for the force in the search is raised by as much, and the search is repeated.
+    Where the re-simulated optimum exceeds the largest pin force, the force surface of the search is raised by the same
+    factor and the search is repeated.
     """
     boxes = regions(mechanism, options)
     most = options.constraints.largest_pin_force
@@ -137,14 +137,14 @@ def _searched(
 
 
 def _under_force(region: Region, surface: PinForce, most: float) -> Region:
-    """The region with a largest force, or with the smallest that there is where that is more."""
+    """The region with the force limit, or with the smallest possible force where that is larger."""
     least = float(surface.value(region.samples).min())
     limits = (most, False) if least <= most else ((1.0 + FORCE_SLACK) * least, True)
     return replace(region, constraints=(*region.constraints, surface.limited(*limits)))
 
 
 def _resimulated(simulated: dict[str, Resimulation], by_source: dict[str, Objective], members: int) -> pd.DataFrame:
-    """Frame of the table optimise_resimulated."""
+    """The table optimise_resimulated."""
     frozen = {"window": by_source["simulation"], "settled": by_source["simulation_settled"]}
     rows = []
     for name, ensemble in simulated.items():
@@ -160,7 +160,7 @@ def _point(name: str, ensemble: Resimulation) -> dict[str, object]:
 
 
 def _loads(simulated: dict[str, Resimulation]) -> pd.DataFrame:
-    """Frame of the table optimise_loads."""
+    """The table optimise_loads."""
     rows = []
     for name, ensemble in simulated.items():
         for joint, load in ensemble.loads.items():
@@ -172,7 +172,7 @@ def _loads(simulated: dict[str, Resimulation]) -> pd.DataFrame:
 
 
 def _cycle_extremes(simulated: dict[str, Resimulation], offset: float) -> pd.DataFrame:
-    """Frame of the table optimise_worth."""
+    """The table optimise_worth."""
     rows = []
     keys = ("largest_departure", "outer_dead_centre", "inner_dead_centre")
     for name, ensemble in simulated.items():

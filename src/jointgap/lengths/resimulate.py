@@ -1,9 +1,8 @@
-"""What new lengths do in truth: the contact simulation again with them, as an ensemble of slightly perturbed starts.
+"""Re-simulation of new lengths, as an ensemble of slightly perturbed starts.
 
-The frozen objective keeps the clearance motion of the original lengths. Here it answers to the lengths. Motion in loose
-joints can be chaotic, so that a percentage from one run says nothing: every pair of lengths, the original one included,
-is simulated from the same perturbed starts, and reductions compare the two ensembles, each member of one with each of
-the other."""
+The frozen objective keeps the clearance motion of the original lengths; here it depends on the lengths. Motion in loose
+joints can be chaotic, so a reduction from one run is meaningless. Every pair of lengths, the original one included, is
+simulated from the same perturbed starts, and each member of one ensemble is compared with each of the other."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,8 +20,8 @@ from jointgap.dynamics.simulation import perturbed_start
 from jointgap.lengths.objective import MEASURES, Measures, evaluation_samples, measure
 from jointgap.lengths.region import PinForce, Region
 
-FORCE_GRID = 21, 41  # points along crank and rod length at which the force in the pins is simulated
-LOW, HIGH = 0.05, 0.95  # quantiles that bound a spread
+FORCE_GRID = 21, 41  # grid points of crank and rod length for the simulated pin forces
+LOW, HIGH = 0.05, 0.95  # quantiles of a spread
 
 
 def spread(key: str, numbers: ArrayLike) -> dict[str, float]:
@@ -44,9 +43,9 @@ class Resimulation:
 
 
 def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
-    """Starting clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y, shape (members, 6) [m].
+    """Initial clearance vectors r2 x, r2 y, r3 x, r3 y, r1 x, r1 y, shape (members, 6) [m].
 
-    Normally distributed, and the same for a joint whichever others are loose; zero in joints that are ideal.
+    Normally distributed; a joint's values do not depend on which others are loose. Zero in ideal joints.
     """
     random, loose = np.random.default_rng(options.seed), tuple(loose)
     drawn = [random.normal(0.0, options.perturbation, (options.members, columns)) for columns in (4, 2)]
@@ -54,7 +53,7 @@ def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
 
 
 def sample_ranges(simulate: Simulate, optimise: Optimise, training_points: int) -> dict[str, np.ndarray]:
-    """Samples of a trajectory over which an error counts."""
+    """Samples of a trajectory used by each error."""
     per_turn = simulate.samples_per_revolution
     angle = simulate.start_angle + np.arange(per_turn * simulate.revolutions + 1) * (2.0 * np.pi / per_turn)
     first = (optimise.ensemble.settled_revolution - 1) * per_turn
@@ -88,8 +87,8 @@ def resimulate(
 
 
 def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> dict[str, np.ndarray]:
-    """What a joint carries over the settled revolution, (members,) each: forces between its bodies [N], and the share
-    of the time in which journal and bearing touch; NaN of an ideal joint.
+    """Loads of a joint over the settled revolution, (members,) each: forces between its bodies [N], and the share of
+    the time in contact (NaN for an ideal joint).
     """
     force = ensemble.pin_force[joint][:, settled]
     times = np.diff(ensemble.times[:, np.append(settled, settled[-1] + 1)], axis=1)  # to the next sample
@@ -103,12 +102,12 @@ def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> di
 
 
 def reduction_pairs(new: np.ndarray, original: np.ndarray) -> np.ndarray:
-    """The reduction of one measure that each pair of single runs would have shown, shape (members * members,)."""
+    """The reduction of one measure for every pair of single runs, shape (members * members,)."""
     return (1.0 - np.divide.outer(new, original)).ravel()
 
 
 def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]]:
-    """Per range of samples and measure: both errors and the reduction with their spreads."""
+    """Errors and reduction with their spreads, per range of samples and measure."""
     rows = []
     for stretch in new.errors:
         for name, error, before in zip(MEASURES, new.errors[stretch], original.errors[stretch], strict=True):
@@ -125,7 +124,7 @@ def peak_pin_force(resimulation: Resimulation) -> float:
 
 
 def pin_force(mechanism: Mechanism, simulate: Simulate, optimise: Optimise, region: Region) -> PinForce:
-    """That force over a whole region: a surface through simulations on a grid, one at each of its points."""
+    """The largest pin force over a region: a surface through one simulation per grid point."""
     first = (optimise.ensemble.settled_revolution - 1) * simulate.samples_per_revolution
     settled = slice(first, first + simulate.samples_per_revolution)
     cranks, rods = (

@@ -1,4 +1,4 @@
-"""Search of the lengths: genetic algorithm, then a local optimiser."""
+"""Optimisation of the lengths: genetic algorithm and local optimiser."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from jointgap.config import Genetic, Mechanism, Optimise, Simulate
 from jointgap.core.errors import needs
 from jointgap.lengths.objective import Objective, invariant, tolerance_effect
-from jointgap.lengths.region import MET, Region
+from jointgap.lengths.region import FEASIBLE, Region
 from jointgap.paper.printed import OPTIMA, departures
 
 with needs("optimising link lengths", "learn"):
@@ -22,12 +22,12 @@ with needs("optimising link lengths", "learn"):
 
 
 def best_first(pop: "Population") -> np.ndarray:
-    """Indices of individuals, (n,): those that meet the constraints first, then by values to minimise."""
+    """Indices of individuals, (n,), sorted by feasibility, then by the objective."""
     return np.lexsort((pop.get("F")[:, 0], pop.get("CV")[:, 0]))
 
 
 def rank_expectation(values: np.ndarray) -> np.ndarray:
-    """How much of the next parents each individual should be, from values to minimise; shape (n,), sum 1."""
+    """Expected share of each individual among the parents, by rank; shape (n,), sum 1."""
     rank = np.empty(len(values))
     rank[np.argsort(values, kind="stable")] = np.arange(1, len(values) + 1)
     weight = 1.0 / np.sqrt(rank)
@@ -37,7 +37,7 @@ def rank_expectation(values: np.ndarray) -> np.ndarray:
 def stochastic_uniform(expectation: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray:
     """Indices of `count` parents, shape (count,), shuffled.
 
-    Parent i is taken floor(count * expectation[i]) times or once more.
+    Parent i is chosen floor(count * expectation[i]) times or once more.
     """
     marks = (np.arange(count) + random.random()) / count
     edges = np.cumsum(expectation)
@@ -51,7 +51,7 @@ def intermediate_crossover(first: np.ndarray, second: np.ndarray, random: np.ran
 
 
 def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Generator) -> np.ndarray:
-    """Each parent (n, 2) moved by up to the box's width in a random direction, cut at the region's edge."""
+    """Each parent (n, 2) moved by up to the box's width in a random direction, limited to the region."""
     angle = 2.0 * np.pi * random.random(len(parents))
     direction = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     moves = random.random((len(parents), 1)) * direction * region.size
@@ -60,24 +60,24 @@ def feasible_mutation(parents: np.ndarray, region: Region, random: np.random.Gen
 
 @dataclass(frozen=True)
 class Found:
-    """What one search found."""
+    """Result of one search."""
 
     lengths: np.ndarray  # shape (2,); the best (L2, L3) [m]
     value: float  # Its sum of squares [rad^2]
-    values: np.ndarray  # shape (evaluations,); every value in the order of evaluation, an elite's once [rad^2]
-    status: str  # Why it stopped and what to make of it
+    values: np.ndarray  # shape (evaluations,); all values in order of evaluation, an elite's once [rad^2]
+    status: str  # Stopping criterion
     population: pd.DataFrame | None = None  # Of the genetic algorithm: a row per individual and generation
-    path: np.ndarray | None = None  # shape (k, 2); of a local search: every iterate, the start first [m]
-    converged: bool = True  # Whether the stopping tolerance was met
+    path: np.ndarray | None = None  # shape (k, 2); of a local search: iterates, from the start [m]
+    converged: bool = True  # Whether the stopping tolerance was reached
 
     @property
     def evaluations(self) -> int:
-        """Calls of the objective; those of its exact gradient are not counted."""
+        """Evaluations of the objective, without its gradient."""
         return len(self.values)
 
 
 class _Lengths(Problem):
-    """The objective as pymoo wants it; keeps every value it gave."""
+    """The objective as a pymoo problem; records all values."""
 
     def __init__(self, objective: Objective, region: Region):
         super().__init__(n_var=2, n_obj=1, n_ieq_constr=int(bool(region.constraints)), xl=region.lower, xu=region.upper)
@@ -88,11 +88,11 @@ class _Lengths(Problem):
         self.values.extend(values)
         out["F"] = values[:, None]
         if self.region.constraints:
-            out["G"] = self.region.missed(x)[:, None] - MET
+            out["G"] = self.region.violation(x)[:, None] - FEASIBLE
 
 
 class _Evolution(Algorithm):
-    """The next generation: the best of the old one, then children by crossover and by mutation, their shares fixed."""
+    """Next generation: the elite, then children by crossover and by mutation, in fixed shares."""
 
     def __init__(self, options: Genetic):
         super().__init__()
@@ -123,7 +123,6 @@ class _Evolution(Algorithm):
 
 
 def evolve(objective: Objective, region: Region, options: Genetic) -> Found:
-    """Run the genetic algorithm for the configured number of generations."""
     problem, generations = _Lengths(objective, region), []
 
     def record(state: Algorithm) -> None:
@@ -142,36 +141,34 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> Found:
     count = options.generations
     run_algorithm(problem, _Evolution(options), ("n_gen", count + 1), seed=options.seed, callback=record)
     population = pd.concat(generations, ignore_index=True)
-    violations = np.maximum(region.missed(population[["crank_length", "rod_length"]].to_numpy()) - MET, 0.0)
+    violations = np.maximum(region.violation(population[["crank_length", "rod_length"]].to_numpy()) - FEASIBLE, 0.0)
     best = population.iloc[np.lexsort((population["sum_of_squares"], violations))[0]]
     return Found(
         lengths=best[["crank_length", "rod_length"]].to_numpy(dtype=float),
         value=float(best["sum_of_squares"]),
         values=np.array(problem.values),
-        status=f"stopped: {count} generations of {options.population} done",
+        status=f"stopped after {count} generations of {options.population}",
         population=population,
     )
 
 
 def evaluations_until(values: np.ndarray, best: float, tolerance: float) -> int | None:
-    """After how many evaluations a value within `tolerance` (relative) of `best` was found; None if never."""
+    """Number of evaluations until a value within `tolerance` (relative) of `best`; None if never."""
     close_enough = np.flatnonzero(values <= best * (1.0 + tolerance))
     return int(close_enough[0]) + 1 if len(close_enough) else None
 
 
-TOLERANCES = tuple(10.0**-exponent for exponent in range(1, 13))  # swept to show what stopping early does
+TOLERANCES = tuple(10.0**-exponent for exponent in range(1, 13))  # to show the effect of early stopping
 
 
 def starting_points(region: Region) -> np.ndarray:
-    """Six points, shape (6, 2) [m]: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6; cranks too long are cut, and
-    all are moved to the nearest lengths that meet the constraints.
-    """
+    """Six points, shape (6, 2) [m]: L2 at 1/4, 3/4 of its range with L3 at 1/6, 1/2, 5/6, projected onto the region."""
     shares = [(crank, rod) for rod in (1 / 6, 1 / 2, 5 / 6) for crank in (1 / 4, 3 / 4)]
     return region.nearest(region.unscaled(np.array(shares)))
 
 
 def search(objective: Objective, region: Region, start: ArrayLike, tolerance: float) -> Found:
-    """Follow the error downhill from `start`."""
+    """Local optimisation (SLSQP) from `start`."""
     start = np.asarray(start, dtype=float)
     unit = float(objective.value(objective.original))
     path, values = [start], []
@@ -190,8 +187,8 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
         callback=lambda scaled: path.append(region.unscaled(np.array(scaled))),
         options={"ftol": tolerance, "maxiter": 200},
     )
-    end = np.clip(region.unscaled(result.x), region.lower, region.upper)  # bounds met up to rounding are met
-    if region.missed(end) > MET:  # a loose tolerance is one of constraints too
+    end = np.clip(region.unscaled(result.x), region.lower, region.upper)  # exact bounds despite rounding
+    if region.violation(end) > FEASIBLE:  # the tolerance also applies to constraints
         end = region.nearest(end)
     status = f"stopped: the sum of squares changes by less than {tolerance:g} of its value at the original lengths"
     if not result.success:
@@ -218,14 +215,14 @@ def search_from_all(objective: Objective, region: Region, tolerance: float) -> t
 class Point:
     """A pair of lengths with a name."""
 
-    name: str  # As in the table optimise_optima
+    name: str  # In the table optimise_optima
     method: str
     lengths: tuple[float, float]  # (L2, L3) [m]
-    box: str | None = None  # Of the search; None where no search here found the point
+    box: str | None = None  # Of the search; None for printed points
 
 
 def printed_points(mechanism: Mechanism, simulate: Simulate) -> list[Point]:
-    """What the paper prints as its optima; none for a mechanism that is not the paper's."""
+    """The optima printed in the paper; empty for other mechanisms."""
     if departures(mechanism, simulate):
         return []
     return [Point(point.key, "printed", (point.crank_length, point.rod_length)) for point in OPTIMA]
@@ -244,7 +241,7 @@ class Search:
 
     @property
     def found(self) -> list[tuple[Point, Found]]:
-        """What the genetic and the local optimiser found."""
+        """Optima of the genetic and of the local optimiser."""
         best = min(self.local, key=lambda result: result.value)
         return [
             (Point(f"{self.source}_{self.box}_{method}", method, tuple(map(float, result.lengths)), self.box), result)
@@ -266,7 +263,7 @@ def search_all(objectives: dict[str, Objective], regions: dict[str, Region], opt
 def optima(
     objectives: dict[str, Objective], searches: list[Search], fixed: list[Point], tolerance: float | None
 ) -> pd.DataFrame:
-    """Frame of the table optimise_optima: of each source the `fixed` points and those found."""
+    """The table optimise_optima: for each source the `fixed` points and the optima found."""
     rows = []
     for source, objective in objectives.items():
         rows += [_optimum(source, objective, point, tolerance) for point in fixed]

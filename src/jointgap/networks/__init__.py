@@ -3,4 +3,4 @@
 from jointgap.core.schema import CLEARANCE_FIT, FIT, FIT_ERRORS, FIT_HISTORY
 
 OF_NETWORKS = (FIT, FIT_HISTORY, FIT_ERRORS, CLEARANCE_FIT)
-"""Tables of a scenario that trains networks."""
+"""Tables of a scenario with networks."""

@@ -1,4 +1,4 @@
-"""One network a joint for the clearance vector."""
+"""One network per joint for the clearance vector."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -20,46 +20,45 @@ from jointgap.networks.network import BIAS, Scaling
 from jointgap.paper.printed import reference_mse
 
 KINDS = {"r": 0, "gamma": 0, "gamma_dot": 1, "gamma_ddot": 2, "r_dot": 1, "r_ddot": 2}
-"""What a joint's network learns: order of the derivative by kind."""
-PER_HELD_OUT = 2  # samples kept everywhere, per sample held out
-MISSED_OF_CLEARANCE = 0.3  # error of the interpolation, in errors allowed, that makes a sample be kept
+"""Outputs of a joint's network: order of the derivative by kind."""
+PER_HELD_OUT = 2  # training samples per held-out sample, everywhere
+MISSED_OF_CLEARANCE = 0.3  # interpolation error, over the allowed error, above which a sample is added
 
 
 def crank_speed(trajectory: pd.DataFrame) -> CubicHermiteSpline:
-    """Speed of the crank [rad/s] over its angle [rad]."""
+    """Crank speed [rad/s] over the crank angle [rad]."""
     angle, speed, acceleration = (trajectory[f"crank_{name}"] for name in ("angle", "speed", "acceleration"))
     return CubicHermiteSpline(angle, speed, acceleration / speed)
 
 
 def constant_speed(speed: float) -> CubicHermiteSpline:
-    """One speed [rad/s] at every angle."""
     return CubicHermiteSpline([0.0, 1.0], [speed, speed], [0.0, 0.0])
 
 
 def column(kind: str, joint: int) -> str:
-    """Column of the trajectory: r_dot of joint 2 is r2_dot."""
+    """Column of the trajectory: r2_dot for kind r_dot and joint 2."""
     quantity, dot, dots = kind.partition("_")
     return f"{quantity}{joint}{dot}{dots}"
 
 
 @dataclass(frozen=True)
 class Samples:
-    """What a joint's network learns from, at n rising crank angles."""
+    """Training data of a joint's network, at n increasing crank angles."""
 
     crank_angle: np.ndarray  # shape (n,)
     values: dict[str, np.ndarray]  # shape (n,); by kind: r, gamma and their derivatives by the crank angle
-    simulated: dict[str, np.ndarray]  # shape (n,); the same as the simulation has them, derivatives by time
-    scales: dict[str, float]  # Error allowed in each of them
+    simulated: dict[str, np.ndarray]  # shape (n,); the same with derivatives by time, as simulated
+    scales: dict[str, float]  # Allowed errors
 
     @property
     def shares(self) -> np.ndarray:
-        """Share of the revolution that each sample stands for, (n,): samples are dense where the motion is quick."""
+        """Share of the revolution represented by each sample, (n,): samples are dense where the motion is fast."""
         widths = np.gradient(self.crank_angle)
         return widths / widths.sum()
 
     @classmethod
     def of(cls, trajectory: pd.DataFrame, fine: pd.DataFrame, joint: int, training_points: int) -> "Samples":
-        """Samples of the first revolution of `fine` that are none of `trajectory`'s."""
+        """Samples of the first revolution of `fine` that are not in `trajectory`."""
         angle = fine["crank_angle"].to_numpy()
         fine = fine[angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)]
         angle, speed, acceleration = (fine[f"crank_{name}"].to_numpy() for name in ("angle", "speed", "acceleration"))
@@ -85,13 +84,13 @@ class Samples:
         return cls(angle[kept], *chosen, scales)
 
 
-REACH = 19.0  # widths from its centre at which tanh is 1 in double precision
-BLOCK = 16  # neurons' distances per block: short enough to skip zeros, long enough for fast products
+REACH = 19.0  # [widths] distance beyond which tanh is 1 in double precision
+BLOCK = 16  # length of a block [distances of neurons]: short enough to skip zeros, long enough for fast products
 
 
 @dataclass(frozen=True)
 class Block:
-    """Points that see the same basis functions."""
+    """Points with the same nonzero basis functions."""
 
     points: slice
     functions: slice
@@ -100,9 +99,9 @@ class Block:
 
 @dataclass(frozen=True)
 class Layer:
-    """Places of the neurons."""
+    """Centres and widths of the neurons."""
 
-    centres: np.ndarray  # shape (H,); where each neuron's sum is 0, rising
+    centres: np.ndarray  # shape (H,); zeros of the neurons' sums, increasing
     widths: np.ndarray  # shape (H,); inverse of each neuron's input weight
 
     @property
@@ -121,7 +120,7 @@ class Layer:
         return np.diff(basis_weights) / 2.0, (basis_weights[0] + basis_weights[-1]) / 2.0
 
     def blocks(self, points: np.ndarray, orders: int) -> Iterator[Block]:
-        """Rising points cut into blocks, each with the basis functions that are not zero there."""
+        """Increasing points in blocks, each with its nonzero basis functions."""
         begins = np.concatenate([[-np.inf], self.centres - REACH * self.widths])
         ends = np.concatenate([self.centres + REACH * self.widths, [np.inf]])
         begins = np.minimum.accumulate(begins[::-1])[::-1]
@@ -150,7 +149,7 @@ class Layer:
         return differences
 
 
-SETTLING = np.radians(6.0)  # about where the first impact comes; any width of this order does
+SETTLING = np.radians(6.0)  # order of the time to the first impact; the exact value does not matter
 
 
 @dataclass(frozen=True)
@@ -162,9 +161,9 @@ class ClearanceNetwork:
     weights: np.ndarray  # shape (H,); output weights of the neurons, x + i y [m]
     bias: complex
     start_angle: float  # Crank angle at the start [rad]
-    settling: float  # Width of the factor s [rad]; infinite where s is 1
+    settling: float  # Width of the factor s [rad]; infinite for s = 1
     speed: CubicHermiteSpline  # Speed of the crank over its angle
-    turns: int = 0  # Whole turns to add to gamma, so that it continues the simulation's
+    turns: int = 0  # Whole turns to add to gamma, for continuity with the simulation
 
     @cached_property
     def _basis_weights(self) -> np.ndarray:
@@ -172,7 +171,7 @@ class ClearanceNetwork:
 
     @cached_property
     def _gamma(self) -> tuple[np.ndarray, np.ndarray]:
-        """Crank angles and gamma there, dense enough to tell its turns."""
+        """Gamma over the crank angle, dense enough to unwrap."""
         centres = self.layer.centres
         grid = np.linspace(centres[:-1], centres[1:], 4, endpoint=False, axis=-1).ravel()
         grid = np.concatenate([[self.start_angle], grid[grid > self.start_angle]])
@@ -190,7 +189,7 @@ class ClearanceNetwork:
     def polar(self, crank_angle: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """r and gamma, each as [value, first, second, third derivative by the crank angle], shape (n,) each.
 
-        Both are finite everywhere; where r is 0 gamma is its limit.
+        Both are finite everywhere; at r = 0 gamma is its limit.
         """
         w, *derivatives = self.vector(crank_angle)
         ratios = [derivative / w for derivative in derivatives]
@@ -207,8 +206,8 @@ class ClearanceNetwork:
         return r, [gamma, q1.imag, q2.imag, q3.imag]
 
     def output(self, name: str, crank_angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """One of the joint's outputs r, gamma, gamma_dot, gamma_ddot and its derivative by the crank angle, in SI, of
-        the shape of `crank_angle`.
+        """An output (r, gamma, gamma_dot, gamma_ddot) and its derivative by the crank angle, in SI, shaped as
+        `crank_angle`.
         """
         angle = np.asarray(crank_angle, dtype=float)
         r, gamma = self.polar(angle.ravel())
@@ -244,7 +243,7 @@ class ClearanceNetwork:
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, joint: int, speed: CubicHermiteSpline | None = None) -> "ClearanceNetwork":
-        """The network of a joint from the long form; `speed` is needed where it is not constant."""
+        """The network of a joint from the long form; `speed` is required where it is not constant."""
         rows = frame[frame["joint"] == joint]
         *_, last = rows.itertuples()
         neurons = rows[:-1]
@@ -272,40 +271,39 @@ def start_factor(crank_angle: np.ndarray, start_angle: float, settling: float) -
     return [values / settling**n for n, values in enumerate(by_u)]
 
 
-FIRST_DISTANCE = np.radians(0.5)  # of neurons, before any is added; half a period of the contact's ringing
+FIRST_DISTANCE = np.radians(0.5)  # of the initial neurons: half a period of the contact's oscillation
 WIDTH = 2.5  # of a neuron, in distances to its neighbours
-MARGIN = 8  # neurons past either end, so that the ends are as well covered as the middle
+MARGIN = 8  # additional neurons beyond either end
 SHARE = 0.1  # of the paper's mean square errors, at which training stops
 ROUNDS = 16
-RIDGE = 1e-13  # relative; undone by the refinement of the solution
+RIDGE = 1e-13  # relative; compensated by iterative refinement
 PASSES = 2
 
 
 @dataclass(frozen=True)
 class JointFit:
-    """The network of one joint and how it came about."""
+    """The trained network of one joint."""
 
     network: ClearanceNetwork
     samples: Samples
     rounds: int  # Linear problems solved
-    stop: str  # Why no more neurons were added
+    stop: str  # Stopping criterion
 
 
 @dataclass(frozen=True)
 class ClearanceFit:
-    """The second surrogate: networks of the loose joints, and their errors over the trajectory's samples."""
+    """The second surrogate: networks of the loose joints, and their errors at the trajectory's samples."""
 
     joints: dict[int, JointFit]
     trajectory: pd.DataFrame
     training_points: int
 
     def weights(self) -> pd.DataFrame:
-        """Frame of the table clearance_fit."""
+        """The table clearance_fit."""
         return pd.concat([fit.network.to_frame() for fit in self.joints.values()], ignore_index=True)
 
     def errors(self) -> pd.DataFrame:
-        """Frame of the table fit_errors: all outputs, held out at every sample of the trajectory between the paper's
-        training points."""
+        """The table fit_errors; the trajectory's samples are held out, except the paper's training points."""
         rows = []
         for joint, fit in self.joints.items():
             network, samples = fit.network, fit.samples
@@ -333,7 +331,7 @@ def train_clearance(
 
 
 def grow(samples: Samples, joint: int, start_angle: float, speed: CubicHermiteSpline, settling: float) -> JointFit:
-    """Train the network of one joint, adding neurons."""
+    """Train the network of one joint, adding neurons until the errors are small."""
     angle, gamma, margin = samples.crank_angle, samples.values["gamma"], MARGIN * FIRST_DISTANCE
     centres = np.arange(angle[0] - margin, angle[-1] + margin, FIRST_DISTANCE)
     for rounds in range(1, ROUNDS + 1):
@@ -347,9 +345,9 @@ def grow(samples: Samples, joint: int, start_angle: float, speed: CubicHermiteSp
             return JointFit(network, samples, rounds, f"training errors at {SHARE:g} of the paper's or below")
         finer = _finer(centres, samples, squares)
         if len(finer) == len(centres):
-            return JointFit(network, samples, rounds, "neurons as close as the samples; sample more finely")
+            return JointFit(network, samples, rounds, "neurons as dense as the samples; increase the sampling")
         centres = finer
-    return JointFit(network, samples, ROUNDS, f"{ROUNDS} rounds done while training errors still fell")
+    return JointFit(network, samples, ROUNDS, f"{ROUNDS} rounds; training errors still decreasing")
 
 
 def _solve(layer: Layer, samples: Samples, start: list[np.ndarray]) -> np.ndarray:
@@ -388,8 +386,8 @@ class _Rows:
         q1 = ratio + 1j * values["gamma_dot"] - s1 / s
         q2 = curvature - ratio**2 + 1j * values["gamma_ddot"] - s2 / s + (s1 / s) ** 2
         self._columns = [each[:, None] for each in (w, q1, q2 + q1**2, values["r"], ratio, curvature)]
-        # Position and rate are asked for at least as precisely as the second derivative between two neurons implies:
-        # without that the fine neurons' common shift would hardly be seen, and the problem ill-conditioned.
+        # Weights of position and rate are at least those implied by the second derivative between two neurons; without
+        # them a common shift of the fine neurons is almost unobservable and the problem ill-conditioned.
         distance = np.interp(samples.crank_angle, layer.centres, np.gradient(layer.centres))
         self._precision = {}
         for kind, scale in samples.scales.items():
@@ -402,7 +400,7 @@ class _Rows:
         at = block.points
         value, first, second = block.values
         w, q1, w2, r, ratio, curvature = (column[at] for column in self._columns)
-        log0 = value / w  # changes of log w and of its derivatives by each weight
+        log0 = value / w  # derivatives of log w and of its derivatives by each weight
         log1 = first / w - q1 * log0
         log2 = second / w - w2 * log0 - 2.0 * q1 * log1
         parts = {
@@ -420,24 +418,24 @@ class _Rows:
             precision, is_real = self._precision[kind][at, None], kind.startswith("r")
             matrix[index, :, :, 0] = precision * (change.real if is_real else change.imag)
             matrix[index, :, :, 1] = precision * (-change.imag if is_real else change.real)
-            if is_real:  # the imaginary changes of the true w are 0
+            if is_real:  # the imaginary parts of the derivatives of w vanish
                 targets[index] = precision[:, 0] * self._values[kind][at]
         return matrix.reshape(-1, 2 * functions), targets.ravel()
 
 
 def _squared_errors(network: ClearanceNetwork, samples: Samples) -> list[np.ndarray]:
-    """Squared errors of r, gamma and gamma's derivatives at the samples, in units of the squared error allowed."""
+    """Squared errors of r, gamma and gamma's derivatives at the samples, over the allowed squared errors."""
     r, gamma = network.polar(samples.crank_angle)
     outputs = {"r": r[0], "gamma": gamma[0], "gamma_dot": gamma[1], "gamma_ddot": gamma[2]}
     errors = {kind: values - samples.values[kind] for kind, values in outputs.items()}
-    errors["gamma"] = np.remainder(errors["gamma"] + np.pi, 2.0 * np.pi) - np.pi  # a coarse network may miss a turn
+    errors["gamma"] = np.remainder(errors["gamma"] + np.pi, 2.0 * np.pi) - np.pi  # a coarse network may lose a turn
     return [(error / samples.scales[kind]) ** 2 for kind, error in errors.items()]
 
 
 def _finer(centres: np.ndarray, samples: Samples, squares: list[np.ndarray]) -> np.ndarray:
-    """Centres with the distances halved where more than a fair part of the error is: if nowhere, the whole is small.
+    """Centres with the distances halved where the error exceeds its average share.
 
-    None is halved that holds no two samples; neighbouring distances differ twofold at most.
+    Intervals without two samples are not halved; neighbouring distances differ at most twofold.
     """
     intervals = len(centres) - 1
     place = np.clip(np.searchsorted(centres, samples.crank_angle) - 1, 0, intervals - 1)

@@ -1,4 +1,4 @@
-"""Errors of a fit: where they are measured and how they are scaled."""
+"""Errors of a fit: samples, regions and scaling."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,20 +14,20 @@ from jointgap.paper.printed import TRAINING_MSE
 
 UNITS = {column.name: column.unit for column in TRAJECTORY.columns}
 REGIONS = {"all": 0.0, "past_60_deg": np.radians(60.0)}
-"""First crank angle after the start that a region counts; the paper's transient is over past 60 deg."""
+"""First crank angle of each region after the start; the paper's transient ends before 60 deg."""
 
 NETWORK, REGULARISED = "network", "regularised"
-"""Models of the tables: the paper's network, and the one whose errors hold between its points."""
+"""Models in the tables: the paper's network and the regularised one."""
 
-_SMOOTHING = 10.0 ** np.arange(-8.0, 3.0, 2.0)  # strengths of a smoothing spline, in cubes of the mean distance
-_LEFT_OUT = 3  # of so many neighbouring points one judges them
+_SMOOTHING = 10.0 ** np.arange(-8.0, 3.0, 2.0)  # parameters of a smoothing spline, over the cube of the mean distance
+_LEFT_OUT = 3  # every third point is held out to select one
 
 
 @dataclass(frozen=True)
 class Points:
-    """Crank angles [rad] and values of one output there; undefined points are left out and counted.
+    """Crank angles [rad] and values of one output; undefined points are removed and counted.
 
-    ``shares`` are the parts of the revolution that the points stand for, in any unit; None: all the same.
+    ``shares`` are the relative parts of the revolution that the points represent; None: equal.
     """
 
     crank_angle: np.ndarray
@@ -54,7 +54,7 @@ class Points:
         return cls(crank_angle[defined], values[defined], int(np.sum(~defined)))
 
     def past(self, angle: float) -> "Points":
-        """The points from an angle [rad] on, of which none is undefined."""
+        """The points from an angle [rad] on, all defined."""
         inside = self.crank_angle >= angle
         shares = None if self.shares is None else self.shares[inside]
         return Points(self.crank_angle[inside], self.values[inside], 0, shares)
@@ -62,7 +62,7 @@ class Points:
 
 @dataclass(frozen=True)
 class Grid:
-    """One output over the first revolution, split into training points and the samples held out between them."""
+    """One output over the first revolution, split into training points and held-out samples."""
 
     output: str
     start_angle: float
@@ -71,15 +71,15 @@ class Grid:
 
     @classmethod
     def of(cls, trajectory: pd.DataFrame, output: str, training_points: int) -> "Grid":
-        """Every k-th sample of the first revolution trains, both ends included; all the others are held out."""
+        """Every k-th sample of the first revolution, both ends included, is a training point; others are held out."""
         angle = trajectory["crank_angle"].to_numpy()
         first = angle - angle[0] <= 2.0 * np.pi * (1.0 + 1e-9)
         angle, values = angle[first], trajectory[output].to_numpy()[first]
         stride, remainder = divmod(len(angle) - 1, training_points - 1)
         if remainder or stride < 2:
             raise InputError(
-                f"training_points {training_points} does not fit {len(angle) - 1} samples per revolution; "
-                f"make samples_per_revolution a multiple, at least twice, of {training_points - 1}"
+                f"surrogate.training_points {training_points} does not match {len(angle) - 1} samples per revolution; "
+                f"set simulate.samples_per_revolution to a multiple, at least twice, of {training_points - 1}"
             )
         trains = np.arange(len(angle)) % stride == 0
         split = (Points.of(angle[part], values[part]) for part in (trains, ~trains))
@@ -95,7 +95,7 @@ def error_rows(
 ) -> list[dict[str, object]]:
     """Rows of the table fit_errors, one per region; `trained` has the columns model, seed, weights, iterations, stop.
 
-    `at_paper` predicts as the model did when its training error first was the paper's.
+    `at_paper`: prediction at the iteration where the training error first reached the paper's.
     """
     scale = Scaling.of(grid.training.values).range
     spline = CubicSpline(training.crank_angle, training.values)
@@ -133,17 +133,17 @@ def error_rows(
 
 
 def error_frame(rows: list[dict[str, object]]) -> pd.DataFrame:
-    """Rows of the table fit_errors as a frame in which numbers that are absent stay absent."""
+    """Rows of the table fit_errors as a frame; missing numbers remain missing."""
     of_numbers = ("held_out_mse_at_paper", "paper_mse", "smoothing_spline_held_out_mse")
     types = {"seed": "Int64", "iterations_to_paper": "Int64"} | dict.fromkeys(of_numbers, "float64")
     return pd.DataFrame(rows).astype(types)
 
 
 def smoothing_spline(training: Points) -> Callable[[np.ndarray], np.ndarray] | None:
-    """The smoothing spline of points, as smooth as is best at every third of them; None for fewer than fifteen.
+    """Smoothing spline of points, with the smoothness that is best at every third point; None below fifteen points.
 
-    Generalised cross-validation, which `make_smoothing_spline` takes by itself, smooths exact samples a thousand times
-    too much.
+    The default of `make_smoothing_spline`, generalised cross-validation, smooths exact samples a thousand times too
+    much.
     """
     x, y = training.crank_angle, training.values
     if len(x) < 5 * _LEFT_OUT:
@@ -158,7 +158,7 @@ def smoothing_spline(training: Points) -> Callable[[np.ndarray], np.ndarray] | N
 
 
 def refined(angle: np.ndarray, table: np.ndarray, kept: np.ndarray, usable: np.ndarray, missed: float) -> np.ndarray:
-    """Indices `kept`, and those of further samples, that interpolation between kept neighbours would miss; rising."""
+    """Indices `kept`, plus those of samples with an interpolation error above `missed`; increasing."""
     while True:
         between = (kept[:-1] + kept[1:]) // 2
         between = np.where(usable[between], between, between + 1)

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt training.
 
-A model has `points` N, `size` P and `evaluate(parameters)`. That gives the `outputs` (N,), their `jacobian()` (N, P),
-its `pull_back` J^T w, `row_products` J J^T, and the derivatives of the outputs `along` a step.
+A model has `points` N, `size` P and `evaluate(parameters)`, which returns the `outputs` (N,), their `jacobian()` (N,
+P), its `pull_back` J^T w, `row_products` J J^T, and the derivatives of the outputs `along` a step.
 """
 
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from jointgap.core.errors import needs
-from jointgap.core.progress import tell
+from jointgap.core.progress import report_progress
 from jointgap.networks.network import Layout, activations_and_outputs, tansig_slope
 
 with needs("training networks", "learn"):
     import torch
 
-torch.set_num_threads(1)  # the matrices are small, and several outputs train side by side
+torch.set_num_threads(1)  # small matrices; outputs train in parallel processes
 
 
 class NetworkModel:
@@ -30,17 +30,16 @@ class NetworkModel:
         self._inputs = np.stack([inputs, np.ones_like(inputs)])
 
     def evaluate(self, parameters: np.ndarray) -> "NetworkEvaluation":
-        """The network with some parameters."""
         return NetworkEvaluation(self.layout, parameters, self._inputs)
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Matrix product by torch: numpy adds in another order, and so trains another network."""
+    """Matrix product by torch; numpy sums in another order, which trains another network."""
     return torch.mm(torch.from_numpy(a), torch.from_numpy(b)).numpy()
 
 
 class NetworkEvaluation:
-    """A network at one point of its parameter space: outputs, and derivatives on demand."""
+    """A network at given parameters: outputs, and derivatives on demand."""
 
     def __init__(self, layout: Layout, parameters: np.ndarray, inputs: np.ndarray):
         self._layout, self._matrices = layout, layout.split(parameters)
@@ -74,9 +73,9 @@ class NetworkEvaluation:
     def row_products(self, out: np.ndarray, work: tuple[np.ndarray, np.ndarray]) -> None:
         """J J^T into the lower triangle of `out`, without forming J; `work`: two such arrays.
 
-        A row of J is, layer by layer, the outer product of sensitivities and activations, so the scalar product of
-        two rows is the sum over layers of (product of the sensitivities) times (product of the activations):
-        Hadamard products of matrices of rank 10 and 11. That costs a third of multiplying J by its transpose.
+        A row of J is, layer by layer, the outer product of sensitivities and activations. The scalar product of two
+        rows is the sum over layers of (product of sensitivities) times (product of activations): Hadamard products of
+        matrices of rank 10 and 11. This costs a third of multiplying J by its transpose.
         """
         total = torch.from_numpy(out.T)  # the same memory, row by row
         factors = [torch.from_numpy(each.T) for each in work]
@@ -89,7 +88,7 @@ class NetworkEvaluation:
     def along(self, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivative of the outputs along a `step` (P,) of the parameters, (N,) each.
 
-        Exact, by propagating the Taylor expansion of outputs(parameters + t step) in t through the layers.
+        Exact: the Taylor expansion of outputs(parameters + t step) in t is propagated through the layers.
         """
         *hidden, (change, matrix) = zip(self._layout.split(step), self._matrices, strict=True)
         first = second = None
@@ -114,46 +113,46 @@ def _symmetric_product(factor: np.ndarray, out: np.ndarray, keep: float = 0.0) -
 
 
 class Status(Enum):
-    """Why training stopped; the text says what to do."""
+    """Stopping criterion; the text gives advice."""
 
-    BUDGET = "iterations used up while the error still fell; allow more iterations if it has to be smaller"
-    GRADIENT = "gradient at its limit: a stationary point; try another seed if the error is too large"
-    DAMPING = "no step lowers the error any more, however short; try another seed if the error is too large"
-    STALLED = "no progress worth the time; try another seed or more neurons if the error is too large"
-    EXACT = "residual at the rounding errors of the data; nothing is left to do"
+    BUDGET = "iteration limit reached while the error still decreased; increase the iterations for a smaller error"
+    GRADIENT = "gradient below its limit: a stationary point; try another seed if the error is too large"
+    DAMPING = "no step reduces the error, however short; try another seed if the error is too large"
+    STALLED = "no significant progress; try another seed or more neurons if the error is too large"
+    EXACT = "residual at the rounding error of the data"
 
     @property
     def sentence(self) -> str:
-        """Name and text, as tables show it."""
+        """Name and text, for tables."""
         return f"{self.name.lower()}: {self.value}"
 
 
 @dataclass(frozen=True)
 class Settings:
-    """When to stop, and the start of the damping."""
+    """Stopping criteria and initial damping."""
 
-    iterations: int = 20_000  # Solutions of the damped system at most, refused steps included
+    iterations: int = 20_000  # Largest number of solutions of the damped system, including rejected steps
     minimum_gradient: float = 1e-7
     largest_damping: float = 1e10
-    stall_iterations: int = 1000  # Stop when so many iterations lower the mean square error by less than `stall_gain`
+    stall_iterations: int = 1000  # Stop if so many iterations reduce the mean square error by less than `stall_gain`
     stall_gain: float = 1e-3
     exact_error: float = 1e-14  # Stop when the root mean square error is this small (data scaled to [0, 1])
     initial_damping: float = 1e-3  # Relative to the mean diagonal element of J^T J
-    largest_bend: float = 0.75  # Refuse a step whose bend 2|a|/|v| is larger than this (Transtrum and Sethna's alpha)
-    milestone: float = 0.0  # Mean square error of which the iteration is noted
-    snapshots: tuple[int, ...] = ()  # Keep the parameters after these numbers of iterations
+    largest_bend: float = 0.75  # Reject a step if 2|a|/|v| is larger (Transtrum and Sethna's alpha)
+    milestone: float = 0.0  # Mean square error whose iteration is recorded
+    snapshots: tuple[int, ...] = ()  # Iterations whose parameters are kept
 
 
 @dataclass(frozen=True)
 class Result:
-    """What training ended with."""
+    """Result of the training."""
 
     parameters: np.ndarray  # shape (P,)
     errors: np.ndarray  # shape (iterations + 1,); mean square error at the start and after every iteration
     status: Status
     gradient: float  # Norm of the gradient of the mean square error at the end
     milestone: int | None  # Iterations to the milestone; None if it was not reached
-    kept: dict[int, np.ndarray]  # shape (P,); parameters by iterations done
+    kept: dict[int, np.ndarray]  # shape (P,); parameters by iteration
 
     @property
     def iterations(self) -> int:
@@ -165,13 +164,13 @@ def minimise(model, targets: np.ndarray, start: np.ndarray, settings: Settings =
     evaluation, parameters = model.evaluate(start), start
     residual = targets - evaluation.outputs
     if not np.isfinite(residual).all():
-        raise ValueError("targets or outputs at the start are not finite; leave gaps out")
+        raise ValueError("targets or outputs at the start are not finite; remove undefined points")
     system, points = _System(model), len(targets)
     total, gradient = float(residual @ residual), _gradient(evaluation, residual)
     errors, kept, milestone = [total / points], {}, None
     damping, growth, accepted = 0.0, 2.0, True
     while (status := _status(settings, errors, gradient, damping)) is None:
-        tell("training iterations", len(errors) - 1, settings.iterations)
+        report_progress("training iterations", len(errors) - 1, settings.iterations)
         if accepted:
             typical = system.form(evaluation) / model.size
             damping = damping or settings.initial_damping * typical
@@ -200,7 +199,7 @@ def minimise(model, targets: np.ndarray, start: np.ndarray, settings: Settings =
             milestone = iteration
         if iteration == milestone or iteration in settings.snapshots:
             kept[iteration] = parameters
-    tell("training iterations", len(errors) - 1, len(errors) - 1)
+    report_progress("training iterations", len(errors) - 1, len(errors) - 1)
     return Result(parameters, np.array(errors), status, gradient, milestone, kept)
 
 
@@ -210,7 +209,7 @@ def _gradient(evaluation, residual: np.ndarray) -> float:
 
 
 def _status(settings: Settings, errors: list[float], gradient: float, damping: float) -> Status | None:
-    """The stopping criterion that is met, if any; none looks at anything but the training points."""
+    """The first stopping criterion that applies; all use training points only."""
     long_ago = len(errors) - 1 - settings.stall_iterations
     if errors[-1] <= settings.exact_error**2:
         return Status.EXACT
@@ -226,8 +225,8 @@ def _status(settings: Settings, errors: list[float], gradient: float, damping: f
 class _System:
     """The damped normal equations in the cheaper of two forms.
 
-    Dual: v = J^T u with (J J^T + mu I) u = e, points^3 / 3 and less for its matrix; primal: (J^T J + mu I) v = J^T e,
-    points x parameters^2.
+    Dual: v = J^T u with (J J^T + mu I) u = e; cost up to points^3 / 3. Primal: (J^T J + mu I) v = J^T e; cost points x
+    parameters^2.
     """
 
     def __init__(self, model):

@@ -1,7 +1,7 @@
-"""The paper's network: layers of tansig neurons, one linear output, one input; its start and its scaling.
+"""The paper's network: layers of tansig neurons, one linear output, one input; initialisation and scaling.
 
 Weights of layer l are a matrix of shape (neurons, sources + 1) whose last column is the bias: row i gives
-z_i = sum_j W_ij a_j + W_i,-1. All layers behind each other, row by row, are the flat vector of parameters."""
+z_i = sum_j W_ij a_j + W_i,-1. The flat vector of parameters contains all layers, row by row."""
 
 import io
 import json
@@ -88,13 +88,13 @@ class Scaling:
 
 
 def nguyen_widrow(layout: Layout, seed: int) -> np.ndarray:
-    """Parameters to start from, shape (layout.size,), by the rule of Nguyen and Widrow (IJCNN 1990).
+    """Initial parameters, shape (layout.size,), by the rule of Nguyen and Widrow (IJCNN 1990), as MATLAB's initnw.
 
-    Each tansig layer of S neurons gets weight vectors of random direction and of length beta = 0.7 S^(1/R) over its R
-    inputs, and biases spread evenly over [-beta, beta], with the sign of the neuron's first weight: the neurons' active
-    regions, |z| < about 1, then cover the range of the inputs evenly and overlap a little. The rule is for inputs in
-    [-1, 1]. That is the range of tansig, hence of every layer but the first, which is transformed for inputs in [0, 1].
-    The linear output starts with weights and bias uniform in [-1, 1]. All this is what MATLAB's initnw does.
+    Each tansig layer of S neurons with R inputs gets weight vectors of random direction and length beta = 0.7 S^(1/R),
+    and biases spread evenly over [-beta, beta] with the sign of the neuron's first weight. The active regions of the
+    neurons, |z| < about 1, then cover the inputs' range evenly with a small overlap. The rule assumes inputs in [-1,
+    1], the range of tansig; the first layer is transformed for inputs in [0, 1]. The linear output starts with weights
+    and bias uniform in [-1, 1].
     """
     random = np.random.default_rng(seed)
     matrices = []
@@ -158,7 +158,7 @@ class Network:
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, seed: int | None = None, model: str = "network") -> "Network":
-        """The network of a model and a seed (the first one when absent) in a long form."""
+        """The network of a model and a seed (by default the first) from the long form."""
         frame = frame[frame["model"] == model]
         rows = frame[frame["seed"] == (frame["seed"].iloc[0] if seed is None else seed)]
         *hidden, _ = rows.groupby("layer")["neuron"].max() + 1
@@ -171,13 +171,13 @@ class Network:
         )
 
 
-# A network as two files that anyone can read, without pickle: arrays in `weights.npz`, the rest in `network.json`. The
-# arrays carry the names of the state dict of torch.nn.Sequential(Linear, Tanh, ..., Linear), so that torch loads them
-# without jointgap: network.load_state_dict({name: torch.from_numpy(arrays[name]) for name in arrays}).
+# A network is stored as two files without pickle: arrays in `weights.npz`, the rest in `network.json`. The names of the
+# arrays are those of the state dict of torch.nn.Sequential(Linear, Tanh, ..., Linear), for torch without jointgap:
+# network.load_state_dict({name: torch.from_numpy(arrays[name]) for name in arrays}).
 
 
 def to_files(network: Network, output: str) -> dict[str, bytes]:
-    """The `network` of one `output` (its name) as the contents of `network.json` and `weights.npz`."""
+    """The contents of `network.json` and `weights.npz` for the `network` of one `output`."""
     matrices = network.layout.split(network.parameters)
     return _pack(
         [(matrix[:, :-1], matrix[:, -1]) for matrix in matrices],
@@ -190,7 +190,7 @@ def to_files(network: Network, output: str) -> dict[str, bytes]:
 
 
 def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
-    """The network of a joint's clearance vector as the same two files."""
+    """The same for the network of a joint's clearance vector."""
     rows = fit[fit["joint"] == joint]
     neurons, bias = rows[rows["neuron"] != BIAS], rows[rows["neuron"] == BIAS].iloc[0]
     slope = 1.0 / neurons["width"].to_numpy()
@@ -213,10 +213,10 @@ def clearance_to_files(fit: pd.DataFrame, joint: int) -> dict[str, bytes]:
 
 
 def _pack(layers: list[tuple[np.ndarray, np.ndarray]], **description: Any) -> dict[str, bytes]:
-    """Both files: weights and biases of the layers by their names in torch, and their description."""
+    """Both files: weights and biases by their names in torch, and their description."""
     arrays = {}
     for layer, (weight, bias) in enumerate(layers):
-        arrays |= {f"{2 * layer}.weight": weight, f"{2 * layer}.bias": bias}  # a Tanh takes each odd number
+        arrays |= {f"{2 * layer}.weight": weight, f"{2 * layer}.bias": bias}  # odd numbers: Tanh
     packed = io.BytesIO()
     np.savez(packed, **arrays)
     description |= {

@@ -13,36 +13,36 @@ from jointgap.networks.network import Layout, Network, Scaling, nguyen_widrow
 from jointgap.paper.printed import TRAINING_MSE
 
 SNAPSHOTS = tuple(sorted({round(10 ** (n / 4)) for n in range(4, 25)}))
-"""Iterations after which the error at the held-out samples is recorded: it tells what further training does there."""
-SAMPLING = 20  # samples to choose from, as a multiple of the trajectory's
-MISSED = 1e-6  # error of the interpolation, over the output's range, that asks for a sample more: far below a network's
-GROUP = 3  # neighbouring samples, of which chance holds one out
-WIDTH = 1.0  # of a neuron at the start, in distances to its neighbours
-RIDGE = 1e-8  # relative, of the linear problem that gives the output weights to start from
-ROUNDS = 5  # of training; before each the evidence sets the decay
+"""Iterations whose error at the held-out samples is recorded."""
+SAMPLING = 20  # candidate samples, as a multiple of the trajectory's
+MISSED = 1e-6  # interpolation error, over the output's range, above which a sample is added; far below a network's
+GROUP = 3  # neighbouring samples, of which a random one is held out
+WIDTH = 1.0  # initial width of a neuron, in distances to its neighbours
+RIDGE = 1e-8  # relative, of the linear problem for the initial output weights
+ROUNDS = 5  # of training; the evidence sets the weight decay before each
 EVIDENCE_PASSES = 5
 
 
 @dataclass(frozen=True)
 class TrainedNetwork:
-    """A network of one output, with the course of its training."""
+    """A network of one output with its training history."""
 
     model: str
     seed: int
     network: Network
-    grid: Grid  # The paper's training points, whose range scales all errors, and the samples held out from this network
-    training: Points  # What it learned from
+    grid: Grid  # The paper's training points, whose range scales all errors, and the held-out samples
+    training: Points  # Training data
     mse: np.ndarray  # shape (iterations + 1,); scaled, at the start and after every iteration
-    kept: dict[int, np.ndarray]  # Parameters, shape (P,), after some numbers of iterations, the last one included
-    stop: str  # Why training stopped
+    kept: dict[int, np.ndarray]  # Parameters, shape (P,), by iteration, including the last
+    stop: str  # Stopping criterion
     iterations_to_paper: int | None = None
 
     def weights(self) -> pd.DataFrame:
-        """Frame of the table fit."""
+        """The table fit."""
         return self.network.to_frame(self.seed, self.model)
 
     def history(self) -> pd.DataFrame:
-        """Frame of the table fit_history."""
+        """The table fit_history."""
         held_out = self.grid.held_out
         squares = {iteration: held_out.square(partial(self._values, iteration)) for iteration in self.kept}
         iterations = np.arange(len(self.mse))
@@ -51,7 +51,7 @@ class TrainedNetwork:
         return frame.assign(held_out_mse=missed / self.network.output.range**2)
 
     def errors(self) -> pd.DataFrame:
-        """Frame of the table fit_errors."""
+        """The table fit_errors."""
         trained = {
             "model": self.model,
             "seed": self.seed,
@@ -87,7 +87,6 @@ def train(trajectory: pd.DataFrame, output: str, options: Surrogate) -> list[Tra
 
 
 def train_regularised(trajectory: pd.DataFrame, fine: pd.DataFrame, output: str, options: Surrogate) -> TrainedNetwork:
-    """Train the regularised network of one output."""
     grid, seed = Grid.of(trajectory, output, options.training_points), options.seeds[0]
     scale = Scaling.of(grid.training.values)
     training, held_out = _split(*_samples(trajectory, fine, output, MISSED * scale.range), seed)
@@ -101,7 +100,7 @@ def train_regularised(trajectory: pd.DataFrame, fine: pd.DataFrame, output: str,
 
 
 def _samples(trajectory: pd.DataFrame, fine: pd.DataFrame, output: str, missed: float) -> tuple[np.ndarray, np.ndarray]:
-    """Crank angles and values, (n,) each: the trajectory's first revolution, and what its samples would miss."""
+    """Crank angles and values, (n,) each: samples of the first revolution, refined by the interpolation error."""
     angle, values = fine["crank_angle"].to_numpy(), fine[output].to_numpy()
     step = int(np.round(np.diff(trajectory["crank_angle"].to_numpy()[:2])[0] / (angle[1] - angle[0])))
     usable = np.isfinite(values)
@@ -111,7 +110,7 @@ def _samples(trajectory: pd.DataFrame, fine: pd.DataFrame, output: str, missed: 
 
 
 def _split(angle: np.ndarray, values: np.ndarray, seed: int) -> tuple[Points, Points]:
-    """Training points and samples held out: one of every three neighbours, drawn, but for the ends."""
+    """Training points and held-out samples: a random one of every three neighbours, except the ends."""
     first = np.arange(1, len(angle) - GROUP, GROUP)
     held_out = np.zeros(len(angle), bool)
     held_out[first + np.random.default_rng(seed).integers(GROUP, size=len(first))] = True
@@ -120,17 +119,17 @@ def _split(angle: np.ndarray, values: np.ndarray, seed: int) -> tuple[Points, Po
 
 
 class _Decayed:
-    """Errors at the samples, each by the root of its share, above what the parameters have moved by.
+    """Residuals weighted by the root of the samples' shares, followed by the weight decay.
 
-    A model for `jointgap.networks.levenberg_marquardt.minimise`. What is trained are the slope and the sum of each
-    neuron in units of its own width at its own place, and the output weights: all of them of order one, and hardly
-    coupled, where weights and biases on the input's scale are neither.
+    A model for `jointgap.networks.levenberg_marquardt.minimise`. The parameters are slope and sum of each neuron,
+    relative to its own width and centre, and the output weights: of order one and weakly coupled, unlike weights and
+    biases on the input's scale.
     """
 
     def __init__(self, training: Points, scale: Scaling, neurons: int):
         x, t = Scaling.of(training.crank_angle).shrink(training.crank_angle), scale.shrink(training.values)
         change = np.abs(np.diff(t))
-        # neurons half by the crank angle, half by how much the output changes; output weights by least squares
+        # half of the neurons even over the crank angle, half over the output's variation; linear output weights
         along = np.concatenate([[0.0], np.cumsum(np.diff(x) + change / change.sum())])
         self.centres = np.interp(np.linspace(0.0, along[-1], neurons + 2)[1:-1], along, x)
         self.widths = WIDTH * np.gradient(self.centres)
@@ -140,7 +139,7 @@ class _Decayed:
         normal = layer.T @ layer
         normal[np.diag_indices(neurons + 1)] += RIDGE * np.trace(normal) / (neurons + 1)
         self.targets = self.roots * t
-        self.anchor = np.concatenate([np.tile([1.0, 0.0], neurons), np.zeros(neurons + 1)])  # the decay pulls here
+        self.anchor = np.concatenate([np.tile([1.0, 0.0], neurons), np.zeros(neurons + 1)])  # target of the decay
         self.start = self.anchor.copy()
         self.start[2 * neurons :] = np.linalg.solve(normal, layer.T @ self.targets)
         self.network, self.decay = NetworkModel(Layout((neurons,)), x), RIDGE
@@ -149,14 +148,14 @@ class _Decayed:
         self._slopes, self._sums = (slice(first, 2 * neurons, 2) for first in (0, 1))
 
     def of_network(self, parameters: np.ndarray) -> np.ndarray:
-        """The network's weights and biases, (P,), of what is trained (P,)."""
+        """The network's weights and biases, (P,), from the trained parameters (P,)."""
         weights = parameters.copy()
         weights[self._slopes] /= self.widths
         weights[self._sums] -= self.centres * weights[self._slopes]
         return weights
 
     def derivatives(self, by_network: np.ndarray) -> np.ndarray:
-        """Derivatives by what is trained, of derivatives (..., P) by the network's weights and biases."""
+        """Derivatives by the trained parameters, from those (..., P) by the network's weights and biases."""
         result, sums = by_network.copy(), by_network[..., self._sums]
         result[..., self._slopes] = (by_network[..., self._slopes] - self.centres * sums) / self.widths
         return result
@@ -165,7 +164,7 @@ class _Decayed:
         return _DecayedEvaluation(self, parameters)
 
     def by_evidence(self, at: np.ndarray) -> float:
-        """Weight of the decay, over that of the squared errors, at which the evidence is largest: a fixed point."""
+        """Weight of the decay, relative to that of the squared errors, that maximises the evidence: a fixed point."""
         evaluation, points = self.network.evaluate(self.of_network(at)), len(self.targets)
         jacobian = self.derivatives(evaluation.jacobian() * self.roots[:, None])
         curvatures = np.maximum(np.linalg.eigvalsh(jacobian.T @ jacobian), 0.0)
@@ -177,7 +176,7 @@ class _Decayed:
         return float(decay)
 
     def trained(self, iterations: int) -> tuple[list[np.ndarray], str]:
-        """The network's parameters after every iteration, and why the last round stopped."""
+        """The network's parameters after every iteration, and the last round's stopping criterion."""
         path, at = [], self.start
         for count in np.diff(np.linspace(0, iterations, min(ROUNDS, iterations) + 1).astype(int)):
             self.decay = self.by_evidence(at)

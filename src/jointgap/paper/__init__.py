@@ -1,1 +1,1 @@
-"""The paper (Erkaya and Uzmay 2009): its printed numbers and claims beside ours; nothing here is tuned to match."""
+"""The paper (Erkaya and Uzmay 2009): its printed numbers and claims, compared with the simulation."""

@@ -1,4 +1,4 @@
-"""The paper's numbers and claims compared with ours: table `comparison` and its page. The words are in printed.yaml."""
+"""The paper's numbers and claims compared with the simulation: table `comparison` and its page. Texts: printed.yaml."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -9,7 +9,7 @@ import pandas as pd
 from jointgap.config import Scenario
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.page import Block, Cell, Heading, Page, Paragraph, TableBlock
-from jointgap.core.words import in_words
+from jointgap.core.words import format_name
 from jointgap.paper.printed import (
     CLAIMS,
     OPTIMA,
@@ -23,17 +23,17 @@ from jointgap.paper.printed import (
 NEEDED = ("trajectory", "kinematics", "fit_errors") + tuple(
     f"optimise_{name}" for name in ("optima", "tolerance", "resimulated", "worth")
 )
-"""Names of the tables that are compared."""
+"""Tables required for the comparison."""
 
 AGREES, LENGTH_AGREES = 0.01, 0.001
-"""Share of the paper's value within which a number, or an optimum length, agrees."""
+"""Relative tolerance of a number, and of an optimum length."""
 
-ABOUT = 1.2  # how far a number that the paper calls "about", or shows in a figure, may go beyond it
-ALIKE = 0.05  # two sizes that differ by less are alike
-TIE = 0.001  # percentage points by which an optimiser has to lead
-IN_CONTACT = 0.999  # share of the clearance from which on the journal counts as on its bearing
-FOLLOWS = 30.0  # [deg] RMS deviation up to which a direction follows the crank
-ONE_POINT = 1e-6  # [m] within which two end points are one
+ABOUT = 1.2  # tolerance factor of a number that the paper calls "about" or shows in a figure
+ALIKE = 0.05  # relative difference below which two sizes are equal
+TIE = 0.001  # [percentage points] difference of two optimisers below which they are equal
+IN_CONTACT = 0.999  # distance of the centres, over the clearance, above which a joint is in contact
+FOLLOWS = 30.0  # [deg] RMS deviation below which a direction follows the crank
+ONE_POINT = 1e-6  # [m] distance below which two end points are equal
 _TONES = dict.fromkeys(("agrees", "reached", "holds"), "good")
 _TONES |= dict.fromkeys(("differs", "missed", "does not hold"), "bad")
 
@@ -48,30 +48,30 @@ def _row(kind: str, item: str, unit: str, paper: float | None, ours: float | Non
 
 
 def number(item: str, unit: str, paper: float, ours: float, why: str, within: float = AGREES) -> Row:
-    """A printed number and ours."""
+    """A printed number and its simulated value."""
     verdict = "agrees" if abs(ours / paper - 1.0) <= within else "differs"
     return _row("number", item, unit, paper, ours, verdict, why)
 
 
 def limit(item: str, paper: float, ours: float, why: str) -> Row:
-    """A printed error and ours, which reaches it where it is not larger."""
+    """A printed error as an upper limit, and its simulated value."""
     return _row("number", item, "1", paper, ours, "reached" if ours <= paper else "missed", why)
 
 
 def claim(key: str, ours: float | None, holds: bool | None, **evidence: Any) -> Row:
-    """A claim of the paper (key of `CLAIMS`) and our evidence; `holds` is None where it cannot be told."""
+    """A claim of the paper (key of `CLAIMS`) with evidence; `holds` is None where it is undecided."""
     known = CLAIMS[key]
     paper = known.get("paper")
-    verdict = "cannot be told" if holds is None else "holds" if holds else "does not hold"
+    verdict = "undecided" if holds is None else "holds" if holds else "does not hold"
     unit = "" if paper is None and ours is None else known["unit"]
     why = known["evidence"].format(**evidence)
     return _row("claim", known["item"], unit, None if paper is None else float(paper), ours, verdict, why)
 
 
 def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[Row]) -> pd.DataFrame:
-    """Every number and claim of the paper beside ours: frame of the table comparison.
+    """The table comparison: every number and claim of the paper.
 
-    `variants` are rows of `variant_optimum`. For another mechanism than the paper's, only claims without a size.
+    `variants` are rows of `variant_optimum`. Another mechanism is compared only with claims without a size.
     """
     first = frames["trajectory"].iloc[: scenario.simulate.samples_per_revolution + 1].reset_index(drop=True)
     turned = np.degrees(first["crank_angle"] - first["crank_angle"].iloc[0]).to_numpy()
@@ -148,11 +148,11 @@ def _lengths_and_reduction(printed: PrintedOptimum, ours: pd.Series, *why: str) 
 
 
 def optimum(printed: PrintedOptimum, ours: pd.Series) -> Iterator[Row]:
-    """The paper's optimum of an optimiser and ours, a row of optimise_optima."""
+    """The paper's optimum of an optimiser, compared with a row of optimise_optima."""
     after, bounds = np.degrees(ours["rms"]), ours["active_bounds"]
     said = {"printed": printed.crank_length / printed.rod_length, "after": after}
     said["before"] = after / (1 - ours["rms_reduction"])
-    said["active"] = "No bound is active: the search stopped before." if bounds == "none" else f"Active: {bounds}."
+    said["active"] = "No bound is active: the search stopped earlier." if bounds == "none" else f"Active: {bounds}."
     why = (REMARKS[key].format(**ours, **said) for key in ("crank_length", "rod_length", "reduction"))
     yield from _lengths_and_reduction(printed, ours, *why)
     if printed.evaluations is not None:
@@ -166,7 +166,7 @@ def _after(calls: float) -> str:
 
 
 def another_end(printed: PrintedOptimum, ends: pd.DataFrame) -> Iterator[Row]:
-    """The paper's poorer end point and the poorest of ours, at the loosest stopping tolerance tried."""
+    """The paper's poorer end point, compared with the poorest one at the loosest stopping tolerance."""
     by_tolerance = dict(list(ends.groupby("tolerance")))
     tightest, loosest = min(by_tolerance), max(by_tolerance)
     own, apart = by_tolerance[loosest], 100 * np.ptp(by_tolerance[tightest]["rms_reduction"])
@@ -175,7 +175,7 @@ def another_end(printed: PrintedOptimum, ends: pd.DataFrame) -> Iterator[Row]:
 
 
 def printed_points(optima: pd.DataFrame) -> Iterator[Row]:
-    """The error at the paper's own lengths on our motion."""
+    """The error at the paper's lengths with the simulated motion."""
     points = optima[(optima["source"] == "networks") & (optima["method"] == "printed")].set_index("point")
     for printed in OPTIMA:
         ours, theirs = points.loc[printed.key], 1e3 * (1 - printed.reduction) * printed.rod_length
@@ -188,13 +188,13 @@ def printed_points(optima: pd.DataFrame) -> Iterator[Row]:
 
 
 def contact_claims(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) -> Iterator[Row]:
-    """Where contact is lost in the first revolution, `turned` (n,) [deg], and whether gamma2 follows the crank."""
+    """Angles `turned` (n,) [deg] of lost contact in the first revolution, and whether gamma2 follows the crank."""
     mechanism, last, shares = scenario.mechanism.applied(), 0.0, []
     until = CLAIMS["unstable"]["paper"]
     for joint in mechanism.loose:
         lost = first[f"r{JOINT_NUMBERS[joint]}"].to_numpy() < IN_CONTACT * mechanism.clearance(joint)
         at, rest = float(turned[lost].max(initial=0.0)), lost[turned > until].mean()
-        shares.append(f"{in_words(joint)} at {at:.1f} deg ({rest:.1%} of the rest without contact)")
+        shares.append(f"{format_name(joint)} at {at:.1f} deg (then {rest:.1%} of the samples without contact)")
         last = max(last, at)
     yield claim("unstable", last, last <= ABOUT * until, touching=IN_CONTACT, lost="; ".join(shares))
     past = turned >= 60.0
@@ -207,7 +207,7 @@ def contact_claims(first: pd.DataFrame, turned: np.ndarray, scenario: Scenario) 
 
 
 def deviation_claims(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFrame) -> Iterator[Row]:
-    """Sizes of the deviations from the `ideal` motion over the first revolution, `turned` (n,) [deg]."""
+    """Deviations from the `ideal` motion over the first revolution, `turned` (n,) [deg]."""
 
     def sizes(column: str) -> tuple[float, float, float]:
         """RMS, peak, and the angle of the peak [deg]."""
@@ -229,7 +229,7 @@ def deviation_claims(first: pd.DataFrame, turned: np.ndarray, ideal: pd.DataFram
 
 
 def superposition_claim(first: pd.DataFrame, ideal: pd.DataFrame, loose: Sequence[str]) -> Row:
-    """How much of the piston's deviation the clearances of the `loose` joints along the slide explain."""
+    """Share of the piston's deviation explained by the clearances of the `loose` joints along the slide."""
     signs = {number: -1 if number == 3 else 1 for number in sorted(JOINT_NUMBERS[joint] for joint in loose)}
     defined = first[[f"gamma{number}" for number in signs]].notna().all(axis=1).to_numpy()
     deviation = (first["slider_position"] - ideal["slider_position"]).to_numpy()[defined]
@@ -257,7 +257,7 @@ def networks_claim(errors: pd.DataFrame, default: int) -> Row:
 
 
 def evaluations_claim(found: pd.DataFrame) -> Row:
-    """Evaluations until both optimisers came near the optimum."""
+    """Evaluations until both optimisers are near the optimum."""
     genetic, local = (found.loc[method, "evaluations_within_1_percent"] for method in ("genetic", "local"))
     pairs = zip((genetic, local), OPTIMA[:2], strict=True)
     enough = all(not pd.isna(own) and own <= printed.evaluations for own, printed in pairs)
@@ -265,7 +265,7 @@ def evaluations_claim(found: pd.DataFrame) -> Row:
 
 
 def optimiser_claims(found: pd.DataFrame, ends: pd.DataFrame) -> Iterator[Row]:
-    """Genetic against local, and in how many points the local optimiser ends."""
+    """Genetic against local optimiser, and the number of end points of the local one."""
     (genetic, local), (calls, local_calls) = (
         found.loc[["genetic", "local"], column] for column in ("rms_reduction", "evaluations")
     )
@@ -283,7 +283,7 @@ def optimiser_claims(found: pd.DataFrame, ends: pd.DataFrame) -> Iterator[Row]:
 
 
 def distinct(points: np.ndarray) -> int:
-    """How many of the points, shape (n, 2) [m], lie farther than `ONE_POINT` from every earlier one."""
+    """Number of points, shape (n, 2) [m], that are farther than `ONE_POINT` from every earlier one."""
     kept: list[np.ndarray] = []
     for point in points:
         if all(np.hypot(*(point - other)) > ONE_POINT for other in kept):
@@ -305,13 +305,13 @@ def gain_claims(again: pd.DataFrame, worth: pd.DataFrame, scenario: Scenario) ->
         yield claim(f"gain_{stretch}", 100 * row["reduction"], holds, **row, **shown)
 
 
-# -- scenarios that differ in their loose joints alone
+# -- scenarios that differ only in their loose joints
 
 
 def looseness_variants(name: str, scenarios: Mapping[str, Scenario]) -> tuple[str, ...]:
-    """Names of those of the `scenarios`, `name` among them, that differ from it in nothing but which joints are loose.
+    """Names of the `scenarios`, including `name`, that differ from it only in which joints are loose.
 
-    How networks are trained may differ; scenarios in which all joints are ideal have no optimum and are left out.
+    The training of networks may differ. Scenarios without a loose joint have no optimum and are excluded.
     """
     wanted = _apart_from_looseness(scenarios[name])
     return tuple(
@@ -326,14 +326,14 @@ def _apart_from_looseness(scenario: Scenario) -> dict:
     for joint in mechanism["joints"].values():
         if isinstance(joint, dict):
             joint.pop("loose")
-    mechanism.pop("contacts")  # each joint carries its own
+    mechanism.pop("contacts")  # included in each joint
     return {"mechanism": mechanism, "simulate": scenario.simulate, "optimise": scenario.optimise}
 
 
 def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> Row:
-    """The re-simulated optimum of a scenario, found on the simulation's own motion: columns of the table overview.
+    """The re-simulated optimum of a scenario for its own simulated motion: columns of the table overview.
 
-    Lengths found on networks would depend on their training, which may differ between scenarios.
+    Optima found with networks would depend on their training, which may differ between scenarios.
     """
     point = f"simulation_{next(iter(scenario.optimise.boxes))}_genetic"
     rows = resimulated[(resimulated["point"] == point) & (resimulated["measure"] == "rms")].set_index("stretch")
@@ -342,14 +342,14 @@ def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) ->
     columns |= {name: name for name in ("original_error", "error")}
     return {
         "scenario": name,
-        "loose": ", ".join(f"{in_words(joint)} ({applied.joint(joint).journal})" for joint in applied.loose),
+        "loose": ", ".join(f"{format_name(joint)} ({applied.joint(joint).journal})" for joint in applied.loose),
         "loose_joints": len(applied.loose),
         "found_settled": float(rows.loc["settled", "reduction"]),
     } | {f"found_{name}": float(window[column]) for name, column in columns.items()}
 
 
 def more_is_better(variants: pd.DataFrame) -> bool | None:
-    """Whether the reduction grows with the count of loose joints, spreads included; None where it cannot be told.
+    """Whether the reduction grows with the number of loose joints, spreads included; None where undecided.
 
     `variants` are rows of `variant_optimum`.
     """
@@ -361,7 +361,7 @@ def more_is_better(variants: pd.DataFrame) -> bool | None:
 
 
 def joints_claim(variants: pd.DataFrame) -> Row:
-    """The claim that more loose joints gain more, judged by scenarios that differ in their loose joints only."""
+    """The claim that more loose joints gain more, from scenarios that differ only in their loose joints."""
     if variants["loose_joints"].nunique() < 2:
         return claim("joints", None, None, why=REMARKS["too_few"])
     means = variants.groupby("loose_joints")["found_reduction"].mean()
@@ -375,7 +375,7 @@ def joints_claim(variants: pd.DataFrame) -> Row:
 
 
 def conclusion(variants: pd.DataFrame) -> str:
-    """What the `variants` show about the count of loose joints, in words."""
+    """Conclusion on the number of loose joints."""
     verdict = more_is_better(variants)
     if verdict is not False:
         return REMARKS["undecided" if verdict is None else "more"]
@@ -388,29 +388,29 @@ def conclusion(variants: pd.DataFrame) -> str:
 
 
 def comparison_page(comparison: pd.DataFrame, scenario: Scenario) -> Page:
-    """The `comparison` (table comparison) of a `scenario` on one page."""
+    """The page of the table `comparison`."""
     counts = (
         f"{kind.capitalize()}s: {', '.join(f'{verdict} {n}' for verdict, n in rows['verdict'].value_counts().items())}."
         for kind, rows in comparison.groupby("kind", sort=False)
     )
     if differences := departures(scenario.mechanism, scenario.simulate):
         basis = (
-            f"This mechanism is not the paper's ({'; '.join(differences)}), so only its claims without a size are "
-            "compared. Results for this mechanism: `summary.html`."
+            f"This mechanism is not the paper's ({'; '.join(differences)}), so only claims without a size are "
+            "compared. Results of this mechanism: `summary.html`."
         )
     else:
         basis = (
             f"A number agrees within {AGREES:.0%} of the paper's, an optimum length within {LENGTH_AGREES:.1%}. "
-            "Nothing is tuned to match: contact parameters, bounds and window are those of the configuration."
+            "No parameter is tuned to match: contact parameters, bounds and window are those of the configuration."
         )
     texts = (scenario.description, f"{' '.join(counts)} {basis}")
     blocks: list[Block] = [Paragraph(text) for text in texts if text]
-    for kind, title, why in (("number", "Printed numbers", "remark"), ("claim", "Claims", "our evidence")):
+    for kind, title, why in (("number", "Printed numbers", "remark"), ("claim", "Claims", "evidence")):
         rows = comparison[comparison["kind"] == kind]
         if len(rows):
-            heads = (kind, "unit", "paper", "ours", "ours / paper", "verdict", why)
+            heads = (kind, "unit", "paper", "simulation", "simulation / paper", "verdict", why)
             blocks += [Heading(title), TableBlock(heads, tuple(map(_cells, rows.itertuples())), "llrrrll")]
-    return Page("The paper and this simulation side by side", tuple(blocks))
+    return Page("Comparison with the paper", tuple(blocks))
 
 
 def _cells(row) -> tuple[str | Cell, ...]:

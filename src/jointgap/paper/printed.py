@@ -1,4 +1,4 @@
-"""What Erkaya & Uzmay (2009) print, read from `printed.yaml`, and in what a mechanism differs from theirs."""
+"""Numbers printed by Erkaya & Uzmay (2009), from `printed.yaml`, and differences of a mechanism from theirs."""
 
 import math
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ import yaml
 
 from jointgap.config import Mechanism, Simulate
 from jointgap.core.joints import PINS
-from jointgap.core.words import in_words, joined
+from jointgap.core.words import format_name, joined
 
 
 @dataclass(frozen=True)
 class PrintedOptimum:
-    """One optimum of the paper: lengths in m, reduction as a fraction, evaluations (None: not printed)."""
+    """An optimum of the paper: lengths in m, reduction as a fraction, evaluations (None: not printed)."""
 
     key: str
     name: str
@@ -36,20 +36,20 @@ CLEARANCE_M, CRANK_M, ROD_M, SPEED_RPM = (
 
 
 def reference_mse(output: str) -> float:
-    """The paper's training error of an output; for the crank pivot, which is ideal there, that of its crank pin."""
+    """The paper's training error of an output; for the crank pivot, ideal in the paper, that of the crank pin."""
     return TRAINING_MSE[output.replace("1", "2")]
 
 
 def departures(mechanism: Mechanism, simulate: Simulate) -> tuple[str, ...]:
-    """In which ways `mechanism` and `simulate` differ from the paper's, in words; what the paper does not print (the
-    contact, and which body carries the journals) is no difference.
+    """Differences of `mechanism` and `simulate` from the paper's; unreported settings (contact, journal body) are no
+    difference.
     """
     applied, differences = mechanism.applied(), []
     if applied.loose != PINS:
-        loose = " and ".join(map(in_words, applied.loose)) or "no joint"
-        differences.append(f"loose: {loose}, not {joined(map(in_words, PINS))}")
+        loose = " and ".join(map(format_name, applied.loose)) or "no joint"
+        differences.append(f"loose: {loose}, not {joined(map(format_name, PINS))}")
     lengths = {"crank": (applied.crank.length, CRANK_M), "rod": (applied.rod.length, ROD_M)}
-    lengths |= {f"clearance of the {in_words(name)}": (applied.clearance(name), CLEARANCE_M) for name in applied.loose}
+    lengths |= {f"clearance of the {format_name(pin)}": (applied.clearance(pin), CLEARANCE_M) for pin in applied.loose}
     lengths["offset"] = (applied.slider.offset, 0.0)
     differences += [
         f"{name}: {1e3 * ours:g} mm, not {1e3 * theirs:g} mm"

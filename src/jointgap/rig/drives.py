@@ -14,7 +14,7 @@ from jointgap.config import Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import AngleErrors, crank_motion, crank_times, smooth_angle, stands_still
+from jointgap.dynamics.drive import AngleErrors, crank_motion, crank_times, smooth_angle, standstill_time
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
@@ -201,7 +201,7 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
     stepped = 0.0 < scatter < HARDLY_NOISY * rounding
     smooth = smooth_angle(time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None)
     begin = -time[0] - back * turn
-    if (still := stands_still(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
+    if (still := standstill_time(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
         still += time[0]
         if still < begins:  # the lead-in repeats the first revolution
             still = begins + (still - begins) % turn

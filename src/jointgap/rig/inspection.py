@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config.campaign import CHANNELS, Campaign, CampaignRun
-from jointgap.core.words import in_words, unit_in_words
+from jointgap.core.words import format_name, format_unit
 from jointgap.rig.checks import cycle_scatter
 from jointgap.rig.recording import Measurements, Recording
 
@@ -85,8 +85,8 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
         panels.append(("departure from steady rotation", Quantity("departure", "deg"), degrees))
     for name, values in recording.channels.items():
         unit, factor = campaign.shown_unit(name)
-        title = in_words(name)
-        panels.append((title, Quantity(title.split()[-1], unit_in_words(unit)), values / factor))
+        title = format_name(name)
+        panels.append((title, Quantity(title.split()[-1], format_unit(unit)), values / factor))
     with plot.matplotlib_style():
         sheet, panel = Sheet(0.9 + 1.6 * len(panels), len(panels), 1), None
         for row, (title, quantity, values) in enumerate(panels):

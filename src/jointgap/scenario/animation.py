@@ -1,4 +1,4 @@
-"""The mechanism in motion over the first revolution, its clearances magnified."""
+"""The mechanism in motion over the first revolution, with magnified clearances."""
 
 from collections.abc import Callable
 
@@ -8,23 +8,22 @@ import pandas as pd
 from jointgap.config import Scenario
 from jointgap.core.joints import JOINT, JOINT_NUMBERS
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, INK, Drawing, Quantity, Sheet
-from jointgap.core.words import in_words
+from jointgap.core.words import format_name
 from jointgap.scenario.figure_data import SMALLEST_FORCE, degrees, eccentricity, loose_joints, revolution, round_number
 
-OPENING, SHARE = 60.0, 0.5  # [deg] the opening, where the journals fly and hit, gets this share of the frames
+OPENING, SHARE = 60.0, 0.5  # [deg] first part of the revolution, with flight and impacts, and its share of the frames
 FRAME_DURATION = 0.06  # s
-WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.9, 100  # [in], [in], [1/in]: a frame fits a front page and beside text
+WIDTH, HEIGHT, DOTS_PER_INCH = 6.4, 4.9, 100  # [in], [in], [1/in]
 JOURNAL = 14.0  # [mm] drawn radius of a journal
 ARROW = 30.0  # [mm] length of a force's arrow for each factor of 10 above SMALLEST_FORCE
 FORCE = Quantity("normal force", "N")
 
 Move = Callable[[int], tuple]
-"""Moves artists to where they are in a frame, and gives them."""
+"""Updates the artists of a frame and returns them."""
 
 
 def animation(trajectory: pd.DataFrame, scenario: Scenario) -> Drawing:
-    """Mechanism with its clearances magnified, the loose joints' journals in their bearings, contact force by arrow and
-    curve."""
+    """Mechanism with magnified clearances, paths of the journals, and contact forces as arrows and curves."""
     first = revolution(trajectory, scenario, 1)
     samples = first.iloc[_frames(len(first) - 1, scenario.figures.animation_frames)].reset_index(drop=True)
     joints = list(loose_joints(scenario))
@@ -44,7 +43,7 @@ def _frames(samples: int, frames: int) -> np.ndarray:
 
 
 def _film(sheet: Sheet, moves: list[Move], frames: int) -> tuple[np.ndarray, ...]:
-    """Draw what stands still once, and what moves on top of it frame by frame."""
+    """Render the static artists once, and the moving ones on top of them in each frame."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     canvas = FigureCanvasAgg(sheet.figure)
@@ -62,7 +61,7 @@ def _film(sheet: Sheet, moves: list[Move], frames: int) -> tuple[np.ndarray, ...
 
 
 def magnification(scenario: Scenario) -> float:
-    """How much the clearances are magnified: as asked for, or so that the largest is a quarter of the crank at most."""
+    """Factor of the clearances: configured, or such that the largest is at most a quarter of the crank."""
     if scenario.figures.magnification is not None:
         return scenario.figures.magnification
     mechanism = scenario.mechanism.applied()
@@ -71,18 +70,18 @@ def magnification(scenario: Scenario) -> float:
 
 
 def _face(joint: str, force: float) -> str:
-    """Colour of a journal: its joint's in contact."""
-    return COLOURS[in_words(joint)] if force > 0.0 else COLOURS["flight"]
+    """Colour of a journal: grey in flight, its joint's colour in contact."""
+    return COLOURS[format_name(joint)] if force > 0.0 else COLOURS["flight"]
 
 
 def _outward(name: str, scenario: Scenario) -> bool:
-    """Whether the joint's outer body, towards the slider on the crank's side, carries the journal."""
+    """Whether the joint's body farther from the frame carries the journal."""
     joint = scenario.mechanism.applied().joint(name)
     return joint is not None and joint.journal == JOINT[name].body
 
 
 def _arrow(samples: pd.DataFrame, name: str, outward: bool) -> np.ndarray:
-    """What is drawn of the force on the journal, shape (frames, 2) [mm]."""
+    """Arrow of the force on the journal, shape (frames, 2) [mm]."""
     vector = samples[[f"{name}_force_x", f"{name}_force_y"]].to_numpy() * (1.0 if outward else -1.0)
     size = np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), SMALLEST_FORCE)
     is_pressed = samples[[f"{name}_normal_force"]].to_numpy() > 0.0
@@ -98,7 +97,7 @@ def _mechanism(sheet: Sheet, samples: pd.DataFrame, scenario: Scenario) -> Move:
     angle, offset = degrees(samples["crank_angle"]), 1e3 * mechanism.slider.offset
 
     def apart(name: str) -> np.ndarray:
-        """From the centre of the joint's body nearer to frame or slider to that of the other one, magnified [mm]."""
+        """Vector from the inner to the outer body's centre, magnified [mm]."""
         drawn = 1e3 * times * np.nan_to_num(eccentricity(samples, name, mechanism.joint(name)))
         return drawn if _outward(name, scenario) else -drawn
 
@@ -109,7 +108,7 @@ def _mechanism(sheet: Sheet, samples: pd.DataFrame, scenario: Scenario) -> Move:
     far = {name: centre + apart(name) for name, centre in near.items()}
     pins = ["crank_pin", "piston_pin", *(["crank_pivot"] if "crank_pivot" in mechanism.loose else [])]
 
-    title = f"first revolution; clearances drawn {times:g} times as large\narrows: force on the journal, logarithmic"
+    title = f"first revolution; clearances magnified {times:g} times\narrows: force on the journal, logarithmic"
     panel = sheet.panel((0, slice(None)), title, Quantity("x", "mm"), Quantity("y", "mm"))
     for series, pin in (("rod's crank end", "crank_pin"), ("rod's piston end", "piston_pin")):
         panel.record(series, *far[pin].T, value=angle, value_quantity="crank angle", value_unit="deg")
@@ -157,13 +156,13 @@ def _mechanism(sheet: Sheet, samples: pd.DataFrame, scenario: Scenario) -> Move:
 def _bearing(
     sheet: Sheet, column: int, name: str, first: pd.DataFrame, samples: pd.DataFrame, scenario: Scenario
 ) -> Move:
-    """One journal's centre in its bearing, with the way it has come."""
-    joint, words = scenario.mechanism.applied().joint(name), in_words(name)
+    """One journal's centre in its bearing, with its past path."""
+    joint, words = scenario.mechanism.applied().joint(name), format_name(name)
     panel = sheet.panel((1, column), words, Quantity("journal, x", "mm"), Quantity("y", "mm"))
     radius, circle = 1e3 * joint.clearance, np.linspace(0.0, 2.0 * np.pi, 181)
     panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
     panel.square(1.2 * radius)
-    panel.axes.set_title(words, color=COLOURS[words])  # what the curves of the forces are told by
+    panel.axes.set_title(words, color=COLOURS[words])  # the key to the curves of the forces
     way = 1e3 * eccentricity(first, name, joint)
     centre = 1e3 * np.nan_to_num(eccentricity(samples, name, joint))
     force = samples[f"{name}_normal_force"].to_numpy()
@@ -182,11 +181,11 @@ def _bearing(
 
 
 def _forces(sheet: Sheet, joints: list[str], first: pd.DataFrame, samples: pd.DataFrame) -> Move:
-    """Normal forces over the crank angle with a cursor; of ideal joints the reactions."""
+    """Normal forces over the crank angle with a cursor; reactions for ideal joints."""
     panel = sheet.panel((1, len(joints)), "force in contact", CRANK_ANGLE, FORCE)
     angle, shown = degrees(first["crank_angle"]), degrees(samples["crank_angle"])
     for name in joints or JOINT_NUMBERS:
-        force, words = first[f"{name}_normal_force"].to_numpy(), in_words(name)
+        force, words = first[f"{name}_normal_force"].to_numpy(), format_name(name)
         panel.line(words, angle, np.where(force > 0.0, force, np.nan), words, linewidth=0.5)
     panel.axes.set_yscale("log")
     panel.axes.set_ylim(bottom=SMALLEST_FORCE)

@@ -1,4 +1,4 @@
-"""Data that several pictures of a scenario show."""
+"""Data shared by several figures of a scenario."""
 
 import numpy as np
 import pandas as pd
@@ -7,11 +7,11 @@ from jointgap.config import Joint, Scenario
 from jointgap.core.joints import JOINT, JOINT_NUMBERS
 
 MODES = ("flight", "impact", "contact")
-SMALLEST_FORCE = 1.0  # [N] where an axis of forces begins
+SMALLEST_FORCE = 1.0  # [N] lower end of force axes
 
 
 def round_number(value: float) -> float:
-    """The largest of 1, 2, 5, 10, 20 ... up to `value`, at least 1: a factor to draw by."""
+    """The largest of 1, 2, 5, 10, 20 ... up to `value`, at least 1."""
     if not 1.0 < value < np.inf:
         return 1.0
     decade = 10.0 ** np.floor(np.log10(value))
@@ -30,13 +30,13 @@ def loose_joints(scenario: Scenario) -> dict[str, int]:
 
 
 def degrees(crank_angle: pd.Series) -> np.ndarray:
-    """Crank angle for an abscissa, from the start of its revolution on [deg]: the revolution begins in [0, 360)."""
+    """Crank angle of an abscissa [deg], continuous; the first revolution begins in [0, 360)."""
     angle = np.degrees(crank_angle.to_numpy())
     return angle - 360.0 * np.floor(angle[0] / 360.0 + 1e-9)
 
 
 def contacts_of(events: pd.DataFrame, joint: str) -> pd.DataFrame:
-    """One row a contact of a joint: its beginning, with what the table says at its end; null where it goes on."""
+    """One row per contact of a joint: its start, with the values at its end; null where it has not ended."""
     own = events[events["joint"] == joint]
     begins, ends = (own[own["event"] == event].reset_index(drop=True) for event in ("impact", "separation"))
     return begins[["crank_angle", "approach_speed"]].join(ends[["impulse", "peak_force", "maxima", "duration"]])
@@ -46,7 +46,7 @@ def eccentricity(samples: pd.DataFrame, name: str, joint: Joint | None) -> np.nd
     """Journal's centre relative to its bearing's centre (n, 2) [m], in `samples` of the trajectory; nan where the
     direction is undefined, because the centres coincide.
     """
-    # the table's vector points to the centre of the joint's body, which may carry the journal or the bearing
+    # the table's vector points to the centre of the joint's body, which carries the journal or the bearing
     sign = 1.0 if joint is not None and joint.journal == JOINT[name].body else -1.0
     r, gamma = (samples[f"{quantity}{JOINT_NUMBERS[name]}"].to_numpy() for quantity in ("r", "gamma"))
     return np.column_stack([sign * r * np.cos(gamma), sign * r * np.sin(gamma)])

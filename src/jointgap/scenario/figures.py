@@ -1,4 +1,4 @@
-"""The figures of a scenario. A figure is a function with the decorator `figure`; its docstring is the caption."""
+"""The figures of a scenario. The docstring of a function with the decorator `figure` is the caption."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -10,7 +10,7 @@ from jointgap.config import Scenario
 from jointgap.core import plot
 from jointgap.core.joints import number_of, outputs
 from jointgap.core.plot import COLOURS, CRANK_ANGLE, IMPACTS_DWARF, Drawing, Figures, Panel, Quantity, Sheet, round_up
-from jointgap.core.words import in_words
+from jointgap.core.words import format_name
 from jointgap.scenario import animation as moving
 from jointgap.scenario.figure_data import (
     MODES,
@@ -36,7 +36,7 @@ def by_source(tables: Tables) -> dict[str, pd.DataFrame]:
 
 
 def predicted(tables: Tables, output: str) -> pd.DataFrame:
-    """What the network of one `output` predicts: rows of the frame ``predictions``."""
+    """The network's prediction of one `output`: rows of the frame ``predictions``."""
     frame = tables["predictions"]
     return frame[(frame["surrogate"] == "networks") & (frame["output"] == output)].reset_index(drop=True)
 
@@ -64,7 +64,7 @@ def _over_angle(
 
 # -- motion
 
-_ACTUAL = (  # series, source in the table kinematics (of networks only where some were trained), colour
+_ACTUAL = (  # series, source in the table kinematics (networks only if trained), colour
     ("with clearance: networks", "networks_paper_form", "network"),
     ("with clearance: simulation", "simulation", "simulation"),
 )
@@ -99,11 +99,11 @@ def _compare(
 
 for _number, _body, _order, _about in (
     (9, "rod", "position", "The deviation stays within about one clearance."),
-    (10, "rod", "velocity", "Steps are impacts; the paper's equations cannot follow the free flight at the start."),
-    (11, "rod", "acceleration", "Spikes are impacts; in free flight the rod has nearly no acceleration."),
-    (12, "piston", "position", "The clearances add up where they align with the rod, at load reversal."),
+    (10, "rod", "velocity", "Steps are impacts. The paper's equations do not describe the free flight at the start."),
+    (11, "rod", "acceleration", "Spikes are impacts; in free flight the rod has almost no acceleration."),
+    (12, "piston", "position", "At load reversal the clearances align with the rod and add up."),
     (13, "piston", "velocity", "Deviations are largest in the free flight at the start and at load reversals."),
-    (14, "piston", "acceleration", "Zero is free flight, spikes are impacts; in contact the journal oscillates."),
+    (14, "piston", "acceleration", "Zero: free flight. Spikes: impacts. In contact the journal oscillates."),
 ):
     _columns = {f"rod_{_order}_{axis}": f"rod's mass centre, {axis}" for axis in "xy"}
     figure(
@@ -119,32 +119,31 @@ for _number, _body, _order, _about in (
 
 @figure("figure_15", "Transmission angle (the paper's figure 15)", "Motion", ("kinematics",))
 def transmission_angles(tables: Tables, scenario: Scenario) -> Drawing:
-    """First revolution. Top: angle between the rod and the normal to the slide. Bottom: actual minus desired, the error
-    that the optimisation minimises; it is small compared with the variation of the angle itself."""
+    """First revolution. Top: angle between the rod and the normal to the slide. Bottom: actual minus desired angle, the
+    error that the optimisation minimises. It is small compared with the variation of the angle itself."""
     angle = {"transmission_angle": "transmission angle"}
     return _compare(angle, "transmission angle", "deg", DEGREES, tables, scenario)
 
 
 # -- contact
 
-DEPTH_DRAWN = 0.3  # [1] of the clearance: about as deep the settled orbit's largest penetration is drawn
-INNERMOST = 10.0  # [um] the gap to the wall is shown linearly up to here at most, logarithmically beyond
-SECTOR = 60.0  # [deg] the figure of impacts ends with a multiple of it
-CONSTANT = 1e-4  # [1] a speed that varies by a smaller share is a constant one
+DEPTH_DRAWN = 0.3  # [1] drawn depth of the settled orbit's largest penetration, over the clearance
+INNERMOST = 10.0  # [um] largest linear range of the gap's axis; logarithmic beyond
+SECTOR = 60.0  # [deg] the axis of the impacts ends at a multiple of it
+CONSTANT = 1e-4  # [1] relative variation below which a speed is constant
 
 
 @figure("orbits", "Orbits of the journals", "Contact", ("trajectory",))
 def orbits(tables: Tables, scenario: Scenario) -> Drawing:
     """Left: path of the journal's centre in the first revolution; the circle is the clearance. Middle: settled
     revolution, with the penetration into the wall magnified by the factor in the panel. Right: distance of the
-    centres minus the clearance; negative values are flight. A settled curve that never falls below zero means
-    permanent contact."""
+    centres minus the clearance. Negative values are flight; a settled curve above zero means permanent contact."""
     mechanism, drawn = scenario.mechanism.applied(), loose_joints(scenario)
     sheet = Sheet(2.9 * len(drawn), len(drawn), 3, width_ratios=[1.0, 1.0, 1.25])
     circle = np.linspace(0.0, 2.0 * np.pi, 181)
     x, y = (Quantity(f"journal, {axis}", "mm") for axis in "xy")
     for row, (name, number) in enumerate(drawn.items()):
-        joint, words = mechanism.joint(name), in_words(name)
+        joint, words = mechanism.joint(name), format_name(name)
         radius = 1e3 * joint.clearance
         depth = sheet.panel((row, 2), f"{words}: depth", CRANK_ANGLE, Quantity("penetration (+), gap (−)", "µm"))
         for column, (series, (colour, samples)) in enumerate(first_and_settled(tables, scenario).items()):
@@ -171,8 +170,8 @@ def orbits(tables: Tables, scenario: Scenario) -> Drawing:
 
 @figure("contact_forces", "Contact forces and modes", "Contact", ("trajectory",))
 def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
-    """Normal force in the loose joints, first and settled revolution; gaps are flight. The bands show the mode of each
-    joint: flight, impact (the journal hits and rebounds) or contact (it stays and oscillates about its equilibrium)."""
+    """Normal force in the loose joints, first and settled revolution; gaps are flight. Bands: mode of each joint.
+    Flight: no contact. Impact: the journal hits and rebounds. Contact: it stays and oscillates about equilibrium."""
     joints = loose_joints(scenario)
     sheet = Sheet(4.4 + 0.5 * len(joints), 4, 1, height_ratios=[2.0, 0.25 * len(joints)] * 2)
     largest = max(tables["trajectory"][f"{name}_normal_force"].max() for name in joints)
@@ -181,19 +180,19 @@ def contact_forces(tables: Tables, scenario: Scenario) -> Drawing:
         panel = sheet.panel((2 * row, 0), title, CRANK_ANGLE, Quantity("normal force", "N"))
         below = sheet.panel((2 * row + 1, 0), f"{title}: modes", CRANK_ANGLE, Quantity("joint", ""), below=panel)
         for place, name in zip(range(len(joints))[::-1], joints, strict=True):
-            force, words = samples[f"{name}_normal_force"].to_numpy(), in_words(name)
+            force, words = samples[f"{name}_normal_force"].to_numpy(), format_name(name)
             panel.line(words, angle, np.where(force > 0.0, force, np.nan), words)
             below.bands(place, words, angle, samples[f"{name}_mode"].to_numpy(), MODES)
         panel.axes.set_yscale("log")
         panel.axes.set_ylim(SMALLEST_FORCE, 2.0 * max(largest, SMALLEST_FORCE))
-        below.rows([in_words(name) for name in reversed(joints)], range(len(joints)))
+        below.rows([format_name(name) for name in reversed(joints)], range(len(joints)))
         below.axes.set(title="", ylabel="")
         below.over_crank_angle(angle[0], angle[-1])
     sheet.legend()
     return sheet.drawing()
 
 
-_KINDS = (  # contacts in words, whether they stay, and how they are marked
+_KINDS = (  # label, whether the contact lasts, marker style
     ("hits and rebounds", False, {}),
     ("stays in contact", True, {"markerfacecolor": "white", "marker": "s"}),
 )
@@ -201,10 +200,9 @@ _KINDS = (  # contacts in words, whether they stay, and how they are marked
 
 @figure("impacts", "Impacts", "Contact", ("trajectory", "events"))
 def impacts(tables: Tables, scenario: Scenario) -> Drawing:
-    """Each contact of the simulation at the crank angle where it begins: impulse and maximum of its normal force, and
-    approach speed. Filled: the journal rebounds; open: it stays in contact, and the impulse is that of the load
-    until it separates. A contact that has not ended shows its approach speed only. The axis ends after the last
-    contact that begins."""
+    """Impulse and peak of the normal force, and approach speed, of each contact at the crank angle where it begins.
+    Filled: the journal rebounds. Open: it stays in contact; the impulse includes the load until separation. A
+    contact that has not ended shows its approach speed only."""
     raw = tables["trajectory"]["crank_angle"]
     first, last = degrees(raw)[[0, -1]]
     turn = first - np.degrees(raw.iloc[0])
@@ -214,12 +212,14 @@ def impacts(tables: Tables, scenario: Scenario) -> Drawing:
     sheet, above = Sheet(6.4, 3, 1), None
     for row, (words, unit) in enumerate((("impulse", "N s"), ("peak force", "N"), ("approach speed", "m/s"))):
         panel = sheet.panel((row, 0), f"{words} of each contact", CRANK_ANGLE, Quantity(words, unit), below=above)
-        for kind, stays, style in _KINDS:  # so that the legend has a column for each
+        for kind, stays, style in _KINDS:  # outer loop: one legend column per kind
             for name, every in contacts.items():
                 own = every[(every["maxima"] <= 1) != stays].astype(float)
                 if len(own):
                     angle, sizes = turn + np.degrees(own["crank_angle"]), own[words.replace(" ", "_")]
-                    panel.marks(f"{in_words(name)}: {kind}", angle, sizes, in_words(name), markersize=4.0, **style)
+                    panel.marks(
+                        f"{format_name(name)}: {kind}", angle, sizes, format_name(name), markersize=4.0, **style
+                    )
         panel.logarithmic()
         panel.over_crank_angle(first, last)
         above = panel
@@ -230,9 +230,9 @@ def impacts(tables: Tables, scenario: Scenario) -> Drawing:
 
 @figure("drive_and_guide", "Drive and guide", "Contact", ("trajectory",))
 def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
-    """Speed of the crank and torque of its drive; force of the guide on the slider, and its moment about the piston
-    pin, which balances the friction moment in the pin. First and settled revolution. The speed is constant unless
-    a motor, a measured angle or a fluctuation drives the crank."""
+    """Top: speed of the crank and torque of its drive. Bottom: force of the guide on the slider, and its moment about
+    the piston pin, which balances the pin's friction moment. First and settled revolution. The speed varies only
+    with a motor, a measured angle or a speed fluctuation."""
     parts, sheet = first_and_settled(tables, scenario), Sheet(5.2, 2, 2)
     angle = degrees(tables["trajectory"]["crank_angle"])[: scenario.simulate.samples_per_revolution + 1]
     for place, (column, title, words, unit, factor) in enumerate(
@@ -245,7 +245,7 @@ def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
     ):
         curves = {series: (factor * samples[column].to_numpy(), colour) for series, (colour, samples) in parts.items()}
         panel = _over_angle(sheet, divmod(place, 2), title, Quantity(words, unit), angle, curves)
-        panel.axes.get_lines()[0].set_linewidth(1.7)  # the settled revolution may lie on it
+        panel.axes.get_lines()[0].set_linewidth(1.7)  # stays visible below the settled revolution
         values = np.array([values for values, _ in curves.values()])
         middle = float(values.mean())
         if column == "crank_speed" and np.ptp(values) <= CONSTANT * abs(middle):
@@ -258,10 +258,10 @@ def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
 
 @figure("animation", "The mechanism in motion", "Contact", ("trajectory",), moving=True)
 def animation(tables: Tables, scenario: Scenario) -> Drawing:
-    """First revolution. Top: the mechanism with its clearances magnified by the factor in the title; rings are
-    bearings, dots are journals, grey in flight. Arrows: forces on the journals, 30 mm longer per factor of ten
-    above 1 N. Bottom: path of each loose joint's journal in its true clearance circle, and the normal forces. The
-    first 60 deg, where the journals fly and hit, take half of the frames."""
+    """First revolution. Top: the mechanism with its clearances magnified by the factor in the title. Rings: bearings;
+    dots: journals, grey in flight. Arrows: forces on the journals, 30 mm longer per factor of ten above 1 N. Bottom:
+    path of each loose joint's journal in its true clearance circle, and the normal forces. The first 60 deg, with
+    flight and impacts, take half of the frames."""
     return moving.animation(tables["trajectory"], scenario)
 
 
@@ -277,20 +277,20 @@ QUANTITIES = {  # by kind of output: name, unit, factor, unit and factor of its 
 
 
 def symbol(output: str) -> str:
-    """An output as mathtext."""
+    """Symbol of an output as mathtext."""
     number = str(number_of(output))
     return f"${QUANTITIES[output.replace(number, '')][-1].format(number)}$"
 
 
 def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenario) -> Drawing:
-    """Values above their errors, a column for each joint, a pair of rows for each kind of output."""
+    """Values above their errors: a column per joint, a pair of rows per kind of output."""
     samples = revolution(tables["trajectory"], scenario, 1)
     angle = degrees(samples["crank_angle"])
     points = slice(None, None, scenario.simulate.samples_per_revolution // (scenario.surrogate.training_points - 1))
     joints = loose_joints(scenario)
     sheet = Sheet(0.6 + 4.2 * len(kinds), 2 * len(kinds), len(joints), width=plot.width_for(len(joints)))
     for column, (joint, number) in enumerate(joints.items()):
-        name = in_words(joint)
+        name = format_name(joint)
         for row, kind in enumerate(kinds):
             base, _, order = kind.partition("_")
             output = f"{base}{number}_{order}".rstrip("_")
@@ -315,7 +315,7 @@ def _values_and_errors(kinds: tuple[str, ...], tables: Tables, scenario: Scenari
 
 for _number, _title, _kinds, _about in (
     (5, "clearances", ("r",), "distance of the centres in each loose joint"),
-    (6, "directions", ("gamma",), "direction of the clearance, which does not follow the crank angle (dotted)"),
+    (6, "directions", ("gamma",), "direction of the clearance; dotted: the crank angle"),
     (7, "derivatives", ("gamma_dot", "gamma_ddot"), "rate and acceleration of the direction, which oscillates at kHz"),
 ):
     figure(
@@ -324,13 +324,13 @@ for _number, _title, _kinds, _about in (
         "Networks",
         ("trajectory", "predictions"),
         f"First revolution, simulation and network. Top: {_about}. Bottom: network minus simulation, at the training "
-        "points (black) and at all samples. A small error at the training points says nothing about those between.",
+        "points (black) and at all samples. A small training error does not imply a small error between the points.",
         call=_title,
     )(partial(_values_and_errors, _kinds))
 
 
 PAPER_ITERATIONS = 20_000  # of every network in the paper
-CURVE_POINTS = 300  # of a curve over thousands of iterations, evenly spaced on its logarithmic axis
+CURVE_POINTS = 300  # per curve, evenly spaced on its logarithmic axis
 ITERATION, ERROR = Quantity("iteration", "1"), Quantity("MSE over squared range", "1")
 
 
@@ -339,8 +339,8 @@ ITERATION, ERROR = Quantity("iteration", "1"), Quantity("MSE over squared range"
 )
 def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
     """Mean square error at the training points over the squared range of the output, after each Levenberg-Marquardt
-    iteration. Thick: default start; thin: the other starts. Diamonds: printed in the paper, after 20 000 iterations.
-    A curve that ends below its diamond reaches the paper's training error; the test error is another figure."""
+    iteration. Thick: default start; thin: other starts. Diamonds: printed in the paper, after 20 000 iterations.
+    A curve that ends below its diamond reaches the paper's training error."""
     history, default = tables["fit_history"].query("model == 'network' and iteration > 0"), scenario.surrogate.seeds[0]
     paper = tables["fit_errors"].drop_duplicates("output").set_index("output")["paper_mse"]
     learned = outputs(scenario.mechanism.applied().loose)
@@ -387,11 +387,11 @@ _MARKS = (  # series, model and column of the table fit_errors, shift, colour, m
 
 @figure("held_out", "Errors between the training points", "Networks", ("fit_errors",))
 def held_out(tables: Tables, scenario: Scenario) -> Drawing:
-    """Mean square errors over the squared range of each output, for the first revolution and for its part past 60 deg:
-    the paper's networks, the regularised networks and the second surrogate at training points and at held-out
-    samples, each with a spline through the same points, and the paper's printed training errors (horizontal marks).
-    Marks: default start; bars: range over all starts. A circle far above its square shows overfitting; a triangle
-    below a circle shows that a spline does better than the network."""
+    """Mean square error over the squared range of each output, for the first revolution and for its part past 60 deg.
+    Training points and held-out samples of the paper's networks, the regularised networks and the second surrogate,
+    with splines through the same points. Horizontal marks: training errors printed in the paper. Marks: default
+    start; bars: range over all starts. A circle far above its square shows overfitting. A triangle below a circle
+    means that a spline is more accurate than the network."""
     learned, sheet, above = list(outputs(scenario.mechanism.applied().loose)), Sheet(6.6, 2, 1), None
     for row, (region, title) in enumerate((("all", "first revolution"), ("past_60_deg", "its part past 60 deg"))):
         panel = sheet.panel((row, 0), title, Quantity("output", ""), ERROR, below=above)
@@ -404,13 +404,13 @@ def held_out(tables: Tables, scenario: Scenario) -> Drawing:
     drawing = sheet.drawing()
     shown = drawing.data[["y", "low", "high"]].to_numpy()
     for panel in sheet.panels:
-        panel.axes.set_ylim(np.nanmin(shown) / 3, 3 * np.nanmax(shown))  # one scale, and no mark outside it
+        panel.axes.set_ylim(np.nanmin(shown) / 3, 3 * np.nanmax(shown))  # the same scale in both panels
     sheet.legend()
     return drawing
 
 
 def _error_marks(panel: Panel, errors: pd.DataFrame, default: int, learned: list[str]) -> None:
-    """The default start's errors, with the range over all starts as bars."""
+    """Errors of the default start, with the range over all starts as bars."""
     place = np.arange(len(learned))
     for series, model, column, shift, colour, marker in _MARKS:
         rows = errors[errors["model"] == model]
@@ -426,16 +426,14 @@ def _error_marks(panel: Panel, errors: pd.DataFrame, default: int, learned: list
         panel.marks("paper, training points", place, paper, "paper", labels=learned, marker="_", markersize=22)
 
 
-@figure(
-    "contradictions", "Networks that contradict each other", "Networks", ("trajectory", "predictions", "kinematics")
-)
+@figure("contradictions", "Inconsistency of the networks", "Networks", ("trajectory", "predictions", "kinematics"))
 def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
     """First revolution. Top: derivative of the network of the direction minus the network of its rate; zero if they
-    agree. Bottom: resulting error of the piston's motion, with each output from its own network (as in the paper)
-    and with one output derived from another's network: position from integrated rates, acceleration from
-    differentiated directions. Independent fits do not describe one motion."""
+    are consistent. Bottom: resulting error of the piston's motion. Each output from its own network (the paper's
+    method), or one output derived from another: position from integrated rates, acceleration from differentiated
+    directions. Independent fits do not describe one motion."""
     joints, sources = loose_joints(scenario), by_source(tables)
-    shares = 2 * len(joints)  # the piston's two panels take half of the width each, those of the joints a share each
+    shares = 2 * len(joints)  # grid columns: half of the width per piston panel, 1/n per joint
     sheet = Sheet(5.6, 2, shares, width=plot.width_for(len(joints)))
     angle = degrees(sources["simulation"]["crank_angle"])
     rate = Quantity("contradiction", "rad/s")
@@ -443,7 +441,7 @@ def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
         name = f"gamma{number}"
         difference = (predicted(tables, name)["rate"] - predicted(tables, f"{name}_dot")["value"]).to_numpy()
         curves = {"derivative of one network − the other network": (difference, "ideal")}
-        title = f"{in_words(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}"
+        title = f"{format_name(joint)}: d{symbol(name)}/dt − {symbol(f'{name}_dot')}"
         _over_angle(sheet, (0, slice(2 * place, 2 * place + 2)), title, rate, angle, curves)
     for half, (quantity, title, unit, factor, form) in enumerate(
         (
@@ -455,7 +453,7 @@ def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
         curves = {
             series: (factor * (sources[f"networks_{source}"][quantity].to_numpy() - true), colour)
             for series, source, colour in (
-                ("one output derived from another's network", form, "spline"),
+                ("one output derived from another network", form, "spline"),
                 ("each output from its own network", "paper_form", "network"),
             )
         }
@@ -469,14 +467,14 @@ def contradictions(tables: Tables, scenario: Scenario) -> Drawing:
 
 CRANK, ROD = Quantity("crank length", "mm", "$L_2$"), Quantity("rod length", "mm", "$L_3$")
 REDUCTION = Quantity("reduction of the error", "%")
-MEASURES = {  # with the colour of each
+MEASURES = {  # label and colour
     "rms": ("RMS", "simulation"),
     "mean_absolute": ("mean absolute", "second surrogate"),
     "peak": ("peak", "spline"),
     "sum_of_squares": ("sum of squares", "limit"),
 }
-_APART = 0.07  # that what is frozen lies above what is simulated again: the two may be equal
-LENGTHS = {  # where lengths come from, by point or by the source that the genetic algorithm searched
+_APART = 0.07  # vertical offset between frozen and simulated again, which may coincide
+LENGTHS = {  # labels of printed points, and of the sources searched by the genetic algorithm
     "printed_genetic": "paper, genetic",
     "printed_local": "paper, best local",
     "printed_local_other": "paper, another local",
@@ -494,10 +492,10 @@ LENGTHS = {  # where lengths come from, by point or by the source that the genet
     ("trajectory", "predictions", "optimise_optima"),
 )
 def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
-    """First revolution: desired minus actual angle at the original lengths, and desired minus optimised at the
-    lengths of the genetic algorithm, with the joint motion frozen; top from the networks (as in the paper), bottom
-    from the simulation. Other lengths can add little more than a multiple of the sine of the crank angle, so they
-    cannot remove the journals' oscillation."""
+    """First revolution, frozen joint motion: desired minus actual angle at the original lengths, and desired minus
+    optimised angle at the lengths of the genetic algorithm. Top: motion from the networks (as in the paper); bottom:
+    from the simulation. Other lengths mainly add a multiple of the sine of the crank angle, so they cannot remove the
+    journals' oscillation."""
     from jointgap.dynamics.kinematics import clearance_lift, transmission_angle
 
     samples = revolution(tables["trajectory"], scenario, 1)
@@ -540,19 +538,19 @@ def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
 
 @figure(
     "valley",
-    "The valley of the objective",
+    "Objective over both lengths",
     "Optimum",
     ("optimise_valley", "optimise_floor", "optimise_paths", "optimise_population", "optimise_optima"),
 )
 def valley(tables: Tables, scenario: Scenario) -> Drawing:
-    """Joint motion frozen, from the networks. Left: RMS error over both lengths in the main box, with bounds,
+    """Frozen joint motion from the networks. Left: RMS error over both lengths in the main box, with bounds,
     constraint, starts and paths of the local optimiser, the best of each generation of the genetic algorithm, both
     optima and, for the paper's mechanism, its three points. The error depends almost only on the ratio of the
-    lengths: one flat valley, not many minima. Right: reduction of the error along the valley's floor, each measure
-    at its own best crank length. It rises with the rod length, so the bound on the rod length determines the
+    lengths: one flat valley, not many minima. Right: reduction of the error along the valley's floor, for each
+    measure at its best crank length. It rises with the rod length, so the bound on the rod length determines the
     optimum."""
     box, sources = next(iter(scenario.optimise.boxes)), set(tables["optimise_optima"]["source"])
-    source = "networks" if "networks" in sources else "simulation_settled"  # where no networks were trained
+    source = "networks" if "networks" in sources else "simulation_settled"  # without networks
     shown = {
         name.removeprefix("optimise_"): frame[
             (frame["source"] == source) & (frame["box"].isna() | (frame["box"] == box))
@@ -565,7 +563,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
     panel = sheet.panel((0, 1), "along the valley's floor", ROD, REDUCTION)
     for measure, (words, colour) in MEASURES.items():
         part = shown["floor"][shown["floor"]["measure"] == measure]
-        dashes = "--" if measure == "mean_absolute" else "-"  # it may lie on the RMS
+        dashes = "--" if measure == "mean_absolute" else "-"  # may coincide with the RMS
         panel.line(words, part["rod_length"], 100 * part["reduction"], colour, linewidth=1.3, linestyle=dashes)
     measures = panel.axes.get_lines()
     gained = shown["optima"].assign(reduction=100 * shown["optima"]["rms_reduction"])
@@ -578,7 +576,7 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
 
 
 def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: str) -> None:
-    """The objective over both lengths [mm], and what the optimisers did on it."""
+    """The objective over both lengths [mm], with the paths of the optimisers."""
     from matplotlib.colors import LogNorm
 
     rms = Quantity("RMS error of μ", "deg")
@@ -614,7 +612,7 @@ def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: 
 
 
 def _points(panel: Panel, optima: pd.DataFrame, x: str, y: str) -> None:
-    """Optima found here and, of its own mechanism, the paper's."""
+    """Optima found and, for the paper's mechanism, the printed ones."""
     for method, series, colour, style in (
         ("genetic", "genetic optimum", "genetic", {"marker": "*", "markersize": 11, "markeredgecolor": "white"}),
         ("local", "local optimum", "local", {"marker": "s", "markersize": 4}),
@@ -625,12 +623,12 @@ def _points(panel: Panel, optima: pd.DataFrame, x: str, y: str) -> None:
             panel.marks(series, rows[x], rows[y], colour, labels=list(rows["point"]), zorder=5, **style)
 
 
-@figure("resimulation", "Frozen and true reductions", "Optimum", ("optimise_resimulated",))
+@figure("resimulation", "Reductions, frozen and simulated again", "Optimum", ("optimise_resimulated",))
 def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
-    """Reduction of the error of the transmission angle with the lengths named on the left (from the paper, and from the
+    """Reduction of the error of the transmission angle for the lengths listed on the left (from the paper, and from the
     genetic algorithm on each source). Open diamonds: estimate with unchanged joint motion (frozen). Dots: simulated
-    again, median of an ensemble of perturbed starts; bars: 5 to 95 %. Left: window of the first revolution; right: a
-    settled revolution. A bar that crosses zero means no reliable gain."""
+    again, median of an ensemble of perturbed starts; bars: 5 to 95 %. Left: window of the first revolution. Right: a
+    settled revolution. A bar that crosses zero means no significant gain."""
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
     origin = {
         name if name.startswith("printed_") else f"{name}_{box}_genetic": words for name, words in LENGTHS.items()

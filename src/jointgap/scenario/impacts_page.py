@@ -1,4 +1,4 @@
-"""A page to zoom into the impacts: gaps, contact forces and modes of the loose joints over the crank angle."""
+"""Interactive page of the impacts: gaps, contact forces and modes of the loose joints over the crank angle."""
 
 from pathlib import Path
 
@@ -9,22 +9,22 @@ from jinja2 import Template
 from jointgap.config import Scenario
 from jointgap.core.errors import needs
 from jointgap.core.plot import COLOURS
-from jointgap.core.words import in_words
+from jointgap.core.words import format_name
 from jointgap.scenario.figure_data import MODES, contacts_of, degrees, loose_joints
 
-MOST_POINTS = 20_000  # of a curve: 0.2 MB as the page holds them
-_FIRST_LOOK = 60.0  # [deg] from the start: there the journals fly and hit
+MOST_POINTS = 20_000  # per curve: 0.2 MB in the page
+_FIRST_LOOK = 60.0  # [deg] first view: the part with flight and impacts
 
 
 def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scenario, name: str) -> str:
-    """The page as HTML, complete in itself: it needs neither a network nor a file beside it."""
+    """The page as self-contained HTML."""
     with needs("an interactive figure", "workflow"):
         from plotly.subplots import make_subplots
 
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04, row_heights=[0.4, 0.45, 0.15])
     angle, mechanism = degrees(trajectory["crank_angle"]), scenario.mechanism.applied()
     turn = angle[0] - np.degrees(trajectory["crank_angle"].iloc[0])
-    joints = {joint: in_words(joint) for joint in loose_joints(scenario)}
+    joints = {joint: format_name(joint) for joint in loose_joints(scenario)}
     for joint, number in loose_joints(scenario).items():
         words = joints[joint]
         gap = 1e6 * (trajectory[f"r{number}"].to_numpy() - mechanism.clearance(joint))
@@ -49,23 +49,23 @@ def impacts_page(trajectory: pd.DataFrame, events: pd.DataFrame, scenario: Scena
     drawn = figure.to_html(
         full_html=False,
         include_plotlyjs=True,
-        div_id="impacts",  # the same page in every run
+        div_id="impacts",  # reproducible pages
         default_height="max(85vh, 600px)",
         config={"responsive": True, "displaylogo": False, "toImageButtonOptions": {"format": "svg"}},
     )
     template = Path(__file__).parent / "templates/impacts.html.j2"
     page = Template(template.read_text(encoding="utf-8"), autoescape=True)
-    return page.render(title=f"{in_words(name)}: impacts in the joints", figure=drawn)
+    return page.render(title=f"{format_name(name)}: impacts in the joints", figure=drawn)
 
 
 def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> None:
-    """A circle for each contact where it begins, at its peak force; one that goes on has none."""
+    """A circle at the start of each contact that has ended, at its peak force."""
     contacts = contacts[contacts["peak_force"] > 0.0].astype(float)
-    told = contacts[["approach_speed", "impulse", "duration"]] * [1.0, 1.0, 1e3]
+    details = contacts[["approach_speed", "impulse", "duration"]] * [1.0, 1.0, 1e3]
     figure.add_scatter(
         x=turn + np.degrees(contacts["crank_angle"].to_numpy()),
         y=contacts["peak_force"].to_numpy(),
-        customdata=told.to_numpy(),
+        customdata=details.to_numpy(),
         mode="markers",
         marker={"color": COLOURS[words], "symbol": "circle-open", "size": 9, "line": {"width": 1.5}},
         hovertemplate=f"{words}: contact begins<br>%{{x:.2f}} deg<br>peak force %{{y:.4~g}} N<br>approach speed "
@@ -80,7 +80,7 @@ def _add_impacts(figure, contacts: pd.DataFrame, turn: float, words: str) -> Non
 
 
 def _add_modes(figure, angle: np.ndarray, mode: np.ndarray, words: str) -> None:
-    """A bar for each stretch of one mode, one curve for each mode of the joint: it breaks between stretches."""
+    """A bar for each interval of a mode, one curve per mode."""
     starts = np.flatnonzero(np.append(True, mode[1:] != mode[:-1]))
     ends = np.append(starts[1:], len(mode) - 1)
     for kind in MODES:
@@ -119,7 +119,7 @@ def _lay_out(figure, angle: np.ndarray, joints: list[str]) -> None:
         updatemenus=[{"type": "buttons", "direction": "right", "buttons": scales, **place}],
     )
     figure.update_xaxes(range=[angle[0], min(angle[-1], angle[0] + _FIRST_LOOK)], showline=True, linecolor="#222222")
-    figure.update_xaxes(title_text="crank angle, running on [deg]", row=3)
+    figure.update_xaxes(title_text="crank angle [deg]", row=3)
     figure.update_yaxes(title_text="penetration (+), gap (−) [µm]", row=1)
     figure.update_yaxes(title_text="normal force [N]", type="log", exponentformat="power", dtick=1, row=2)
     ends = [-0.7, len(joints) - 0.3]
@@ -127,9 +127,9 @@ def _lay_out(figure, angle: np.ndarray, joints: list[str]) -> None:
 
 
 def with_extremes(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most about `most` of the points `x`, `y` (n,) of a curve, as float32; every stretch keeps both extremes.
+    """Reduce the points `x`, `y` (n,) of a curve to about `most`, as float32, keeping the extremes of every interval.
 
-    The gaps of a curve, where `y` is nan, stay where a whole stretch has no value or the points are few enough.
+    Gaps (nan in `y`) remain where a whole interval has no value.
     """
     if len(x) > most:
         stretches = np.array_split(np.arange(len(x)), most // 2)

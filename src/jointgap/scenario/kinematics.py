@@ -1,16 +1,15 @@
-"""The stage kinematics: the paper's equations fed by surrogates and by the simulation, held against the simulation.
+"""The stage kinematics: the paper's equations with surrogates and with simulated clearances, against the simulation.
 
 Sources, `NAME` being a surrogate's name such as ``networks``:
 
 - ``simulation``: the simulation's own values; ``ideal``: the mechanism without clearance.
-- ``simulation_exact``, ``simulation_paper_form``: the equations fed by the simulated clearance vectors, with the
-  derivatives of r and without them.
-- ``NAME_paper_form``: r, gamma, gamma' and gamma'' each from its own fit, r constant: what the paper does.
+- ``simulation_exact``, ``simulation_paper_form``: simulated clearance vectors, with and without the derivatives of r.
+- ``NAME_paper_form``: r, gamma, gamma' and gamma'' each from its own fit, r constant (the paper's method).
 - ``NAME_exact``: the same with r' and r'' as derivatives of the fits of r.
 - ``NAME_own_rates``: gamma' and gamma'' as derivatives of the fits of gamma, r constant.
 - ``NAME_integrated``: gamma and gamma' as integrals of the fits of gamma' and gamma'', r constant.
 
-The last two show what it does that independent fits need not agree."""
+The last two show the effect of independent fits that are inconsistent."""
 
 from collections.abc import Iterable, Mapping
 
@@ -24,8 +23,8 @@ from jointgap.core.schema import KINEMATICS_CONTRADICTIONS, KINEMATICS_QUANTITIE
 from jointgap.dynamics.kinematics import ClearanceMotion, Fit, LinkageMotion, Motion, linkage_motion
 
 UNITS = {column.name: column.unit for column in KINEMATICS_QUANTITIES.columns}
-PAST = np.radians(60.0)  # where the paper's transient is over by any account
-STEP = 1e-4  # [rad] of the difference quotient for second derivatives of fits
+PAST = np.radians(60.0)  # end of the paper's transient
+STEP = 1e-4  # [rad] step of the difference quotient for second derivatives of fits
 
 Frames = Mapping[str, pd.DataFrame]
 Regions = Mapping[str, np.ndarray]
@@ -38,7 +37,7 @@ def kinematics(
     trajectory: pd.DataFrame,
     surrogates: Mapping[str, Mapping[str, Fit]],
 ) -> dict[str, pd.DataFrame]:
-    """Feed the equations and compare: the tables kinematics, kinematics_errors and kinematics_contradictions."""
+    """The tables kinematics, kinematics_errors and kinematics_contradictions."""
     first = trajectory.iloc[: options.samples_per_revolution + 1]
     angle, crank = first["crank_angle"].to_numpy(), _crank(first)
     simulated = ClearanceMotion.from_table(first, mechanism.loose)
@@ -62,13 +61,13 @@ def kinematics(
 
 
 def linkage_frames(mechanism: Mechanism, samples: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """The quantities of the table kinematics as simulated, and without clearance: sources ``simulation``, ``ideal``."""
+    """Quantities of the table kinematics for the sources ``simulation`` and ``ideal``."""
     ideal = linkage_motion(mechanism, _crank(samples))
     return {"simulation": samples[list(UNITS)], "ideal": _frame(ideal, samples["crank_angle"].to_numpy())}
 
 
 def motion_table(frames: Mapping[str, pd.DataFrame], angle: np.ndarray) -> pd.DataFrame:
-    """Frame of the table kinematics: `frames` by source below each other, at the crank angles `angle` (n,) [rad]."""
+    """The table kinematics from `frames` by source, at the crank angles `angle` (n,) [rad]."""
     motion = pd.concat([frame.assign(source=name, crank_angle=angle) for name, frame in frames.items()])
     return motion[["source", "crank_angle", *UNITS]].reset_index(drop=True)
 
@@ -78,7 +77,7 @@ def _crank(samples: pd.DataFrame) -> Motion:
 
 
 def clearance_motions(fits: Mapping[str, Fit], crank: Motion, loose: Iterable[str]) -> dict[str, ClearanceMotion]:
-    """The clearance motion that fits describe, in the four forms that the module names."""
+    """The clearance motion of the fits in the four forms listed above."""
     forms: dict[str, dict[str, Motion]] = {"paper_form": {}, "exact": {}, "own_rates": {}, "integrated": {}}
     for joint in (JOINT_NUMBERS[name] for name in loose):
         length = _differentiated(fits[f"r{joint}"], crank)
@@ -93,7 +92,7 @@ def clearance_motions(fits: Mapping[str, Fit], crank: Motion, loose: Iterable[st
 
 
 def _differentiated(fit: Fit, crank: Motion) -> Motion:
-    """A fit with its own time derivatives; the second from its exact first by a quotient of fourth order."""
+    """A fit and its time derivatives; the second is a fourth-order difference quotient of the exact first."""
     angle = crank.position
     value, slope = fit(angle)
     slopes = [fit(angle + step * STEP)[1] for step in (-2, -1, 1, 2)]
@@ -106,7 +105,6 @@ def _integrated(rate: np.ndarray, crank: Motion, start: float) -> np.ndarray:
 
 
 def _frame(motion: LinkageMotion, angle: np.ndarray) -> pd.DataFrame:
-    """The quantities of the table kinematics, a column each."""
     parts = ("position", "velocity", "acceleration")
     rod = [getattr(motion_of, part) for part in parts for motion_of in (motion.rod_x, motion.rod_y)]
     turn, slide = ([getattr(motion_of, part) for part in parts] for motion_of in (motion.rod_angle, motion.slider_x))
@@ -115,7 +113,7 @@ def _frame(motion: LinkageMotion, angle: np.ndarray) -> pd.DataFrame:
 
 
 def _difference(one: np.ndarray, other: np.ndarray, region: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Sizes of other - one over the samples of the region where both are defined, and the simulation's range there."""
+    """Norms of other - one over the defined samples of the region, and the simulation's range there."""
     difference, reference = (other - one)[region], true[region]
     difference, reference = difference[np.isfinite(difference)], reference[np.isfinite(reference)]
     rms, extent = float(np.sqrt(np.mean(difference**2))), float(np.ptp(reference))
@@ -149,7 +147,7 @@ def _contradictions(
     regions: Regions,
     simulated: pd.DataFrame,
 ) -> list[dict[str, object]]:
-    """Rows of the table kinematics_contradictions for one surrogate; `simulated` gives the ranges."""
+    """Rows of the table kinematics_contradictions for one surrogate; ranges from `simulated`."""
     pairs = []
     for gamma in (f"gamma{JOINT_NUMBERS[joint]}" for joint in loose):
         fit, own, integrated = (

@@ -1,6 +1,6 @@
-"""What is published of a scenario: a run for each stage, below them one for each network and each pair of lengths.
+"""MLflow runs of a scenario: one per stage, with nested runs per network and per pair of lengths.
 
-What stands before the slash of a metric's name is the section in which MLflow's pages show it.
+The part of a metric's name before the slash is its section on MLflow's pages.
 """
 
 import re
@@ -21,32 +21,32 @@ from jointgap.scenario.figure_data import MODES
 
 MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
 _UNUSED = ["undefined_points", "range", "iterations_to_paper", "held_out_mse_at_paper", "seed"]
-_OVERALL = {"weights", "iterations", "paper_mse"}  # the same in every region
+_OVERALL = {"weights", "iterations", "paper_mse"}  # equal in all regions
 _LOGARITHMS = ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse", "smoothing_spline_held_out_mse")
-_VERDICTS = [f"number {verdict}" for verdict in ("agrees", "differs", "reached", "missed", "cannot be told")]
-_VERDICTS += [f"claim {verdict}" for verdict in ("holds", "does not hold", "cannot be told")]
+_VERDICTS = [f"number {verdict}" for verdict in ("agrees", "differs", "reached", "missed", "undecided")]
+_VERDICTS += [f"claim {verdict}" for verdict in ("holds", "does not hold", "undecided")]
 
 
 @dataclass(frozen=True)
 class _Finished:
-    """What the stages of a scenario have written."""
+    """Results of the stages of a scenario."""
 
     options: Scenario
-    sections: Mapping[str, Sequence[str]]  # the sections of a scenario that each stage reads
+    sections: Mapping[str, Sequence[str]]  # sections of the options that each stage reads
     files: Mapping[str, Path]  # Parquet files by ``table`` or ``table/output``
     folder: Path
 
     def names(self, *of: str) -> list[str]:
-        """Names of the files of tables, one for each output where there are several."""
+        """Names of the files of tables, one per output where there are several."""
         return [name for table in of for name in self.files if name.partition("/")[0] == table]
 
     def read(self, table: str) -> pd.DataFrame:
-        """All files of a table, one below the other; nothing where there is none."""
+        """All files of a table, concatenated; empty without files."""
         frames = [parquet.read(schema.TABLES[table], self.files[name]) for name in self.names(table)]
         return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=schema.TABLES[table].names)
 
     def record(self, stage: str, output: str = "", *, read=(), written=(), files=None, job: str = "", **more) -> Record:
-        """A run with its configuration, the tables `read` and `written`, and costs (of the `job`, else the stage's)."""
+        """A run with its configuration, datasets and costs (of the `job`, by default the stage's)."""
         of = configuration(self.options, set(self.sections[stage]) & set(self.sections["track"]) - {"description"})
         tables = [(name, "input") for name in read] + [(name, "result") for name in written]
         datasets = tuple(Dataset(name, self.files[name], kind) for name, kind in tables if name in self.files)
@@ -59,8 +59,9 @@ class _Finished:
 def scenario_records(
     options: Scenario, sections: Mapping[str, Sequence[str]], files: Mapping[str, Path], folder: Path
 ) -> list[Record]:
-    """The runs of one scenario, a stage's own before those nested in it, from Parquet `files` by ``table`` or
-    ``table/output``, and from figures and benchmarks in its `folder`.
+    """The runs of one scenario, each before its nested runs.
+
+    Parquet `files` by ``table`` or ``table/output``; figures and benchmarks from `folder`.
     """
     finished = _Finished(options, sections, files, folder)
     stages = {
@@ -145,7 +146,7 @@ def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -
         training = parquet.read(schema.FIT_HISTORY, finished.files[history])
         own = training[(training["model"] == model) & (training["seed"] == seed)].set_index("iteration")
         curves = {"mse": own["mse"].dropna(), "mse_held_out": own["held_out_mse"].dropna()}
-        with np.errstate(divide="ignore"):  # an error of exactly 0 has no logarithm and is left out
+        with np.errstate(divide="ignore"):  # log10(0): dropped later
             curves |= {f"log10_{name}": np.log10(curve) for name, curve in curves.items()}
         metrics |= _over_seeds(finished.options, training) if model == "network" else {}
     return finished.record(
@@ -162,9 +163,9 @@ def _network(finished: _Finished, model: str, output: str, rows: pd.DataFrame) -
 
 
 def _over_seeds(options: Scenario, history: pd.DataFrame) -> dict[str, float]:
-    """Training error of all seeds after as many iterations as each of them was allowed."""
-    asked = options.surrogate
-    allowed = min(asked.iterations, asked.seed_iterations) if len(asked.seeds) > 1 else asked.iterations
+    """Training error of all seeds after the iterations allowed for each."""
+    own = options.surrogate
+    allowed = min(own.iterations, own.seed_iterations) if len(own.seeds) > 1 else own.iterations
     history = history[(history["model"] == "network") & (history["iteration"] <= allowed)]
     last = history.groupby("seed")["mse"].last()
     found = {"median": last.median(), "lowest": last.min(), "highest": last.max()}
@@ -183,7 +184,7 @@ def _kinematics(finished: _Finished) -> list[Record]:
 
 
 def _optimise(finished: _Finished) -> list[Record]:
-    """The stage's run shows the paper's way: networks, the first box, the genetic algorithm; else the first optimum."""
+    """The run of the stage repeats the paper's optimum (networks, first box, genetic), else the first optimum."""
     optima = finished.read("optimise_optima")
     optima = optima[optima["point"] == optima["source"] + "_" + optima["box"] + "_" + optima["method"]]
     if optima.empty:
@@ -204,7 +205,7 @@ def _optimum(finished: _Finished, row: dict, params: Mapping[str, str]) -> Recor
     metrics = numbers(OPTIMISE_OPTIMA, row, "crank_length", "rod_length", "invariant", *counts)
     metrics["ratio"] = row["ratio"]
     for link, original in (("crank", mechanism.crank.length), ("rod", mechanism.rod.length)):
-        # of one part in a thousand the pages show no digit
+        # MLflow's pages would round a relative change of 0.001 away
         metrics[f"{link}_length_change_um"] = round(1e6 * (row[f"{link}_length"] - original), 3)
     sizes = (*MEASURES, *(f"{measure}_reduction" for measure in MEASURES))
     metrics |= numbers(OPTIMISE_OPTIMA, row, *sizes, section="frozen/")
@@ -221,7 +222,7 @@ def _optimum(finished: _Finished, row: dict, params: Mapping[str, str]) -> Recor
 
 
 def _resimulated(stretch: str, measure: str, **row: Any) -> dict[str, float]:
-    """True reductions with their spread, and errors; of the RMS error as the gain too, by names that stand first."""
+    """Re-simulated reductions with their spread, and errors; the RMS reduction also as ``gain_*``."""
     metrics, section = {}, f"resimulated_{stretch}/{measure}"
     for end in ("", "_low", "_high"):
         metrics[f"{section}_reduction{end}_percent"] = 100 * row[f"reduction{end}"]
@@ -235,7 +236,7 @@ def _resimulated(stretch: str, measure: str, **row: Any) -> dict[str, float]:
 
 
 def _path(finished: _Finished, row: dict) -> pd.Series:
-    """The objective on the way: the best of each generation, or along the path of the best start."""
+    """The objective during the search: best of each generation, or along the path of the best start."""
     table, step = {"genetic": ("population", "generation"), "local": ("paths", "iteration")}[row["method"]]
     rows = finished.read(f"optimise_{table}")
     rows = rows[(rows["source"] == row["source"]) & (rows["box"] == row["box"])]
@@ -249,8 +250,8 @@ def _compare(finished: _Finished) -> list[Record]:
     found = list(rows["kind"] + " " + rows["verdict"])
     metrics = {f"verdicts/{verdict}": found.count(verdict) for verdict in _VERDICTS}
     for row in rows.to_dict("records"):
-        name = " ".join(re.sub(r"[^\w\-. ]", "", row["item"]).split())[:200]  # without what MLflow does not take
+        name = " ".join(re.sub(r"[^\w\-. ]", "", row["item"]).split())[:200]  # MLflow rejects other characters
         metrics |= {f"{column}/{name}": row[column] for column in ("ours", "ratio") if pd.notna(row[column])}
-    text = finished.files["comparison"].with_suffix(".md")  # the stage writes it beside the table
+    text = finished.files["comparison"].with_suffix(".md")  # written by the stage next to the table
     files = {text.name: text} if text.is_file() else {}
     return [finished.record("compare", metrics=metrics, written=["comparison"], files=files)]

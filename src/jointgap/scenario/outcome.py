@@ -1,4 +1,4 @@
-"""The result of a scenario's optimisation: lengths, gain and side effects, remarks, page, and document for programs."""
+"""The result of a scenario's optimisation: lengths, gain, side effects and remarks, as a page and as JSON."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,27 +12,27 @@ from jointgap.config import Scenario
 from jointgap.core.joints import FROM_FRAME, PINS
 from jointgap.core.page import Block, Bullets, Cell, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.schema import FIT_ERRORS
-from jointgap.core.words import in_words, joined
+from jointgap.core.words import format_name, joined
 from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
-from jointgap.lengths.region import MET, geometric
+from jointgap.lengths.region import FEASIBLE, geometric
 from jointgap.paper.printed import departures
 from jointgap.scenario.figures import FIGURES
 
 NEEDED = tuple(f"optimise_{name}" for name in ("optima", "floor", "resimulated", "worth", "loads"))
-"""Names of the tables that an outcome is made of, besides `fit_errors` where networks were trained."""
+"""Tables required, besides `fit_errors` where networks were trained."""
 
-MOTIONS = {  # sources of the frozen motion in the joints; the nearest to the running machine first
+MOTIONS = {  # sources of the frozen joint motion; the closest to steady operation first
     "simulation_settled": "simulation, a settled revolution",
     "simulation": "simulation, the first revolution",
     "clearance": "second surrogate, the first revolution",
     "networks": "networks, the first revolution",
 }
-AS_GOOD = 1.01  # times the smallest error: lengths with less are as good, and those nearest to the original are chosen
-FORCE_MET = 1.005  # times the largest force allowed, which a median of an ensemble may reach
-NOTICED = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that are remarked on
+EQUIVALENT = 1.01  # factor of the smallest error within which the lengths nearest to the original are chosen
+FORCE_TOLERANCE = 1.005  # tolerance on the force limit for the median of an ensemble
+REMARKABLE = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that cause a remark
 OVERFIT, GENERALISES = 10.0, 2.0  # ratio of held-out to training error of a network, and of a regularised one
-AS_WELL = 0.02  # spread of the reduction along the valley up to which all its points are equally good
+FLAT = 0.02  # spread of the reduction along the valley below which its points are equivalent
 _WHOLE_TURN = 2 * math.pi * (1 - 1e-9)
 _MEASURES = {"rms": "root mean square (RMS)", "mean_absolute": "mean absolute", "peak": "peak"}
 _FIGURES = ("valley", "resimulation", "contact_forces", "orbits")
@@ -45,13 +45,13 @@ class Outcome:
     scenario: Scenario
     frames: Mapping[str, pd.DataFrame]  # the tables `NEEDED`, by name
     chosen: Mapping[str, Any]  # row of the table optimise_optima
-    found: Mapping[str, str]  # by source of the motion the better of the points that both optimisers found on it
-    stretch: str  # basis of the result: settled, a whole settled revolution, or window, where one was asked for
-    gains: pd.DataFrame  # rows of the table optimise_resimulated of what was chosen, by stretch and measure
+    found: Mapping[str, str]  # better point of the two optimisers, by source of the motion
+    stretch: str  # part of the motion that the result refers to: settled (a revolution) or window (configured)
+    gains: pd.DataFrame  # rows of the table optimise_resimulated of the chosen point, by stretch and measure
 
     @property
     def original(self) -> tuple[float, float]:
-        """Crank and rod length before [m]."""
+        """Original crank and rod length [m]."""
         applied = self.scenario.mechanism.applied()
         return applied.crank.length, applied.rod.length
 
@@ -62,26 +62,26 @@ class Outcome:
 
     @property
     def box(self) -> str:
-        """Name of the box that bounds the lengths."""
+        """Name of the search box."""
         return next(iter(self.scenario.optimise.boxes))
 
     @property
     def bounds(self) -> tuple[str, ...]:
-        """Active bounds and constraints, in words."""
+        """Labels of the active bounds and constraints."""
         return () if self.chosen["active_bounds"] == "none" else tuple(self.chosen["active_bounds"].split("; "))
 
     @property
     def keeps_crank(self) -> bool:
-        """Whether the crank keeps its length, to the micrometre."""
+        """Whether the crank length is unchanged to the micrometre."""
         return abs(self.lengths[0] - self.original[0]) < 1e-6
 
     @property
     def gain(self) -> pd.Series:
-        """Of the RMS error over `stretch`."""
+        """Reduction of the RMS error over `stretch`."""
         return self.gains.loc[(self.stretch, "rms")]
 
-    def words_of(self, stretch: str) -> str:
-        """A stretch, ``settled`` or ``window``, in words."""
+    def stretch_label(self, stretch: str) -> str:
+        """Label of a stretch, ``settled`` or ``window``."""
         first, last = map(math.degrees, self.scenario.optimise.window)
         if stretch == "settled":
             return "a settled revolution"
@@ -89,9 +89,7 @@ class Outcome:
         return "the first revolution" if whole else f"the first revolution from {first:g} to {last:g} deg"
 
     def pair(self, table: str, kind: str) -> pd.DataFrame:
-        """Rows before and after of the table ``optimise_worth`` for a `kind` of cycle (``ideal``, ``simulated``), or
-        ``optimise_loads`` for a joint.
-        """
+        """Rows before and after, of ``optimise_worth`` for a `kind` of cycle or of ``optimise_loads`` for a joint."""
         own = self.frames[table].set_index("point").loc[["original", self.chosen["point"]]]
         return own[own["cycle" if "cycle" in own else "joint"] == kind]
 
@@ -100,36 +98,35 @@ class Outcome:
         """Largest force in a pin over the settled revolution before and after [N], median."""
         return tuple(np.max([self.pair("optimise_loads", joint)["peak_force"] for joint in PINS], axis=0))
 
-    def keeps_force(self, after: bool = True) -> bool:
-        """Whether the lengths found, or the original ones, keep the largest pin force that is allowed, if one is."""
+    def within_force_limit(self, after: bool = True) -> bool:
+        """Whether the lengths found (or the original ones) satisfy the limit on the pin force."""
         most = self.scenario.optimise.constraints.largest_pin_force
-        return most is None or self.peak_force[after] <= FORCE_MET * most
+        return most is None or self.peak_force[after] <= FORCE_TOLERANCE * most
 
 
 def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
-    """The best lengths in the main box by their re-simulated error, and what they change.
+    """The lengths in the main box with the smallest re-simulated error, and their effects.
 
-    The error counts over a whole settled revolution, or over the window where the scenario asks for one. Of lengths
-    within 1 % of the smallest error, those nearest to the original are chosen.
+    The error refers to a settled revolution, or to the window where the scenario configures one.
     """
     first, last = scenario.optimise.window
     stretch = "settled" if last - first >= _WHOLE_TURN else "window"
     optima, again, loads = (frames[f"optimise_{name}"] for name in ("optima", "resimulated", "loads"))
     error = again[(again["measure"] == "rms") & (again["stretch"] == stretch)].set_index("point")["error"]
     force = loads[loads["joint"].isin(PINS)].groupby("point")["peak_force"].max()
-    most = FORCE_MET * (scenario.optimise.constraints.largest_pin_force or math.inf)
+    most = FORCE_TOLERANCE * (scenario.optimise.constraints.largest_pin_force or math.inf)
     applied = scenario.mechanism.applied()
     lengths = optima[["crank_length", "rod_length"]] / [applied.crank.length, applied.rod.length]
     own_name = optima["source"] + f"_{next(iter(scenario.optimise.boxes))}_" + optima["method"]
     candidates = optima.assign(
-        force=optima["point"].map(force).clip(lower=most),  # lengths that keep the force come first
+        force=optima["point"].map(force).clip(lower=most),  # feasible lengths come first
         error=optima["point"].map(error),
         change=np.hypot(lengths["crank_length"] - 1, lengths["rod_length"] - 1),
     )
     candidates = candidates[(optima["point"] == own_name) & optima["point"].isin(error.index)]
     candidates = candidates.sort_values(["force", "error"], kind="stable")
     best = candidates.iloc[0]
-    as_good = candidates[(candidates["force"] == best["force"]) & (candidates["error"] <= AS_GOOD * best["error"])]
+    as_good = candidates[(candidates["force"] == best["force"]) & (candidates["error"] <= EQUIVALENT * best["error"])]
     chosen = as_good.loc[as_good["change"].idxmin()]
     firsts = candidates.drop_duplicates("source").set_index("source")["point"].to_dict()
     firsts |= {chosen["source"]: chosen["point"]}
@@ -143,7 +140,7 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
 
 
 def remarks(outcome: Outcome) -> tuple[str, ...]:
-    """Remarks on an `outcome`, the most important first; empty where nothing is unusual."""
+    """Remarks on an `outcome`, the most important first."""
     return (
         _gain(outcome),
         *_limits(outcome),
@@ -156,31 +153,32 @@ def remarks(outcome: Outcome) -> tuple[str, ...]:
 def _gain(outcome: Outcome) -> str:
     gain, row, options = outcome.gain, outcome.chosen, outcome.scenario.optimise
     low, high = -100 * gain["reduction_high"], -100 * gain["reduction_low"]
-    spread = f"{low:+.1f} to {high:+.1f} % over {outcome.words_of(outcome.stretch)}"
+    spread = f"{low:+.1f} to {high:+.1f} % over {outcome.stretch_label(outcome.stretch)}"
     if low > 0.0:
         asked = geometric(options.constraints, outcome.scenario.mechanism.applied().slider.offset)
-        meets_all = all(each.missed(outcome.original) <= MET for each in asked) and outcome.keeps_force(after=False)
-        advice = "keep your own" if meets_all else "the constraints cost this"
-        return f"Simulated again, the error at the lengths found is larger than at your own ({spread}): {advice}."
+        meets_all = outcome.within_force_limit(after=False)
+        meets_all &= all(each.violation(outcome.original) <= FEASIBLE for each in asked)
+        advice = "keep the original lengths" if meets_all else "this is the cost of the constraints"
+        return f"Simulated again, the error increases at the lengths found ({spread}): {advice}."
     if high >= 0.0:
         return f"The gain is not significant: simulated again from perturbed starts, the error changes by {spread}."
     half, allowed = float(row["rod_tolerance"]) / 2, float(row["rod_deviation_allowed"])
-    name = "IT7" if options.rod_tolerance is None else "the stated tolerance"
+    name = "The tolerance IT7" if options.rod_tolerance is None else "The configured tolerance"
     gained, lost = np.degrees([gain["original_error"] - gain["error"], row["rms_rod_off"] - row["rms"]])
-    does = f"costs up to {lost:.2g} deg of it" if allowed >= half else "cancels it"
+    does = f"reduces the gain by up to {lost:.2g} deg" if allowed >= half else "cancels the gain"
     return (
-        f"The gain is {gained:.2g} deg. It requires a rod length within ±{1e6 * allowed:.3g} um; {name}, "
+        f"The gain is {gained:.2g} deg. It requires a rod length within ±{1e6 * allowed:.3g} um. {name}, "
         f"±{1e6 * half:.3g} um, {does} (estimated with frozen joint motion)."
     )
 
 
 def _limits(outcome: Outcome) -> Iterator[str]:
-    """A force that no lengths keep, and active bounds."""
+    """An infeasible force limit, and active bounds."""
     box = outcome.box
-    if not outcome.keeps_force():
+    if not outcome.within_force_limit():
         most = outcome.scenario.optimise.constraints.largest_pin_force
         yield (
-            f"No lengths in the box `{box}` keep the largest pin force at {most:.4g} N; the nearest have "
+            f"No lengths in the box `{box}` satisfy the largest pin force of {most:.4g} N; the nearest have "
             f"{outcome.peak_force[1]:.4g} N. Widen the box, or allow a larger force."
         )
     for bound in outcome.bounds:
@@ -188,27 +186,27 @@ def _limits(outcome: Outcome) -> Iterator[str]:
         if "times the rod length" in bound:
             advice = "; raise `optimise.ratio_limit` if the drive allows it"
         elif bound.startswith(("crank length", "rod length")):
-            advice = f"; move `optimise.boxes.{box}.{bound.split()[0]}_length` if you can"
+            advice = f"; widen `optimise.boxes.{box}.{bound.split()[0]}_length` if the design allows it"
         yield f"The {bound.replace(' at ', ' is at ', 1)} and limits the result{advice}."
 
 
 def _changes(outcome: Outcome) -> Iterator[str]:
-    """Side effects that a designer may not want, and how to limit them."""
+    """Side effects above `REMARKABLE`, and how to limit them."""
     constraints = outcome.scenario.optimise.constraints
     stroke, new = outcome.pair("optimise_worth", "simulated")["stroke"]
-    if constraints.stroke is None and abs(new / stroke - 1) > NOTICED["stroke"]:
+    if constraints.stroke is None and abs(new / stroke - 1) > REMARKABLE["stroke"]:
         yield (
             f"The stroke changes by {1e3 * (new - stroke):+.3g} mm ({100 * (new / stroke - 1):+.1f} %); fix it with "
             "`optimise.constraints.stroke`."
         )
     before, after = np.degrees(outcome.gains.loc[(outcome.stretch, "peak"), ["original_error", "error"]].astype(float))
-    if after / before - 1 > NOTICED["peak"]:
+    if after / before - 1 > REMARKABLE["peak"]:
         yield (
             f"The peak error grows from {before:.3g} to {after:.3g} deg ({100 * (after / before - 1):+.0f} %) over "
-            f"{outcome.words_of(outcome.stretch)}; the RMS error was minimised."
+            f"{outcome.stretch_label(outcome.stretch)}; the RMS error was minimised."
         )
     before, after = outcome.peak_force
-    if constraints.largest_pin_force is None and after / before - 1 > NOTICED["force"]:
+    if constraints.largest_pin_force is None and after / before - 1 > REMARKABLE["force"]:
         yield (
             f"The largest force in a pin grows from {before:.3g} to {after:.3g} N ({100 * (after / before - 1):+.0f} "
             "%); limit it with `optimise.constraints.largest_pin_force`."
@@ -237,23 +235,23 @@ def _networks(outcome: Outcome) -> Iterator[str]:
 
 
 def headline(outcome: Outcome) -> str:
-    """The answer in one line, with its numbers."""
+    """Lengths and error before and after, in one line."""
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
-    kept = "mm as it is" if outcome.keeps_crank else f"→ {_short(1e3 * new_crank, 2)} mm"
-    before, after = _alike(*np.degrees([gain["original_error"], gain["error"]]))
-    low, high = _fall(gain["reduction_high"]), _fall(gain["reduction_low"])
-    ends = "from every start" if low == high else f"{low} to {high} %"
-    spread = f"{_fall(gain['reduction'])} % ({ends})".replace("-", "−")
+    kept = "mm (unchanged)" if outcome.keeps_crank else f"→ {_rounded(1e3 * new_crank, 2)} mm"
+    before, after = _aligned(*np.degrees([gain["original_error"], gain["error"]]))
+    low, high = _percent(gain["reduction_high"]), _percent(gain["reduction_low"])
+    ends = "for every start" if low == high else f"{low} to {high} %"
+    spread = f"{_percent(gain['reduction'])} % ({ends})".replace("-", "−")
     verdict = "" if gain["reduction_low"] > 0 else ", worse" if gain["reduction_high"] < 0 else ", not significant"
     return (
-        f"Crank {_short(1e3 * crank, 2)} {kept}, rod {_short(1e3 * rod, 2)} → {_short(1e3 * new_rod, 2)} mm (crank "
-        f"over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}): RMS error of the transmission angle {before} → "
-        f"{after} deg, {spread}, simulated again{verdict}"
+        f"Crank {_rounded(1e3 * crank, 2)} {kept}, rod {_rounded(1e3 * rod, 2)} → {_rounded(1e3 * new_rod, 2)} mm "
+        f"(crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}): RMS error of the transmission angle {before} "
+        f"→ {after} deg, {spread}, simulated again{verdict}"
     )
 
 
 def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, Any]:
-    """The outcome of the scenario called `name` for programs, with its `remarks`: content of ``summary.json``."""
+    """The content of ``summary.json``."""
     gain = outcome.gain
     crank, rod = (
         {"before": 1e3 * old, "after": 1e3 * new} for old, new in zip(outcome.original, outcome.lengths, strict=True)
@@ -274,15 +272,15 @@ def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, A
 
 
 def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
-    """The outcome of the scenario called `name` on one page, with its `remarks`."""
+    """The summary page."""
     scenario = outcome.scenario
     compared = scenario.paper and not departures(scenario.mechanism, scenario.simulate)
     links = (
-        *([Link("The paper's numbers and claims compared", "comparison.html")] if compared else []),
-        Link("Zoom into the impacts", "figures/impacts.html", ": gaps, contact forces and modes"),
-        Link("All figures of this scenario", "figures", " as PNG, SVG, and the plotted data as Parquet"),
-        Link("The same numbers for programs", "summary.json"),
-        Link("Every table of the search", "optimise", "; `jointgap describe FILE` explains the columns"),
+        *([Link("Comparison with the paper", "comparison.html")] if compared else []),
+        Link("Impacts, interactive", "figures/impacts.html", ": gaps, contact forces and modes"),
+        Link("All figures", "figures", " (PNG, SVG, and the plotted data as Parquet)"),
+        Link("Results as JSON", "summary.json"),
+        Link("Tables of the search", "optimise", "; `jointgap describe FILE` explains the columns"),
     )
     blocks: list[Block] = [
         *([Paragraph(scenario.description)] if scenario.description else []),
@@ -312,24 +310,24 @@ def _figure(name: str) -> FigureBlock:
     return FigureBlock(name, title, spec.caption, spec.moving)
 
 
-def _short(value: float, decimals: int) -> str:
-    """A number with so many decimals at most, one at least."""
+def _rounded(value: float, decimals: int) -> str:
+    """A number with at most `decimals` decimals, at least one."""
     return np.format_float_positional(value, decimals, trim="0")
 
 
 def _signed(value: float, decimals: int) -> str:
-    """A change with its sign; one that is rounded away has none."""
+    """A change with its sign; no sign where it rounds to zero."""
     text = f"{value:+.{decimals}f}"
     return text if float(text) else text[1:]
 
 
-def _fall(reduction: float) -> str:
-    """The change [%] that a reduction is."""
+def _percent(reduction: float) -> str:
+    """The change [%] of a reduction."""
     return f"{-100 * reduction:+.1f}"
 
 
-def _alike(before: float, after: float) -> tuple[str, str]:
-    """Two numbers with the same decimals: three digits of the larger, two of their difference, five at most."""
+def _aligned(before: float, after: float) -> tuple[str, str]:
+    """Two numbers with the same decimals: three digits of the larger and two of the difference, at most five."""
     largest = max(abs(before), abs(after))
     sizes = [largest, max(10 * abs(after - before), 0.01 * largest) if after != before else 0.0]
     decimals = min(max([0, *(2 - math.floor(math.log10(size)) for size in sizes if size > 0)]), 5)
@@ -340,16 +338,16 @@ def _definition(outcome: Outcome) -> str:
     applied, (crank, rod) = outcome.scenario.mechanism.applied(), outcome.original
     low, high = (90 + np.degrees(np.arcsin((applied.slider.offset + side * crank) / rod)) for side in (-1, 1))
     return (
-        "The transmission angle is the angle between the rod and the normal to the slide, best near 90 deg. Its "
+        "The transmission angle is the angle between the rod and the normal to the slide; the ideal is 90 deg. Its "
         "error is the angle without clearance at the original lengths minus the angle with clearance in the "
-        f"{joined(map(in_words, applied.loose))}, over {outcome.words_of(outcome.stretch)}. The angle itself varies "
+        f"{joined(map(format_name, applied.loose))}, over {outcome.stretch_label(outcome.stretch)}. The angle varies "
         f"from {low:.1f} to {high:.1f} deg."
     )
 
 
 def _change(words: str, before: float, after: float, decimals: int | None = None) -> dict[str, str]:
-    """A row of what changes; in percent too but for angles and shares."""
-    old, new = _alike(before, after) if decimals is None else (f"{value:.{decimals}f}" for value in (before, after))
+    """A row of values before and after; relative change only for quantities without [deg] and [%]."""
+    old, new = _aligned(before, after) if decimals is None else (f"{value:.{decimals}f}" for value in (before, after))
     is_relative = before and not words.endswith(("[deg]", "[%]"))
     return {
         "": words,
@@ -371,17 +369,17 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
         _change("crank over rod [1]", crank / rod, new_crank / new_rod, 5) | {searched: limit},
     )
     yield TableBlock.of(rows, "lrrrrr")
-    if not outcome.bounds and outcome.keeps_force():
+    if not outcome.bounds and outcome.within_force_limit():
         kept = " The crank keeps its length; `optimise.boxes` lets both vary." if outcome.keeps_crank else ""
         yield Paragraph(f"No bound is active.{kept}")
     floor = outcome.frames["optimise_floor"]
     floor = floor[(floor["source"] == outcome.chosen["source"]) & (floor["box"] == outcome.box)]
     ratios, reductions = (floor.loc[floor["measure"] == "rms", column] for column in ("ratio", "reduction"))
     yield Paragraph(
-        f"The ratio determines the error. With frozen joint motion and the best crank for each rod from {low:g} "
-        f"to {high:g} mm, the ratio is {ratios.min():.5f} to {ratios.max():.5f} and the RMS error falls by "
+        f"The error depends on the ratio only. With frozen joint motion and the best crank for each rod from {low:g} "
+        f"to {high:g} mm, the ratio is {ratios.min():.5f} to {ratios.max():.5f}. The RMS error falls by "
         f"{100 * reductions.min():.1f} to {100 * reductions.max():.1f} %"
-        + (": all these pairs are equally good." if np.ptp(reductions) <= AS_WELL else ".")
+        + (": all these pairs are equivalent." if np.ptp(reductions) <= FLAT else ".")
     )
 
 
@@ -390,23 +388,23 @@ def _gains(outcome: Outcome) -> Iterator[Block]:
     for stretch in (outcome.stretch, "window" if outcome.stretch == "settled" else "settled"):
         for measure, words in _MEASURES.items():
             gain = outcome.gains.loc[(stretch, measure)]
-            before, after = _alike(*np.degrees([gain["original_error"], gain["error"]]))
+            before, after = _aligned(*np.degrees([gain["original_error"], gain["error"]]))
             rows.append(
                 {
-                    "error": f"{words}, {outcome.words_of(stretch)}",
+                    "error": f"{words}, {outcome.stretch_label(stretch)}",
                     "before [deg]": before,
                     "after [deg]": after,
-                    "simulated again [%]": _fall(gain["reduction"]),
-                    "5 to 95 % [%]": f"{_fall(gain['reduction_high'])} to {_fall(gain['reduction_low'])}",
-                    "frozen [%]": _fall(gain["frozen_reduction"]),
+                    "simulated again [%]": _percent(gain["reduction"]),
+                    "5 to 95 % [%]": f"{_percent(gain['reduction_high'])} to {_percent(gain['reduction_low'])}",
+                    "frozen [%]": _percent(gain["frozen_reduction"]),
                     "improved in [% of run pairs]": f"{100 * gain['share_better']:.0f}",
                 }
             )
     yield TableBlock.of(rows, "lrrrrrr")
     yield Paragraph(
-        "Simulated again: the result that counts, medians and spread over pairs of "
-        f"{outcome.gains['members'].iloc[0]} runs from perturbed starts for each pair of lengths. Frozen: estimate "
-        "with unchanged joint motion."
+        "Simulated again: the result that counts; median and spread over "
+        f"{outcome.gains['members'].iloc[0]} pairs of runs with perturbed starts. Frozen: estimate with unchanged "
+        "joint motion."
     )
 
 
@@ -414,7 +412,7 @@ def _side_effects(outcome: Outcome) -> Iterator[Block]:
     applied, cycle = outcome.scenario.mechanism.applied(), outcome.pair("optimise_worth", "simulated")
     loads = {joint: outcome.pair("optimise_loads", joint) for joint in FROM_FRAME}
     ideal = [ideal_cycle(*lengths, applied.slider.offset) for lengths in (outcome.original, outcome.lengths)]
-    changes = {  # of what there is before and after
+    changes = {  # before and after
         "stroke [mm]": 1e3 * cycle["stroke"],
         "stroke without clearance [mm]": [1e3 * one.stroke for one in ideal],
         "outer dead centre, slider at [mm]": 1e3 * cycle["outer_dead_centre"],
@@ -424,34 +422,34 @@ def _side_effects(outcome: Outcome) -> Iterator[Block]:
         "smallest transmission angle [deg]": np.degrees(cycle["smallest_transmission_angle"]),
     }
     for joint, load in loads.items():
-        changes[f"largest force in the {in_words(joint)} [N]"] = load["peak_force"]
-        changes[f"RMS force in the {in_words(joint)} [N]"] = load["rms_force"]
+        changes[f"largest force in the {format_name(joint)} [N]"] = load["peak_force"]
+        changes[f"RMS force in the {format_name(joint)} [N]"] = load["rms_force"]
     for joint in applied.loose:
-        changes[f"share of time in contact, {in_words(joint)} [%]"] = 100 * loads[joint]["contact_share"]
+        changes[f"share of time in contact, {format_name(joint)} [%]"] = 100 * loads[joint]["contact_share"]
     yield TableBlock.of((_change(words, *pair) for words, pair in changes.items()), "lrrrr")
     yield Paragraph(
-        "Medians over the runs with clearance, over a settled revolution. Crank angles of the dead centres: without "
-        "clearance, from the slide's direction. Forces come from inertia and from the effects listed in the "
-        "mechanism file; list gas pressure or a load there."
+        "Medians over the runs with clearance, for a settled revolution. Crank angles of the dead centres: without "
+        "clearance, measured from the slide's direction. Forces include inertia and the effects listed in the "
+        "mechanism file; gas pressure and external loads count only if listed there."
     )
 
 
 def _constraints(outcome: Outcome) -> Iterator[Block]:
-    """The constraints on the lengths besides their bounds."""
+    """Constraints besides the bounds of the lengths."""
     options, lengths = outcome.scenario.optimise.constraints, (outcome.original, outcome.lengths)
     rows = [
         (
             each.words,
-            each.asked(),
+            each.range_text(),
             *(each.show(float(each.value(at))) for at in lengths),
-            each.missed(lengths[1]) <= MET,
+            each.violation(lengths[1]) <= FEASIBLE,
         )
         for each in geometric(options, outcome.scenario.mechanism.applied().slider.offset)
         if not (each.key == "crank_length" and outcome.keeps_crank)
     ]
     if (most := options.largest_pin_force) is not None:
         forces = (f"{force:.4g} N" for force in outcome.peak_force)
-        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.keeps_force()))
+        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.within_force_limit()))
     if rows:
         yield Heading("Constraints")
         shown = tuple((*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows)
@@ -470,11 +468,11 @@ def _motions(outcome: Outcome) -> Iterator[Block]:
         row |= {f"{link} [mm]": f"{1e3 * own[f'{link}_length']:.3f}" for link in ("crank", "rod")}
         for stretch in ("settled", "window"):
             middle, high, low = (again.loc[(point, stretch), f"reduction{end}"] for end in ("", "_high", "_low"))
-            shown = f"{_fall(middle)} ({_fall(high)} to {_fall(low)})"
-            row[f"RMS error, {outcome.words_of(stretch)} [%]"] = shown
+            shown = f"{_percent(middle)} ({_percent(high)} to {_percent(low)})"
+            row[f"RMS error, {outcome.stretch_label(stretch)} [%]"] = shown
         rows.append(row)
     yield Paragraph(
-        "The search uses frozen joint motion from several sources. The lengths with the smallest re-simulated RMS "
-        f"error over {outcome.words_of(outcome.stretch)} are chosen."
+        "The search uses frozen joint motion from several sources. The result is the pair of lengths with the smallest "
+        f"re-simulated RMS error over {outcome.stretch_label(outcome.stretch)}."
     )
     yield TableBlock.of(rows, "lrrrr")

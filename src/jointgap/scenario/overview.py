@@ -1,4 +1,4 @@
-"""The scenarios of a run compared: table `overview` and its page."""
+"""Comparison of the scenarios of a run: table `overview` and its page."""
 
 from collections.abc import Iterator, Mapping
 
@@ -7,12 +7,12 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.core.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
-from jointgap.core.words import fall_in_percent
+from jointgap.core.words import format_falls
 from jointgap.paper.compare import conclusion, looseness_variants, variant_optimum
 from jointgap.scenario.figures import FIGURES
 
 NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
-"""Names of the tables of a scenario that its row is made of."""
+"""Tables of a scenario required for its row."""
 
 TITLE = "Comparison of scenarios"
 _TEXT = (
@@ -24,7 +24,7 @@ _TEXT = (
 
 
 def overview(loaded: Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]) -> pd.DataFrame:
-    """One row a scenario, columns of the table overview, from its tables `NEEDED` and its configuration."""
+    """The table overview, one row per scenario, from its tables `NEEDED` and its configuration."""
     scenarios = {name: scenario for name, (_, scenario) in loaded.items()}
     rows = [
         _row(name, *own)
@@ -68,17 +68,15 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
 
 
 def headline(table: pd.DataFrame) -> str:
-    """The result of the scenarios of the `table` overview, in a line."""
+    """The result of all scenarios in one line."""
     return (
         f"In {len(table)} scenarios the RMS error of the transmission angle "
-        f"{fall_in_percent(100.0 * table['window_reduction'])} at the lengths found, simulated again"
+        f"{format_falls(100.0 * table['window_reduction'])} at the lengths found, simulated again"
     )
 
 
 def overview_page(table: pd.DataFrame) -> Page:
-    """The `table` overview on one page, with a small figure of each scenario; figures and links are relative to the
-    folder of results.
-    """
+    """The page of the `table` overview; links are relative to the folder of results."""
     spec = FIGURES["resimulation"]
     figures = [
         FigureBlock(f"{name}/figures/resimulation", f"{spec.title}: {name}", small=True) for name in table["scenario"]
@@ -88,7 +86,6 @@ def overview_page(table: pd.DataFrame) -> Page:
 
 
 def side_by_side(table: pd.DataFrame) -> list[Block]:
-    """The `table` overview in words and tables."""
     rows = map(_cells, table.itertuples(index=False))
     return [Paragraph(_TEXT), TableBlock.of(rows, "lllrrrrrrrrrrrr"), *_by_count(table)]
 
@@ -121,7 +118,7 @@ def _spread(row, name: str) -> str:
 
 
 def _by_count(table: pd.DataFrame) -> Iterator[Block]:
-    """Scenarios that differ in their loose joints only, by the count of these."""
+    """Scenarios that differ only in their loose joints, by number of loose joints."""
     for _, rows in table.groupby("family", sort=False):
         if rows["loose_joints"].nunique() < 2:
             continue
@@ -129,7 +126,7 @@ def _by_count(table: pd.DataFrame) -> Iterator[Block]:
             {
                 "loose joints": str(row.loose_joints),
                 "scenario": row.scenario,
-                "which": ", ".join(joint.partition(" (")[0] for joint in row.loose.split(", ")),
+                "joints": ", ".join(joint.partition(" (")[0] for joint in row.loose.split(", ")),
                 "simulated again, window [%]": _spread(row, "found_reduction"),
                 "simulated again, settled [%]": f"{100 * row.found_settled:.2f}",
                 "error before [deg]": f"{np.degrees(row.found_original_error):.4f}",
@@ -137,9 +134,9 @@ def _by_count(table: pd.DataFrame) -> Iterator[Block]:
             }
             for row in rows.sort_values("loose_joints", kind="stable").itertuples()
         )
-        yield Heading("By count of loose joints")
+        yield Heading("By number of loose joints")
         yield Paragraph(
-            "These scenarios differ only in their loose joints. RMS reductions at the lengths that the genetic "
-            f"algorithm finds on each simulation's own motion, simulated again. {conclusion(rows)}"
+            "These scenarios differ only in their loose joints. RMS reductions, simulated again, at the lengths that "
+            f"the genetic algorithm finds with the motion of the same simulation. {conclusion(rows)}"
         )
         yield TableBlock.of(cells, "rllrrrr")

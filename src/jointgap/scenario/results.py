@@ -14,7 +14,7 @@ from jointgap.core.schema import TRAJECTORY, Table
 
 
 class ScenarioResults(ResultsFolder):
-    """Tables of one scenario, read from and written to their places."""
+    """Reads and writes the tables of one scenario."""
 
     def __init__(self, path: Path, scenario: Scenario, places: Mapping[str, Path] | None = None):
         super().__init__(path, places)
@@ -22,12 +22,12 @@ class ScenarioResults(ResultsFolder):
 
     @property
     def name(self) -> str:
-        """The scenario's name: that of the folder."""
+        """Name of the scenario: that of its folder."""
         return self.path.resolve().name
 
     def read(self, table: Table | str, part: str = "") -> pd.DataFrame:
-        """The frame of `table`; where there is a file per output that of `part`, or all below each other with a column
-        output.
+        """The frame of `table`. A table with one file per output is read for the output `part`, or for all outputs
+        with an additional column ``output``.
         """
         table = schema.TABLES[table] if isinstance(table, str) else table
         if table == TRAJECTORY:
@@ -53,33 +53,30 @@ class ScenarioResults(ResultsFolder):
 
 
 def outputs_of(mechanism: Mechanism) -> tuple[str, ...]:
-    """What networks learn of a mechanism."""
+    """Columns that networks learn; InputError where all joints are ideal."""
     outputs = joints.outputs(mechanism.applied().loose)
     if not outputs:
         raise InputError(
-            "all joints are ideal: without clearance there is nothing to learn, to optimise or to compare; make a "
-            "joint loose, or run the stage simulate alone"
+            "all joints are ideal: without clearance the networks, the optimisation and the comparison have no data; "
+            "make a joint loose, or run only the stage simulate"
         )
     return outputs
 
 
 def parts_of(table: Table, mechanism: Mechanism) -> tuple[str, ...]:
-    """What ``{output}`` stands for in the place of a `table` of a `mechanism`; errors as `outputs_of`.
-
-    The second surrogate has the errors of all outputs in one file.
-    """
+    """Values of ``{output}`` in the path of a `table`; errors as `outputs_of`."""
     outputs = outputs_of(mechanism)
     return (*outputs, "clearance") if table.name == "fit_errors" else outputs
 
 
 def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
-    """The trajectory in the file `path`, which has to be the one that `scenario` asks for."""
+    """The trajectory in the file `path`; InputError where it does not match the options of `scenario`."""
     frame, options = parquet.read(TRAJECTORY, path), scenario.simulate
     if options.speed < 0:
         raise InputError(
-            f"simulate.speed {options.speed:g} rad/s is clockwise: nothing is learned or optimised of such a motion; "
-            "give the mirror image of the mechanism (slider.offset, gravity_direction and phases with the other sign) "
-            "and a positive speed, which has the same best lengths"
+            f"simulate.speed {options.speed:g} rad/s is clockwise; networks and optimisation require a positive speed: "
+            "mirror the mechanism (opposite sign of slider.offset, gravity_direction and phases); the best lengths are "
+            "the same"
         )
     samples, turned = options.samples_per_revolution * options.revolutions + 1, 2.0 * np.pi * options.revolutions
     ends, speed = [options.start_angle, options.start_angle + turned], _starting_speed(scenario)
@@ -94,7 +91,7 @@ def read_trajectory(path: Path, scenario: Scenario) -> pd.DataFrame:
 
 
 def _starting_speed(scenario: Scenario) -> float | None:
-    """The crank's speed at the start [rad/s]; None where it is measured."""
+    """Crank speed at the start [rad/s]; None where the drive is measured."""
     options, wave = scenario.simulate, scenario.mechanism.effect("speed_fluctuation")
     if options.drive.kind == "measured":
         return None

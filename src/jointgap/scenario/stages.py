@@ -1,7 +1,4 @@
-"""The stages of a scenario, from the simulated contact to tracked runs, in their order.
-
-Each imports what it needs when it runs: the command line is there at once, and a job loads nothing that it does not
-use."""
+"""The stages of a scenario in their order. Each imports its packages only when it runs."""
 
 import json
 import sys
@@ -24,7 +21,7 @@ SCENARIO_STAGES = Stages()
 
 
 def stages_of(scenario: "Scenario") -> list[str]:
-    """The stages that a scenario goes through: networks and the comparison with the paper where they are asked for."""
+    """The stages of a scenario: networks and the comparison with the paper only where its options ask for them."""
     if not scenario.mechanism.applied().loose:
         return ["simulate", "animate"]
     left_out = set() if scenario.networks else {"surrogate", "clearance"}
@@ -33,7 +30,7 @@ def stages_of(scenario: "Scenario") -> list[str]:
 
 
 def drawn(networks: bool) -> list[str]:
-    """Names of the still figures of a scenario that trains networks, or none."""
+    """Names of the still figures, with or without those of the networks."""
     from jointgap.scenario.figures import FIGURES
 
     left_out = set() if networks else {"predictions", *(table.name for table in OF_NETWORKS)}
@@ -41,31 +38,31 @@ def drawn(networks: bool) -> list[str]:
 
 
 PUBLISHED, IMPACTS_PAGE = "track/published.json", "figures/impacts.html"
-"""Places, in the folder of a scenario, of what was published where, and of the page to zoom into the impacts."""
+"""Files in the folder of a scenario: the publishing summary, and the interactive page of the impacts."""
 
 _MOTION = ("mechanism", "simulate")
 _LEARNING = (*_MOTION, "networks", "paper", "surrogate")
 _OPTIMUM = (*_LEARNING, "optimise")
-_SHOWN, _TOLD = (*_OPTIMUM, "figures"), ("description", *_OPTIMUM)
+_DRAWN, _PAGE = (*_OPTIMUM, "figures"), ("description", *_OPTIMUM)
 
 
 @SCENARIO_STAGES.stage(writes=(schema.TRAJECTORY, schema.EVENTS), sections=_MOTION, does="simulate the contact")
 def simulate(results: "ScenarioResults") -> None:
-    """Simulate the slider-crank: each joint loose or ideal, with contact, friction and the effects that are listed.
+    """Simulate the slider-crank: joints loose or ideal, with contact, friction and the listed effects.
 
-    Reads the sections `mechanism` and `simulate` of the scenario: bodies, joints, contacts and effects; what drives the
-    crank (constant speed, a measured angle or a motor), how long, and how exactly.
+    Reads the sections `mechanism` (bodies, joints, contacts, effects) and `simulate` (drive, duration, tolerances) of
+    the scenario. The drive is a constant speed, a measured angle or a motor.
 
-    Writes two tables (`jointgap describe FILE` explains their columns). Remarks, such as a contact law that delivers
-    another restitution than the one asked for, go to the standard error output. A simulation that cannot go on ends
-    with its time, crank angle and state, and writes nothing.
+    Writes two tables (`jointgap describe FILE` explains their columns). Warnings go to the standard error output, such
+    as an effective restitution that differs from the configured one. A simulation that fails reports time, crank angle
+    and state, and writes no table.
 
     \b
     Example:
       echo '{mechanism: config/mechanisms/erkaya2009.yaml, simulate: {speed: 300 rpm}}' > mine.yaml
       jointgap simulate --options mine.yaml --trajectory motion.parquet --events events.parquet
 
-    Effects to switch on: `jointgap effects`. All keys: config/README.md.
+    Available effects: `jointgap effects`. All keys: config/README.md.
     """
     from jointgap.dynamics.mechanism_warnings import remarks
     from jointgap.dynamics.simulation import simulate as simulated
@@ -87,12 +84,10 @@ def simulate(results: "ScenarioResults") -> None:
 def surrogate(
     results: "ScenarioResults",
     output: Annotated[
-        str, Option("--output-name", required=True, help="What to learn: a column such as r2 or gamma3_ddot.")
+        str, Option("--output-name", required=True, help="Output to learn: a column such as r2 or gamma3_ddot.")
     ],
 ) -> None:
-    """Train the networks of one output with Levenberg-Marquardt: the paper's, and a regularised one whose errors
-    hold.
-    """
+    """Train the networks of one output with Levenberg-Marquardt: the paper's network and a regularised one."""
     import pandas as pd
 
     from jointgap.core.errors import InputError, did_you_mean
@@ -110,7 +105,7 @@ def surrogate(
 
 
 def _first_revolution(scenario: "Scenario", multiple: int) -> "pd.DataFrame":
-    """The same motion with a multiple of the samples; too large to keep."""
+    """The first revolution with `multiple` times the samples; too large to store."""
     from jointgap.dynamics.simulation import simulate as simulated
 
     samples = scenario.simulate.samples_per_revolution * multiple
@@ -131,7 +126,7 @@ def clearance(results: "ScenarioResults") -> None:
     from jointgap.networks.clearance import train_clearance
     from jointgap.scenario.results import outputs_of
 
-    outputs_of(results.scenario.mechanism)  # complains where there is nothing to learn
+    outputs_of(results.scenario.mechanism)  # raises where no joint is loose
     held_out, scenario = results.read("trajectory"), results.scenario
     fine = _first_revolution(scenario, scenario.surrogate.clearance_sampling)
     trained = train_clearance(held_out, fine, scenario.surrogate, scenario.mechanism.applied().loose)
@@ -148,7 +143,7 @@ _TRAINED = SCENARIO_STAGES.written_by("simulate", "surrogate", "clearance")
     does="kinematics from networks and simulation",
 )
 def kinematics(results: "ScenarioResults") -> None:
-    """Feed the paper's equations by networks and by the simulation, and hold them against the simulation."""
+    """Evaluate the paper's kinematic equations with networks and simulated clearances; compare with the simulation."""
     from jointgap.scenario.kinematics import kinematics as compared
     from jointgap.scenario.trained import trained_surrogates
 
@@ -164,7 +159,7 @@ def kinematics(results: "ScenarioResults") -> None:
     does="optimise the link lengths",
 )
 def optimise(results: "ScenarioResults") -> None:
-    """Search the link lengths for the transmission angle, and simulate again what was found."""
+    """Optimise the link lengths for the transmission angle, and simulate the optima again."""
     from jointgap.lengths.optimise import optimise as optimised
     from jointgap.scenario.trained import trained_surrogates
 
@@ -178,7 +173,7 @@ def optimise(results: "ScenarioResults") -> None:
 _COMPUTED = (*_TRAINED, *SCENARIO_STAGES.written_by("kinematics", "optimise"))
 
 
-@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=_SHOWN, does="draw the figures")
+@SCENARIO_STAGES.stage(reads=_COMPUTED, sections=_DRAWN, does="draw the figures")
 def figures(
     results: "ScenarioResults",
     names: Annotated[
@@ -186,7 +181,7 @@ def figures(
         Option("--figure", multiple=True, help="Name of a figure, repeatable; all still figures when absent."),
     ] = (),
 ) -> None:
-    """Draw the paper's figures and ours: SVG, PNG, and the plotted data beside each."""
+    """Draw the figures, the paper's and others: SVG, PNG and the plotted data."""
     from jointgap.core import plot
     from jointgap.scenario.figure_data import revolution
     from jointgap.scenario.figures import FIGURES, draw
@@ -205,20 +200,20 @@ def figures(
 @SCENARIO_STAGES.stage(
     reads=(schema.TRAJECTORY, schema.EVENTS),
     files=("figures/animation.gif", IMPACTS_PAGE),
-    sections=_SHOWN,
-    does="animate, and a page to zoom into the impacts",
+    sections=_DRAWN,
+    does="animate, and write the page of the impacts",
 )
 def animate(results: "ScenarioResults") -> None:
-    """Draw the animation of the motion, a GIF with the plotted data beside it, and the page of `jointgap explore`."""
+    """Draw the animation (GIF and plotted data) and write the page of `jointgap explore`."""
     figures(results, ("animation",))
     explore(results)
 
 
 @SCENARIO_STAGES.stage(reads=(schema.TRAJECTORY, schema.EVENTS), files=(IMPACTS_PAGE,), sections=_MOTION)
 def explore(results: "ScenarioResults") -> None:
-    """Write figures/impacts.html, to zoom into the impacts: gaps, contact forces and modes over the crank angle.
+    """Write figures/impacts.html: gaps, contact forces and modes over the crank angle, with zoom.
 
-    The page is complete in itself, 5 MB and more, and opens in any browser without a network. Needs plotly.
+    The page (5 MB or more) is self-contained and opens in any browser offline. Requires plotly.
     """
     from jointgap.scenario.impacts_page import impacts_page
 
@@ -230,7 +225,7 @@ def explore(results: "ScenarioResults") -> None:
     reads=_COMPUTED,
     writes=(schema.COMPARISON,),
     files=("comparison.md", "comparison.html"),
-    sections=_TOLD,
+    sections=_PAGE,
     does="compare with the paper",
 )
 def compare(
@@ -241,17 +236,17 @@ def compare(
             "--beside",
             nargs=2,
             multiple=True,
-            help="Name and options of a scenario, in the folder beside --results, that differs in its loose joints "
-            "alone; repeatable.",
+            help="Name and options of a scenario that differs only in its loose joints; its results are in the folder "
+            "next to --results. Repeatable.",
         ),
     ],
 ) -> None:
-    """Put every number and claim of the paper beside ours."""
+    """Compare every number and claim of the paper with the results."""
     from jointgap.core.page import write_page
     from jointgap.paper.compare import NEEDED, comparison_page, variant_optimum
     from jointgap.paper.compare import compare as compared
 
-    frames = results.read_all(NEEDED)  # first: a trajectory of other options is refused
+    frames = results.read_all(NEEDED)  # first: rejects a trajectory of other options
     variants = [
         variant_optimum(name, each.scenario, each.read("optimise_resimulated"))
         for name, each in {results.path.name: results, **siblings}.items()
@@ -264,14 +259,14 @@ def compare(
 @SCENARIO_STAGES.stage(
     reads=_COMPUTED,
     files=("summary.json", "summary.md", "summary.html"),
-    sections=_TOLD,
-    does="put what came out on one page",
+    sections=_PAGE,
+    does="write the summary page",
     after=("figures", "animate"),
 )
 def summarise(results: "ScenarioResults") -> str:
-    """Put the outcome on one page: lengths, gain, price and remarks, for whoever designs the mechanism.
+    """Write the summary page: lengths, gain, side effects and remarks.
 
-    The page takes in the figures that lie in the scenario's folder.
+    The page includes the figures in the scenario's folder.
     """
     from jointgap.core.page import write_page
     from jointgap.scenario.outcome import NEEDED, document, outcome, page, remarks
@@ -289,10 +284,10 @@ def summarise(results: "ScenarioResults") -> str:
     reads=(*_COMPUTED, schema.COMPARISON),
     writes=(schema.OVERVIEW,),
     files=("overview.md", "overview.html"),
-    sections=_TOLD,
+    sections=_PAGE,
 )
 def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
-    """Put the scenarios' optima side by side: frozen, simulated again, and what they assume."""
+    """Compare the optima of all scenarios: assumptions, frozen and re-simulated reductions."""
     from jointgap.core.page import write_page
     from jointgap.core.parquet import write
     from jointgap.scenario import overview as pages
@@ -306,20 +301,20 @@ def overview(scenarios: Mapping[str, "ScenarioResults"], folder: Path) -> None:
 @SCENARIO_STAGES.stage(
     reads=(*_COMPUTED, schema.COMPARISON),
     files=(PUBLISHED,),
-    sections=_TOLD,
+    sections=_PAGE,
     does="publish to MLflow",
     after=("figures", "animate"),
     minutes=20,
     publishes=True,
 )
 def track(results: "ScenarioResults") -> None:
-    """Publish a scenario's tables and figures to MLflow; nothing twice."""
+    """Publish a scenario's tables and figures to MLflow; repeated publishing adds nothing."""
     from jointgap.core.errors import InputError
     from jointgap.core.publish import publish_records
     from jointgap.scenario.mlflow_runs import scenario_records
 
     if not (files := results.files(SCENARIO_STAGES["track"].reads)):
-        raise InputError(f"{results.path}: holds no tables, so there is nothing to publish; give a scenario's folder")
+        raise InputError(f"{results.path}: no tables to publish; give the results folder of a scenario")
     sections = {stage.name: stage.sections for stage in SCENARIO_STAGES.values()}
     content, folder = scenario_records(results.scenario, sections, files, results.path), results.path.resolve().parent
     summary = publish_records(results.name, results.scenario.description, content, None, folder)

@@ -1,4 +1,4 @@
-"""The surrogates that a scenario's networks were trained to, as functions of the crank angle."""
+"""The trained surrogates of a scenario as functions of the crank angle."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -13,7 +13,7 @@ from jointgap.scenario.results import ScenarioResults, outputs_of
 
 
 def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
-    """The surrogates ``networks`` (default seed) and ``clearance`` of a scenario that trains any, by output."""
+    """The surrogates ``networks`` (default seed) and ``clearance`` by output; empty without networks."""
     if not results.scenario.networks:
         return {}
     fits, fit = results.read("fit").groupby("output", sort=False), results.read("clearance_fit")
@@ -27,7 +27,7 @@ def trained_surrogates(results: ScenarioResults) -> dict[str, dict[str, Fit]]:
 
 
 def predictions(surrogates: Mapping[str, Mapping[str, Fit]], first: pd.DataFrame) -> pd.DataFrame:
-    """Values and rates of the surrogates at the samples of the first revolution: the frame ``predictions``."""
+    """The frame ``predictions``: values and rates of the surrogates at the samples of the first revolution."""
     angle, speed = first["crank_angle"].to_numpy(), first["crank_speed"].to_numpy()
     frames = []
     for surrogate, fits in surrogates.items():
