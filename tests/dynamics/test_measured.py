@@ -7,7 +7,7 @@ from scipy.sparse import eye_array
 
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import AngleErrors, unwrapped, smooth_angle
+from jointgap.dynamics.drive import AngleErrors, smooth_angle, unwrapped
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
 from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import SPEED, mechanism, options
