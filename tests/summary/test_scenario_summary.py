@@ -10,7 +10,7 @@ import pytest
 from jointgap.config import resolve
 from jointgap.core.page import to_html, to_markdown
 from jointgap.lengths.region import regions
-from jointgap.scenario.outcome import document, headline, outcome, page, remarks
+from jointgap.scenario.outcome import details, document, headline, outcome, page, remarks
 from tests.catalogue import each
 
 SOURCES = ("networks", "clearance", "simulation", "simulation_settled")
@@ -63,6 +63,7 @@ def frames(**other):
             tables["worth"].append(own | ends | {"cycle": cycle, "smallest_transmission_angle": 1.3})
         for joint, share in (("crank_pivot", np.nan), ("crank_pin", 0.9), ("piston_pin", 0.9)):
             forces = {"peak_force": of["force"][found], "rms_force": 100.0, "contact_share": share}
+            forces["peak_angle"] = np.radians(30.0 + 5.0 * found)
             tables["loads"].append(own | forces | {"joint": joint})
     for source, reduction in itertools.product(SOURCES, of["floor"]):
         tables["floor"].append(
@@ -80,9 +81,11 @@ def found(given=None, **optimise):
 
 
 def test_the_headline_answers_in_numbers():
-    assert headline(found()) == (
-        "Crank 25.0 → 26.0 mm, rod 95.0 → 98.7 mm (crank over rod 0.2632 → 0.2634): RMS error of the transmission "
-        "angle 0.610 → 0.380 deg, −37.7 % (−39.0 to −36.0 %), simulated again"
+    assert headline(found()) == "Crank 26.0 mm, rod 98.7 mm: transmission-angle error -37.7 %"
+    assert headline(found({"low": -0.1})).endswith("(not significant)")
+    assert details(found()) == (
+        "RMS error over a settled revolution, simulated again: 0.610 → 0.380 deg (-39.0 to -36.0 % over the starts). "
+        "Crank 25.0 → 26.0 mm, rod 95.0 → 98.7 mm; crank over rod 0.2632 → 0.2634."
     )
 
 
@@ -93,7 +96,7 @@ def test_without_boxes_the_crank_keeps_its_length_and_so_its_stroke():
     assert region.project([[0.024, 0.09], [0.026, 0.099]])[:, 0] == pytest.approx(0.025, abs=1e-7)
     assert scenario().optimise.constraints.crank_length is None  # bounds were given, and both lengths are searched
     kept = found({"crank": 0.025}, boxes={"within": None})
-    assert headline(kept).startswith("Crank 25.0 mm (unchanged), rod 95.0 → 98.7 mm (crank over rod 0.2632 → 0.2533):")
+    assert "Crank 25.0 mm (unchanged), rod 95.0 → 98.7 mm; crank over rod 0.2632 → 0.2533." in details(kept)
 
 
 def test_without_boxes_the_crank_is_what_constraints_on_the_stroke_make_it():
@@ -164,15 +167,18 @@ def test_the_page_tells_lengths_gain_price_and_what_was_asked():
         "| crank length [mm] | 25.000 | 26.000 | +1.000 | +4.00 | 24 to 26 |",
         "| stroke without clearance [mm] | 50.0 | 52.0 | +2.0 | +4.00 |",
         "| largest force in the crank pin [N] | 400 | 500 | +100 | +25.00 |",
+        "| crank angle of the largest force in the crank pin [deg] | 30.0 | 35.0 | +5.0 | – |",
         "| share of time in contact, piston pin [%] | 90.0 | 90.0 | 0.0 | – |",
         "| stroke | 52 mm | 50 mm | 52 mm | yes |",
     ):
         assert line in text, line
     assert "comparison.html" not in text
-    assert "Crank 25.0 → 26.0 mm" in to_html(page(outcome, "mine", ()))
+    assert "Crank 26.0 mm, rod 98.7 mm" in to_html(page(outcome, "mine", ()))
 
 
 def test_programs_find_the_same_numbers():
     known = json.loads(json.dumps(document(found(), "mine", ("a remark",))))
     assert known["crank_length_mm"] == {"before": 25.0, "after": 26.0} and known["remarks"] == ["a remark"]
     assert known["reduction_percent"]["5_percent"] == pytest.approx(36.0)
+    force = known["largest_force_N"]["crank_pin"]
+    assert force == pytest.approx({"before": 400.0, "after": 500.0, "after_at_deg": 35.0})

@@ -19,7 +19,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.plot import FigureSpec
-from jointgap.core.words import format_falls
+from jointgap.core.words import format_falls, format_name
 from jointgap.scenario import overview
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
@@ -87,8 +87,10 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
         key, specs = ("animation", FIGURES) if scenarios else ("measured_against_model", CAMPAIGN_FIGURES)
         blocks.append(parts[0].figure(key, specs[key], several))
     first = blocks[0].stem if blocks else ""
+    if len(summaries) > 1:
+        blocks.append(TableBlock.of((_row(name, known) for name, known in summaries.items()), "lrrrrrrrr"))
     if several:
-        results = ((part, part.result or "all joints are ideal: motion only") for part in parts)
+        results = [(part, part.result or "all joints are ideal: motion only") for part in parts]
         blocks.append(
             Bullets(tuple(Link(part.name, f"#{pages.place_of(part.heading)}", f": {text}") for part, text in results))
         )
@@ -103,6 +105,21 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
         blocks += [Heading("Contents of the linked figures"), TableBlock(("figure", "content"), rows)]
     footer = f"{pages.written_today()} Runs and their files: `jointgap dashboard`. Stages: docs/workflow.md."
     return Page(_headline(summaries, parts), tuple(blocks), subject="Results of this run", footer=footer)
+
+
+def _row(name: str, known: Mapping[str, Any]) -> dict[str, str | Link]:
+    """A scenario in the table of all."""
+    row = {
+        "scenario": Link(name, f"#{pages.place_of(f'Scenario {name}')}"),
+        "speed [rpm]": f"{known['speed_rpm']:g}",
+        "crank [mm]": f"{known['crank_length_mm']['after']:.3f}",
+        "rod [mm]": f"{known['rod_length_mm']['after']:.3f}",
+        "error [%]": f"{-known['reduction_percent']['median']:+.1f}",
+    }
+    for joint, force in known["largest_force_N"].items():
+        row[f"{format_name(joint)}, largest force [N]"] = f"{force['after']:.4g}"
+        row[f"at [deg] ({format_name(joint)})"] = f"{force['after_at_deg']:.0f}"
+    return row
 
 
 def _summary(own: ScenarioResults) -> Mapping[str, Any]:

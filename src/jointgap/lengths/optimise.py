@@ -165,8 +165,9 @@ def _loads(simulated: dict[str, Resimulation]) -> pd.DataFrame:
     for name, ensemble in simulated.items():
         for joint, load in ensemble.loads.items():
             row = _point(name, ensemble) | {"joint": joint}
+            middle = np.argsort(load["peak_force"], kind="stable")[len(load["peak_force"]) // 2]
             for key, values in load.items():
-                row |= spread(key, values)
+                row |= {key: float(values[middle])} if key == "peak_angle" else spread(key, values)
             rows.append(row)
     return pd.DataFrame(rows)
 

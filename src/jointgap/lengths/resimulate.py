@@ -87,8 +87,8 @@ def resimulate(
 
 
 def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> dict[str, np.ndarray]:
-    """Loads of a joint over the settled revolution, (members,) each: forces between its bodies [N], and the share of
-    the time in contact (NaN for an ideal joint).
+    """Loads of a joint over the settled revolution, (members,) each: forces between its bodies [N], crank angle of the
+    largest one [rad], and the share of the time in contact (NaN for an ideal joint).
     """
     force = ensemble.pin_force[joint][:, settled]
     times = np.diff(ensemble.times[:, np.append(settled, settled[-1] + 1)], axis=1)  # to the next sample
@@ -96,6 +96,7 @@ def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> di
     touching = ensemble.normal_force[joint][:, settled] > 0.0
     return {
         "peak_force": force.max(axis=1),
+        "peak_angle": ensemble.crank_angle[settled][force.argmax(axis=1)] % (2.0 * np.pi),
         "rms_force": np.sqrt(np.sum(weight * force**2, axis=1)),
         "contact_share": np.sum(weight * touching, axis=1) if loose else np.full(len(force), np.nan),
     }

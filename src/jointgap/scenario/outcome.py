@@ -235,18 +235,27 @@ def _networks(outcome: Outcome) -> Iterator[str]:
 
 
 def headline(outcome: Outcome) -> str:
-    """Lengths and error before and after, in one line."""
+    """Lengths found and change of the error."""
+    (crank, rod), gain = (_rounded(1e3 * length, 2) for length in outcome.lengths), outcome.gain
+    unsure = "" if gain["reduction_low"] > 0 or gain["reduction_high"] < 0 else " (not significant)"
+    return f"Crank {crank} mm, rod {rod} mm: transmission-angle error {_percent(gain['reduction'])} %{unsure}"
+
+
+def details(outcome: Outcome) -> str:
+    """Error and lengths before and after."""
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
-    kept = "mm (unchanged)" if outcome.keeps_crank else f"→ {_rounded(1e3 * new_crank, 2)} mm"
     before, after = _aligned(*np.degrees([gain["original_error"], gain["error"]]))
     low, high = _percent(gain["reduction_high"]), _percent(gain["reduction_low"])
-    ends = "for every start" if low == high else f"{low} to {high} %"
-    spread = f"{_percent(gain['reduction'])} % ({ends})".replace("-", "−")
-    verdict = "" if gain["reduction_low"] > 0 else ", worse" if gain["reduction_high"] < 0 else ", not significant"
+    ends = "the same for every start" if low == high else f"{low} to {high} % over the starts"
+    lengths = [
+        f"{name} {_rounded(1e3 * old, 2)} mm (unchanged)"
+        if abs(new - old) < 1e-6
+        else f"{name} {_rounded(1e3 * old, 2)} → {_rounded(1e3 * new, 2)} mm"
+        for name, old, new in (("Crank", crank, new_crank), ("rod", rod, new_rod))
+    ]
     return (
-        f"Crank {_rounded(1e3 * crank, 2)} {kept}, rod {_rounded(1e3 * rod, 2)} → {_rounded(1e3 * new_rod, 2)} mm "
-        f"(crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}): RMS error of the transmission angle {before} "
-        f"→ {after} deg, {spread}, simulated again{verdict}"
+        f"RMS error over {outcome.stretch_label(outcome.stretch)}, simulated again: {before} → {after} deg ({ends}). "
+        f"{', '.join(lengths)}; crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}."
     )
 
 
@@ -261,6 +270,7 @@ def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, A
     return {
         "scenario": name,
         "headline": headline(outcome),
+        "details": details(outcome),
         "remarks": list(remarks),
         "found_on": outcome.chosen["source"],
         "crank_length_mm": crank,
@@ -268,7 +278,15 @@ def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, A
         "at_bounds": list(outcome.bounds),
         "rms_error_deg": {"before": math.degrees(gain["original_error"]), "after": math.degrees(gain["error"])},
         "reduction_percent": {key: 100 * float(gain[column]) for key, column in fall.items()},
+        "speed_rpm": outcome.scenario.simulate.speed * 30 / math.pi,
+        "largest_force_N": {joint: _largest_force(outcome, joint) for joint in PINS},
     }
+
+
+def _largest_force(outcome: Outcome, joint: str) -> dict[str, float]:
+    before, after = outcome.pair("optimise_loads", joint)["peak_force"]
+    angle = math.degrees(outcome.pair("optimise_loads", joint)["peak_angle"].iloc[1])
+    return {"before": float(before), "after": float(after), "after_at_deg": angle}
 
 
 def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
@@ -283,9 +301,9 @@ def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
         Link("Tables of the search", "optimise", "; `jointgap describe FILE` explains the columns"),
     )
     blocks: list[Block] = [
-        *([Paragraph(scenario.description)] if scenario.description else []),
-        Paragraph(_definition(outcome)),
+        Paragraph(details(outcome), strong=True),
         _figure("animation"),
+        *([Paragraph(scenario.description)] if scenario.description else []),
         *([Heading("Check before you use this"), Bullets(tuple(remarks))] if remarks else []),
         Heading("Lengths"),
         *_lengths(outcome),
@@ -401,6 +419,7 @@ def _gains(outcome: Outcome) -> Iterator[Block]:
                 }
             )
     yield TableBlock.of(rows, "lrrrrrr")
+    yield Paragraph(_definition(outcome))
     yield Paragraph(
         "Simulated again: the result that counts; median and spread over "
         f"{outcome.gains['members'].iloc[0]} pairs of runs with perturbed starts. Frozen: estimate with unchanged "
@@ -423,6 +442,7 @@ def _side_effects(outcome: Outcome) -> Iterator[Block]:
     }
     for joint, load in loads.items():
         changes[f"largest force in the {format_name(joint)} [N]"] = load["peak_force"]
+        changes[f"crank angle of the largest force in the {format_name(joint)} [deg]"] = np.degrees(load["peak_angle"])
         changes[f"RMS force in the {format_name(joint)} [N]"] = load["rms_force"]
     for joint in applied.loose:
         changes[f"share of time in contact, {format_name(joint)} [%]"] = 100 * loads[joint]["contact_share"]
