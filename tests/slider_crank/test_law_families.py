@@ -49,7 +49,7 @@ def test_quadratic_drag_that_shows_well_keeps_its_name(tmp_path):
     (family,) = found["families"]
     assert family["interval_99"][0] <= 2.0 <= family["interval_99"][1]
     assert not family["named"]
-    assert answer(verdict).startswith("Missing in the model is quadratic drag of the slider.")
+    assert answer(verdict).startswith("The model lacks quadratic drag of the slider.")
     assert [effect["name"] for effect in effects] == ["slider_quadratic_drag"]
 
 
@@ -102,7 +102,7 @@ def test_friction_that_is_largest_at_one_place_of_the_stroke_is_named_with_the_s
     low, high = family["interval_99"]
     assert (verdict["verdict"], found["name"], family["named"]) == ("named", "slider_position_friction", True)
     assert 0.0 < low <= share <= high
-    assert "is dry friction that varies along the stroke (varying share" in answer(verdict)
+    assert "lacks position-dependent dry friction of the slider (varying share" in answer(verdict)
     (written,) = (effect["parameters"] for effect in effects)
     assert (written["tightest_position_m"] - place + 0.15) % 0.3 - 0.15 == pytest.approx(0.0, abs=0.02)
 

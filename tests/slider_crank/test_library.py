@@ -15,7 +15,7 @@ from jointgap.dynamics.simulation import simulate
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.force_law import ForceLawResult, effect_of, find_force_law, term_of
 from jointgap.identification.noise import estimate_noise
-from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.screening import simulate_sensitivities
 from jointgap.identification.thresholds import thresholds
 from jointgap.rig.model import SliderCrankModel, build_model, library
 from jointgap.rig.read_files import read_measurements
@@ -73,8 +73,8 @@ def regressed(model: SliderCrankModel) -> ForceLawResult:
     nominal = {run: {p.name: p.nominal for p in model.nuisances if p.run in (None, run)} for run in runs_of(model)}
     missed = {s.key: s.value - model.simulate(s.run, nominal[s.run])[s.channel] for s in model.series}
     base = recalibrate(model, estimate_noise(model, missed))
-    signatures = simulate_signatures(base.problem, base.base, base.differences, candidates=())
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences, candidates=())
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
     return find_force_law(base.problem, base.base, library(model), limits, base.differences)
 
 

@@ -12,8 +12,8 @@ from jointgap.effects.base import example
 from jointgap.rig.simulate_run import (
     augmented_mechanism,
     friction_speed,
-    lasting_damping,
     simulated_effects,
+    steady_contact_damping,
     with_effects,
     with_nuisances,
 )
@@ -154,7 +154,7 @@ def test_the_speed_of_friction_is_not_asked_of_a_joint_without_friction():
 
 
 def test_the_damping_of_a_lasting_contact_is_a_logarithm_of_its_own_for_each_loose_joint():
-    assert lasting_damping(made(loose=("piston_pin",))) == {"piston_pin": "lasting_damping_piston_pin"}
+    assert steady_contact_damping(made(loose=("piston_pin",))) == {"piston_pin": "lasting_damping_piston_pin"}
     changed = with_nuisances(made(), {"lasting_damping_piston_pin": math.log(2.0)})
     assert changed.joint("piston_pin").contact.reference_speed == pytest.approx(0.025, rel=1e-12)
     assert changed.joint("crank_pin").contact.reference_speed == 0.05
@@ -173,7 +173,7 @@ def test_the_damping_of_a_lasting_contact_is_a_logarithm_of_its_own_for_each_loo
 def test_a_contact_that_never_fades_has_no_such_nuisance(contact):
     content = mechanism(JOINTS)
     content["contacts"]["steel"] |= contact
-    assert lasting_damping(Mechanism.model_validate(content)) == {}
+    assert steady_contact_damping(Mechanism.model_validate(content)) == {}
 
 
 # Effects
@@ -283,7 +283,7 @@ def test_a_fit_with_effects_writes_their_values_and_those_that_it_replaced():
 
 
 def test_a_fit_that_makes_the_mechanism_impossible_is_refused():
-    with pytest.raises(InputError, match=r"^the mechanism with what was found: "):
+    with pytest.raises(InputError, match=r"^the augmented mechanism: "):
         augmented_mechanism(made(), (), {"slider_mass": -1.0})
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jointgap.config.load import load_campaign
-from jointgap.rig.model import build_model, remaining_doubts
+from jointgap.rig.model import build_model, remaining_inconsistencies
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.sensors import Faults
 from tests.recordings.rig import write_rig
@@ -40,24 +40,24 @@ def test_an_encoder_offset_accounts_for_the_crank_angle_if_it_is_as_large_as_the
     model, measurements = rig(tmp_path, offset_deg=90.0)
     right, small = (fit(model, encoder_offset_at_offset_rad=math.radians(angle)) for angle in (90.0, 20.0))
     force = fit(model, slider_constant_force_at_force_N=5.0)
-    assert remaining_doubts(model, measurements, [right]) == ()
-    assert remaining_doubts(model, measurements, [small]) == ("crank_angle",)
-    assert remaining_doubts(model, measurements, [force]) == ("crank_angle",)
-    assert remaining_doubts(model, measurements, [right, force]) == ("crank_angle",)
+    assert remaining_inconsistencies(model, measurements, [right]) == ()
+    assert remaining_inconsistencies(model, measurements, [small]) == ("crank_angle",)
+    assert remaining_inconsistencies(model, measurements, [force]) == ("crank_angle",)
+    assert remaining_inconsistencies(model, measurements, [right, force]) == ("crank_angle",)
 
 
 def test_a_turned_sign_of_the_torque_is_not_accounted_for_by_an_encoder_offset_or_a_bias(tmp_path):
     model, measurements = rig(tmp_path, M=-1.0)
     for own in ({"encoder_offset_at_offset_rad": 0.02}, {"sensor_bias__crank_torque_at_bias": 1.0}):
-        assert remaining_doubts(model, measurements, [fit(model, **own)]) == ("crank_torque",)
+        assert remaining_inconsistencies(model, measurements, [fit(model, **own)]) == ("crank_torque",)
 
 
 def test_a_gain_accounts_for_a_wrong_unit_if_it_is_that_gain(tmp_path):
     model, measurements = rig(tmp_path, slider_acceleration=1 / 9.81)
     right = fit(model, sensor_gain__slider_acceleration_at_gain_error=1 / 9.81 - 1.0)
     wrong = fit(model, sensor_gain__slider_acceleration_at_gain_error=0.1)
-    assert remaining_doubts(model, measurements, [right]) == ()
-    assert remaining_doubts(model, measurements, [wrong]) == ("slider_acceleration",)
+    assert remaining_inconsistencies(model, measurements, [right]) == ()
+    assert remaining_inconsistencies(model, measurements, [wrong]) == ("slider_acceleration",)
 
 
 def test_the_fit_of_an_encoder_offset_begins_where_the_other_channels_say_too(tmp_path):
@@ -117,5 +117,7 @@ def test_of_a_clockwise_crank_the_offset_is_that_of_the_angle_as_it_is_read(tmp_
     (offset,) = (candidate for candidate in model.candidates if candidate.label == "encoder_offset")
     told = offset.initial_guesses[1]["offset_rad"]
     assert math.degrees(told) == pytest.approx(90.0, abs=2.0)
-    assert remaining_doubts(model, measurements, [fit(model, encoder_offset_at_offset_rad=told)]) == ()
-    assert remaining_doubts(model, measurements, [fit(model, encoder_offset_at_offset_rad=-told)]) == ("crank_angle",)
+    assert remaining_inconsistencies(model, measurements, [fit(model, encoder_offset_at_offset_rad=told)]) == ()
+    assert remaining_inconsistencies(model, measurements, [fit(model, encoder_offset_at_offset_rad=-told)]) == (
+        "crank_angle",
+    )
