@@ -77,7 +77,7 @@ class Candidate:
         Whether it is a fault of a sensor: it acts on what is read, not on the motion.
     has_site : bool
         Whether the effect could be at another site too, so that its label needs the site.
-    steady_counterpart : str
+    carrier : str
         Label of a steady effect that this one is, but for swinging: in time at its shape parameter ``frequency_Hz``, or
         in step with the crank at ``order``, cycles per revolution. Its amplitudes are the parts with the cosine and
         with the sine. Frequencies or orders to start from are then searched in the residual.
@@ -101,7 +101,7 @@ class Candidate:
     replaces: Mapping[str, str] = field(default_factory=dict)
     sensor: bool = False
     has_site: bool = False
-    steady_counterpart: str = ""
+    carrier: str = ""
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
@@ -138,7 +138,7 @@ class Candidate:
         return frozenset((self.exclusion_group, *self.replaces))
 
     @property
-    def is_rough(self) -> bool:
+    def is_nonsmooth(self) -> bool:
         """Whether samples depend so roughly on it that no slope leads to it: the search alone does. Small changes of
         what is there are told by slopes too."""
         return bool(self.search_range) and not self.is_perturbation
@@ -171,7 +171,7 @@ class LawFamily:
         [1] Shapes of laws in use, listed or not: the effect is named alone where all but its own are excluded.
     values : function
         From values of the effect's coordinates to those of the law that do the same; the shape is left out.
-    idle_at_own : int
+    inactive_at_default : int
         How many other coordinates of the law do nothing at the shape `own`, such as the place of a variation that is
         none. No fit begins there, since none would move them.
     """
@@ -181,7 +181,7 @@ class LawFamily:
     own: float
     in_use: tuple[float, ...]
     values: Callable[[Mapping[str, float]], dict[str, float]]
-    idle_at_own: int = 0
+    inactive_at_default: int = 0
 
 
 @dataclass(frozen=True)
