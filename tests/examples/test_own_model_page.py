@@ -50,10 +50,8 @@ def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_t
         assert estimate["value"] == pytest.approx(value, abs=0.1 * error)
         assert estimate["sd"] == pytest.approx(error, rel=0.1)
         assert estimate["interval_90"] == pytest.approx([value - 1.645 * error, value + 1.645 * error], abs=0.3 * error)
-    doubted = names["final_verdict"](names["by_fits"], names["confirmed"], doubted_channels=["force"])
-    assert doubted.verdict == "unexplained" and doubted.because.startswith(
-        "what force reads contradicts other channels"
-    )
+    doubted = names["final_verdict"](names["by_fits"], names["confirmed"], inconsistent_channels=["force"])
+    assert doubted.verdict == "unexplained" and doubted.because.startswith("force is inconsistent with other channels")
     assert names["disagreement"].remark == ""
     for series in names["model"].series:
         series.angle[:] = np.nan  # without a phase there is no map, and that is said

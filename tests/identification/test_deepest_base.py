@@ -94,5 +94,7 @@ def test_a_rig_that_cannot_be_simulated_in_windows_as_it_stands_says_why():
         raise SimulationError("the pins are beyond their bearings")
 
     problem.model.deviance = deviance
-    with pytest.raises(SimulationError, match=r"oscillator: cannot be simulated as it stands: the pins are beyond"):
+    with pytest.raises(
+        SimulationError, match=r"oscillator: the current model cannot be simulated: the pins are beyond"
+    ):
         recalibrated(problem)

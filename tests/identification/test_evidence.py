@@ -39,23 +39,23 @@ def fitted(chi2, *effects, values=(1.0,), slope=1e6, nuisances=1, **more):
     return Fit(effects, (*parameters, *own), values, residual, jacobian, 1, more.pop("status", "converged"), **more)
 
 
-def objection(*effects, bounds=None, order_in_words=lambda _: "", **more):
-    return row_of(fitted(NOISE, *effects, **more), bounds or {}, order_in_words=order_in_words).objection
+def objection(*effects, bounds=None, order_label=lambda _: "", **more):
+    return row_of(fitted(NOISE, *effects, **more), bounds or {}, order_label=order_label).objection
 
 
 # Effects that are not there
 
 
 def test_an_effect_of_no_size_is_none():
-    assert objection(COULOMB, values=[0.0]) == "coulomb is fitted with no size"
-    assert objection(COULOMB, SPRING, values=[1.0, 0.0]) == "spring is fitted with no size"
+    assert objection(COULOMB, values=[0.0]) == "coulomb was fitted with size 0"
+    assert objection(COULOMB, SPRING, values=[1.0, 0.0]) == "spring was fitted with size 0"
     assert objection(COULOMB) == ""
 
 
 @pytest.mark.parametrize(("value", "is_there"), [(1.646, True), (1.644, False)])
 def test_nor_one_whose_90_percent_interval_holds_zero(value, is_there):
     found = objection(COULOMB, values=[value], slope=1.0)  # a standard error of 1
-    assert found == ("" if is_there else "coulomb may as well be absent: the interval of its size holds 0")
+    assert found == ("" if is_there else "coulomb is not significant: the interval of its size contains 0")
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_nor_one_whose_90_percent_interval_holds_zero(value, is_there):
 )
 def test_nor_one_drawn_to_the_bound_of_its_size(value, is_perturbation, is_there):
     found = objection(effect("length", low=-0.5, high=0.5, is_perturbation=is_perturbation), values=[value])
-    assert found == ("" if is_there else "length is drawn to the bound of size: what it explains is something else")
+    assert found == ("" if is_there else "length is at the bound of size, so the cause is another one")
 
 
 def test_shapes_may_end_at_bounds():
@@ -81,10 +81,10 @@ def test_shapes_may_end_at_bounds():
 @pytest.mark.parametrize("order", ["order 1 of the crank in run slow", ""])
 @pytest.mark.parametrize("beside", [(), (COULOMB,)])
 def test_nor_one_that_swings_at_an_order_of_a_crank(beside, order):
-    swing = effect("swing", Parameter("frequency_Hz", 5.0), steady_counterpart="push")
+    swing = effect("swing", Parameter("frequency_Hz", 5.0), carrier="push")
     values, asked = [1.0] * len(beside) + [1.0, 5.04], []
-    found = objection(*beside, swing, values=values, order_in_words=lambda hertz: asked.append(hertz) or order)
-    assert (found, asked) == (f"swing swings at 5.04 Hz, which is {order}" if order else "", [5.04])
+    found = objection(*beside, swing, values=values, order_label=lambda hertz: asked.append(hertz) or order)
+    assert (found, asked) == (f"swing oscillates at 5.04 Hz, which is {order}" if order else "", [5.04])
 
 
 # Parameters within their ranges
@@ -95,7 +95,7 @@ def test_nor_one_that_swings_at_an_order_of_a_crank(beside, order):
 )
 def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range(value, is_effect):
     found = objection(MASS, values=[value], bounds={"slider_mass": (1.0, 0.9, 1.5)})
-    assert found == ("" if is_effect else "mass is slider_mass within its range: a parameter, no effect")
+    assert found == ("" if is_effect else "mass is equivalent to slider_mass within its range: a parameter, no effect")
 
 
 @pytest.mark.parametrize(("value", "is_effect"), [(0.51, True), (0.49, False), (-0.51, True), (-0.49, False)])
@@ -108,13 +108,14 @@ def test_a_further_size_of_such_an_effect_counts_from_two_standard_errors_on(val
 def test_an_effect_that_replaces_two_nuisances_names_both():
     two = replace(LENGTHS, replaces={"crank_length": "a", "rod_length": "b"})
     found = objection(two, values=[0.05], bounds=dict.fromkeys(two.replaces, (1.0, 0.9, 1.1)))
-    assert found == "lengths is crank_length and rod_length within its range: a parameter, no effect"
+    assert found == "lengths is equivalent to crank_length and rod_length within its range: a parameter, no effect"
 
 
 def test_an_effect_that_leaves_the_rest_of_a_shared_nuisance_to_be_fitted_is_one_within_the_range_too():
     bounds = {"joint_friction": (0.1, 0.0, 0.2), "slider_mass": (1.0, 0.9, 1.1)}
     assert objection(PIN, values=[0.05, 0.1], bounds=bounds) == ""
-    assert objection(PIN, MASS, values=[0.05, 0.1, 0.05], bounds=bounds).startswith("mass is slider_mass within")
+    assert objection(PIN, MASS, values=[0.05, 0.1, 0.05], bounds=bounds).startswith("mass is equivalent to slider_mass
+    within")
 
 
 def test_a_failed_fit_is_not_looked_into():
@@ -131,7 +132,7 @@ def test_a_row_has_the_numbers_of_the_fit_and_what_it_is_weighed_by():
     row = weigh_fit(base, fit, Thresholds(0.01, 1.05, 12.0))
     assert (row.fit, row.label, row.misfit) == (fit, "coulomb + spring", pytest.approx(1000.0 / 997.0))
     assert (row.bic, row.delta_bic) == (pytest.approx(fit.bic), pytest.approx(base.bic - fit.bic))
-    assert (row.passes, row.admissible, row.is_rough) == (True, True, False)
+    assert (row.passes, row.admissible, row.is_nonsmooth) == (True, True, False)
     assert reduced_chi2(fit) == row.misfit
     assert not weigh_fit(base, fitted(1000.0, COULOMB, values=[0.0]), Thresholds(0.01, 1.05, 12.0), {}).admissible
 
@@ -146,9 +147,9 @@ def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
 
 def test_motion_depends_roughly_on_a_joint_that_became_loose_not_on_one_that_was():
     ranges = {"search_range": (0.1, 2.0)}
-    assert row_of(fitted(NOISE, effect("loose", low=0.0, **ranges))).is_rough
+    assert row_of(fitted(NOISE, effect("loose", low=0.0, **ranges))).is_nonsmooth
     looser = effect("looser", low=-1.0, high=2.0, is_perturbation=True, search_range=(-0.5, 2.0))
-    assert not row_of(fitted(NOISE, looser)).is_rough
+    assert not row_of(fitted(NOISE, looser)).is_nonsmooth
 
 
 def test_a_replaced_nuisance_still_counts_in_the_bic():
@@ -268,4 +269,4 @@ def test_so_do_those_of_what_is_best_known_and_equivalent_and_of_the_base_where_
 
 def test_channels_in_doubt_are_no_evidence():
     found = final_verdict(Decision("named", fitted(990.0, COULOMB), BASE), confirmed(), ["torque"])
-    assert found.because.startswith("what torque reads contradicts")
+    assert found.because.startswith("torque is inconsistent with")

@@ -221,7 +221,7 @@ def test_a_fit_that_runs_out_of_steps_says_so():
     few = replace(DEFAULT_SETTINGS, stopping=replace(DEFAULT_SETTINGS.stopping, max_steps=1))
     here = Problem(model, stated_noise(model), settings=few)
     found = fit_hypothesis(here, (candidate(model, "coulomb"),))
-    assert (found.status, found.reason) == (STOPPED, "no end after 1 steps")
+    assert (found.status, found.reason) == (STOPPED, "not converged after 1 steps")
 
 
 def test_a_fit_that_another_beats_ends_early():
@@ -230,7 +230,7 @@ def test_a_fit_that_another_beats_ends_early():
     patient = fit_hypothesis(here, hypothesis)
     beaten = fit_hypothesis(here, hypothesis, sufficient_chi2=1.0)
     assert beaten.simulations < patient.simulations
-    assert (beaten.status, beaten.reason) == (STOPPED, "poor, and hardly better from step to step")
+    assert (beaten.status, beaten.reason) == (STOPPED, "poor fit, stalled")
 
 
 @pytest.mark.parametrize("high", [np.inf, 0.0])

@@ -109,17 +109,17 @@ def test_a_fit_beaten_threefold_ends_where_it_gains_less_than_a_fifth_in_two_ste
 
 
 def test_a_long_fit_creeps_where_it_gains_less_than_two_in_four_steps():
-    assert rule(*[100.0] * 5).creeping(10)
-    assert not rule(*[100.0] * 5).creeping(9)
+    assert rule(*[100.0] * 5).stalled(10)
+    assert not rule(*[100.0] * 5).stalled(9)
     slow = (102.0, 101.5, 101.0, 100.5, 100.0)
-    assert not rule(*slow).creeping(10)
-    assert rule(*slow, numerical_noise_chi2=5.0).creeping(10)
+    assert not rule(*slow).stalled(10)
+    assert rule(*slow, numerical_noise_chi2=5.0).stalled(10)
 
 
 def test_a_creeping_fit_gets_a_new_jacobian_as_long_as_that_helps():
     stopping = rule(100.0)
     assert stopping.renew(12)
-    assert not stopping.creeping(21) and stopping.creeping(22)
+    assert not stopping.stalled(21) and stopping.stalled(22)
     stopping.record(98.0)
     assert stopping.renew(22)
     stopping.record(96.1)
@@ -127,7 +127,7 @@ def test_a_creeping_fit_gets_a_new_jacobian_as_long_as_that_helps():
 
 
 def test_the_numbers_of_a_rule_are_those_of_its_settings():
-    stopping = StoppingRule(replace(STOPPING, min_decrease=1.0, max_steps=7, creeping_after=3), 100)
+    stopping = StoppingRule(replace(STOPPING, min_decrease=1.0, max_steps=7, stalled_after=3), 100)
     stopping.record(100.0)
     assert (stopping.min_decrease(), stopping.settings.max_steps) == (1.0, 7)
-    assert stopping.creeping(3) and not stopping.creeping(2)
+    assert stopping.stalled(3) and not stopping.stalled(2)

@@ -23,7 +23,7 @@ from jointgap.identification.law_family import (
 from jointgap.identification.likelihood import fitted
 from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.screening import simulate_sensitivities
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
 from jointgap.identification.verdict import Decision
@@ -51,11 +51,11 @@ def profile(model: Toy) -> ShapeProfile:
 def asked(model: Toy, other=lambda decision: decision) -> tuple[Decision, tuple[FamilyInterval, ...]]:
     """What is decided, and what that comes to (`other` than it) once families are asked for."""
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    fits, _ = fit_singles(base, signatures, limits)
-    fits = [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
-    return with_families(base, other(select_hypothesis(base, signatures, fits, limits)), limits)
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
+    fits, _ = fit_singles(base, sensitivities, limits)
+    fits = [*fits, *fit_pairs(base, sensitivities, limits, fits)[0]]
+    return with_families(base, other(select_hypothesis(base, sensitivities, fits, limits)), limits)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_where_joints_are_loose_each_shape_is_fitted_in_windows_from_the_states_
 def test_more_excludes_the_effects_own_shape_where_something_of_the_law_is_idle_there(away, held):
     shapes = np.linspace(0.0, 6.0, 601)
     parabola = ShapeProfile(shapes, 100.0 + (shapes - 2.0 - away) ** 2)
-    low, high = shape_interval(parabola, replace(DRAG, idle_at_own=1), 0.99)
+    low, high = shape_interval(parabola, replace(DRAG, inactive_at_default=1), 0.99)
     assert high == pytest.approx(min(2.0 + away + np.sqrt(RISE), 6.0), abs=0.01)
     assert (low <= DRAG.own) == held
     assert low == pytest.approx(DRAG.own if held and away > np.sqrt(RISE) else 2.0 + away - np.sqrt(RISE), abs=0.01)

@@ -15,16 +15,16 @@ from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesi
 from jointgap.identification.likelihood import (
     Estimate,
     _band,
-    as_it_stands,
     compete,
+    current_model,
     fitted,
     has_windows,
     predicted,
-    signatures_about,
+    sensitivities_about,
     turned,
 )
 from jointgap.identification.problem import Problem, whiten
-from jointgap.identification.screening import SignatureRegression
+from jointgap.identification.screening import SensitivityRegression
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.identification.oscillator import (
     FREQUENCY,
@@ -174,27 +174,27 @@ def test_what_is_far_behind_a_rival_ends_at_a_larger_jump(hidden):
 
 def test_signatures_hold_what_a_force_and_the_parameters_would_explain_together(either):
     problem, base, true = either
-    signatures = base.signatures([SWING])
-    (own,) = signatures.entries
+    sensitivities = base.sensitivities([SWING])
+    (own,) = sensitivities.entries
     jump, count = base.stages[-1].jump, base.values.size
     # the weak law of the parameters, as rows
     law = np.hstack([np.diag(base.prior), np.zeros((count, 1))])
-    rows = np.vstack([np.hstack([signatures.jacobian, own.columns]), law])
+    rows = np.vstack([np.hstack([sensitivities.jacobian, own.columns]), law])
     off = base.values - np.array([p.nominal for p in base.parameters])
-    left = np.concatenate([signatures.residual, base.prior * off])
+    left = np.concatenate([sensitivities.residual, base.prior * off])
     step, (least,), *_ = np.linalg.lstsq(rows, -left, rcond=None)
     with_it = next(stage for stage in true.stages if stage.jump == jump)
     assert left @ left == pytest.approx(base.stages[-1].cost, rel=1e-6)
     assert least == pytest.approx(with_it.cost, rel=1e-6)
     assert np.append(base.values, 0.0) + step == pytest.approx(with_it.values, abs=1e-5)
-    assert signatures.residual.size == problem.size
+    assert sensitivities.residual.size == problem.size
 
 
 def test_signatures_rank_the_hidden_force_first(hidden):
     _, base, _ = hidden
-    signatures = base.signatures([WOBBLE, PULL, SWING])
-    first, second, *_ = SignatureRegression(signatures).singles()
-    chi2 = signatures.residual @ signatures.residual
+    sensitivities = base.sensitivities([WOBBLE, PULL, SWING])
+    first, second, *_ = SensitivityRegression(sensitivities).singles()
+    chi2 = sensitivities.residual @ sensitivities.residual
     assert first.label == "swing" and chi2 - second.chi2 < 0.5 * (chi2 - first.chi2)
     assert first.start["swing.size"] == pytest.approx(0.03, abs=0.005)
 
@@ -202,18 +202,18 @@ def test_signatures_rank_the_hidden_force_first(hidden):
 def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_stands_beside_no_other_such():
     problem = linear(drive=0.3, bounds=(0.0, 0.25))
     base = Estimate(problem, ()).anneal()
-    signatures = base.signatures([PUSH])
-    (single,) = SignatureRegression(signatures).singles()
-    assert signatures.residual @ signatures.residual - single.chi2 > 10.0
+    sensitivities = base.sensitivities([PUSH])
+    (single,) = SensitivityRegression(sensitivities).singles()
+    assert sensitivities.residual @ sensitivities.residual - single.chi2 > 10.0
     assert single.start["push.size"] == pytest.approx(0.1, abs=0.02)  # beyond the nominal 0.2
     with_it = Estimate(problem, (PUSH,)).anneal()
-    assert [each.candidate.name for each in with_it.signatures([SWING, PUSH]).entries] == ["swing"]
+    assert [each.candidate.name for each in with_it.sensitivities([SWING, PUSH]).entries] == ["swing"]
 
 
 def test_an_effect_that_is_never_small_has_no_signature():
     problem = linear()
     finite = replace(SWING, initial_guesses=({"size": 0.1},))
-    assert Estimate(problem, ()).anneal().signatures([finite]).entries == []
+    assert Estimate(problem, ()).anneal().sensitivities([finite]).entries == []
 
 
 def test_nothing_is_simulated_beyond_bounds():
@@ -227,7 +227,7 @@ def test_nothing_is_simulated_beyond_bounds():
 
     problem.model.windows = windows_of
     Estimate(problem, (PULL,)).anneal()
-    Estimate(problem, ()).anneal().signatures([PULL])
+    Estimate(problem, ()).anneal().sensitivities([PULL])
     assert 0.0 <= min(drives) and max(drives) == 0.25 and min(pulls) == 0.0
     drives.clear()
     problem = linear(drive=0.1, bounds=(0.15, 0.25))
@@ -235,7 +235,7 @@ def test_nothing_is_simulated_beyond_bounds():
     assert Estimate(problem, ()).anneal().mapping["drive"] == 0.15 == min(drives)
     pulls.clear()
     limited = replace(PULL, coordinates=(replace(PULL.coordinates[0], low=-0.02, high=0.0),))
-    (single,) = SignatureRegression(Estimate(problem, ()).anneal().signatures([limited])).singles()
+    (single,) = SensitivityRegression(Estimate(problem, ()).anneal().sensitivities([limited])).singles()
     assert max(pulls) <= 0.0 and -0.02 <= single.start["pull.size"] <= 0.0
 
 
@@ -246,9 +246,9 @@ def test_bounds_hold():
         at = dict(zip((p.key for p in estimate.parameters), stage.values, strict=True))
         assert at["drive"] <= 0.25 and at["pull.size"] >= 0.0
     assert estimate.mapping["drive"] == 0.25 and estimate.mapping["pull.size"] == 0.0
-    signatures = Estimate(problem, ()).anneal().signatures([PULL])
-    (single,) = SignatureRegression(signatures).singles()
-    assert single.chi2 == pytest.approx(signatures.residual @ signatures.residual, rel=1e-3)
+    sensitivities = Estimate(problem, ()).anneal().sensitivities([PULL])
+    (single,) = SensitivityRegression(sensitivities).singles()
+    assert single.chi2 == pytest.approx(sensitivities.residual @ sensitivities.residual, rel=1e-3)
     assert single.start["pull.size"] == 0.0
 
 
@@ -394,14 +394,12 @@ def test_after_a_window_that_is_lost_the_next_one_begins_with_what_it_knew():
 
 
 def test_a_model_without_nuisances_has_signatures_too():
-    own = replace(
-        SWING, steady_counterpart="wobble", coordinates=(*SWING.coordinates, Parameter("order", 2.0, tried=(2.0, 3.0)))
-    )
+    own = replace(SWING, carrier="wobble", coordinates=(*SWING.coordinates, Parameter("order", 2.0, tried=(2.0, 3.0))))
     own = replace(own, initial_guesses=({"order": 2.0},))
     problem = measured(Oscillator(()), {"drive": 0.3}, {"swing": {"size": 0.03}})
     make = problem.model.windows
     problem.model.windows = lambda run, values, effects=(): make(run, {"drive": 0.3} | values, effects)
-    found = Estimate(problem, ()).anneal().signatures([WOBBLE, own])
+    found = Estimate(problem, ()).anneal().sensitivities([WOBBLE, own])
     assert found.jacobian.shape == (problem.size, 0)
     assert [each.candidate.name for each in found.entries][:2] == ["wobble", "swing"]
 
@@ -413,7 +411,7 @@ def test_what_an_effect_keeps_of_a_nuisance_goes_on_from_where_that_is():
         initial_guesses=({"drive": 0.2},),
     )
     base = Estimate(linear(drive=0.3), ()).anneal()
-    (entry,) = base.signatures([shared]).entries
+    (entry,) = base.sensitivities([shared]).entries
     assert entry.shape_parameters["drive"] == pytest.approx(base.mapping["drive"])
 
 
@@ -464,14 +462,14 @@ def test_what_cannot_be_simulated_is_no_rival():
 
 def test_the_model_as_it_stands_is_looked_at_where_its_likelihood_is_largest(hidden):
     problem, base, _ = hidden
-    best, further = as_it_stands(problem)
+    best, further = current_model(problem)
     assert best.stages[-1] is best.best and best.stages[-1].jump > problem.settings.windows.jumps[-1]
     assert further.stages[-1].deviance > best.stages[-1].deviance and further.stages[:-1] == best.stages
     assert best.stages[-1].deviance == pytest.approx(base.best.deviance, abs=0.1)
     found = fitted(problem)
     assert found.chi2 == pytest.approx(Estimate(problem, ()).anneal().to_its_end().fit().chi2, rel=1e-3)
-    assert signatures_about(problem, found, FiniteDifferences(problem)).residual == pytest.approx(
-        best.signatures(problem.model.candidates).residual
+    assert sensitivities_about(problem, found, FiniteDifferences(problem)).residual == pytest.approx(
+        best.sensitivities(problem.model.candidates).residual
     )
 
 

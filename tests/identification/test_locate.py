@@ -10,12 +10,12 @@ import pytest
 from jointgap.identification.disagreement import (
     bin_correlations,
     circular_spans,
+    dominant_orders,
     flag_bins,
     ljung_box,
     map_disagreement,
     order_spectrum,
     speed_scaling,
-    standout_orders,
 )
 from jointgap.identification.problem import Noise, Problem, unwhiten, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -240,7 +240,7 @@ def test_the_spectrum_of_a_record_of_any_length_ends_with_the_highest_order(turn
 @pytest.mark.parametrize("turns", [1, 7, 10, 22, 44, 49, 98, 107])
 @pytest.mark.parametrize("order", [3, 6, 7, 12, 16, 23, 24])
 def test_a_ripple_of_a_whole_order_stands_out_of_a_record_of_any_length(turns, order):
-    (row,) = standout_orders(*rippled(turns, order), rate=0.01).to_dict("records")
+    (row,) = dominant_orders(*rippled(turns, order), rate=0.01).to_dict("records")
     assert row["order"] == order
     assert row["amplitude"] == pytest.approx(3.0)
     assert row["share"] == pytest.approx(1.0, abs=0.02)

@@ -14,7 +14,7 @@ from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.model_selection import (
     _beyond_bounds,
     best_sufficient,
-    fit_look_alikes,
+    fit_confusable_effects,
     fits_beyond_bounds,
     nonlinearity,
     refit_jacobian,
@@ -27,7 +27,7 @@ from jointgap.identification.model_selection import (
     without_repetitions,
 )
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Signature, Signatures, simulate_signatures
+from jointgap.identification.screening import Sensitivities, Sensitivity, simulate_sensitivities
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import thresholds
 from jointgap.identification.verdict import Thresholds
@@ -45,20 +45,20 @@ def effect(name, **more):
     return Candidate(name, "slider", (Parameter("size", 0.0),), ("size",), **more)
 
 
-def signatures(rest, gains):
-    """Signatures ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest` is left if all are there."""
+def sensitivities(rest, gains):
+    """Sensitivities ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest` is left if all are there."""
     residual = np.zeros(SAMPLES)
     residual[1 : len(gains) + 1], residual[-1] = np.sqrt(gains), np.sqrt(rest)
     unit = np.eye(SAMPLES)
     found = []
     for place in range(len(gains)):
         column = unit[:, [place + 1]]
-        found.append(Signature(effect(f"e{place}"), {}, column, residual, ("slow",)))
-    return Signatures((Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, found, {})
+        found.append(Sensitivity(effect(f"e{place}"), {}, column, residual, ("slow",)))
+    return Sensitivities((Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, found, {})
 
 
 def shortlisted(*given):
-    return [screened.label for screened in shortlist_singles(signatures(*given), LIMITS)]
+    return [screened.label for screened in shortlist_singles(sensitivities(*given), LIMITS)]
 
 
 def fitted(chi2, *effects, status="converged"):
@@ -198,13 +198,13 @@ def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
     model = toy(hidden=lambda x, v, angle, time: ringing(0.31, angle) - 0.5 * v, seed=6)
     model = replace(model, candidates=(*model.candidates, RINGING))
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
     friction = candidate_of("coulomb")
     pair = fit_hypothesis(
         base.problem, (friction, RINGING), {"coulomb.force_N": 0.3, "ringing.size": 0.31}, refresh=True
     )
     lost = replace(fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.5}), status="stopped")
-    swapped = {fit.label: fit for fit in swap_one_effect(base, signatures, [lost, pair])}
+    swapped = {fit.label: fit for fit in swap_one_effect(base, sensitivities, [lost, pair])}
     assert swapped["ringing + viscous"].chi2 < 1.1 * base.problem.size < pair.chi2
 
 
@@ -212,10 +212,10 @@ def test_in_the_valley_of_a_pair_an_effect_may_take_a_nuisance_beyond_its_range(
     model = toy(nuisances={"slider_mass": 0.56}, hidden=lambda x, v, angle, time: ringing(0.31, angle), seed=6)
     model = replace(model, candidates=(*model.candidates, RINGING))
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
     start = {"ringing.size": 0.31}
     pair = fit_hypothesis(base.problem, (candidate_of("centrifugal"), RINGING), start, refresh=True)
-    heavier = next(fit for fit in swap_one_effect(base, signatures, [pair]) if fit.label == "ringing + added_mass")
+    heavier = next(fit for fit in swap_one_effect(base, sensitivities, [pair]) if fit.label == "ringing + added_mass")
     assert heavier.mapping["added_mass.mass_kg"] == pytest.approx(0.06, abs=0.002)
     again = base.problem.residual(heavier.mapping, heavier.hypothesis)
     np.testing.assert_allclose(again, heavier.residual, rtol=0, atol=1e-9)
@@ -252,7 +252,7 @@ def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_e
 
 def test_what_is_beyond_a_bound_is_open_to_choice(heavier):
     base, pair = heavier
-    found = simulate_signatures(base.problem, base.base, base.differences)
+    found = simulate_sensitivities(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, found, other_numerics(base.problem, base.base))
     assert select_hypothesis(base, found, [pair], limits).chosen.label == "coulomb + added_mass"
 
@@ -318,11 +318,11 @@ def test_what_looks_like_the_explanation_that_would_be_named_is_fitted_before():
     """The true one was never fitted: quadratic drag is hidden, and viscous friction would be named."""
     model = toy({"quadratic": {"drag_N_s2_m2": 0.04}}, {"slider_mass": 0.51}, seed=4)
     base = recalibrate(model, stated_noise(model))
-    found = simulate_signatures(base.problem, base.base, base.differences)
+    found = simulate_sensitivities(base.problem, base.base, base.differences)
     limits = thresholds(base.problem, found, other_numerics(base.problem, base.base))
     viscous = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True)
     assert viscous.chi2 < limits.omnibus * base.problem.size  # it leaves noise alone
-    alike = {fit.label for fit in fit_look_alikes(base, found, viscous)}
+    alike = {fit.label for fit in fit_confusable_effects(base, found, viscous)}
     assert {"coulomb", "quadratic"} <= alike
     assert "constant_force" not in alike
     assert select_hypothesis(base, found, [viscous], limits).chosen.label == "quadratic"
@@ -332,7 +332,7 @@ def test_so_it_is_where_the_best_explains_too_little_but_leaves_no_more_than_nul
     """The noise is known so poorly that viscous friction, which explains 94 %, would pass."""
     model = toy({"quadratic": {"drag_N_s2_m2": 0.1}}, seed=4)
     base = recalibrate(model, stated_noise(model))
-    found = simulate_signatures(base.problem, base.base, base.differences)
+    found = simulate_sensitivities(base.problem, base.base, base.differences)
     viscous = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True)
     for omnibus, label in ((1.1, ""), (1.5, "quadratic")):
         limits = Thresholds(rate=0.01, omnibus=omnibus, max_gain_threshold=12.0)
@@ -344,9 +344,9 @@ def test_so_it_is_where_the_best_explains_too_little_but_leaves_no_more_than_nul
 def test_in_a_pair_what_looks_like_one_effect_is_fitted_beside_the_other():
     model = toy({"quadratic": {"drag_N_s2_m2": 0.1}, "spring": {"stiffness_N_m": 5.0}}, seed=4)
     base = recalibrate(model, stated_noise(model))
-    found = simulate_signatures(base.problem, base.base, base.differences)
+    found = simulate_sensitivities(base.problem, base.base, base.differences)
     pair = fit_hypothesis(base.problem, (candidate_of("viscous"), candidate_of("spring")), refresh=True)
-    best = min(fit_look_alikes(base, found, pair), key=lambda fit: fit.chi2)
+    best = min(fit_confusable_effects(base, found, pair), key=lambda fit: fit.chi2)
     assert best.label == "spring + quadratic"
     assert best.chi2 < 1.1 * base.problem.size < pair.chi2
 

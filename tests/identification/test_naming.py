@@ -20,7 +20,7 @@ from jointgap.identification.model_selection import (
     two_effect_thresholds,
 )
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import SignatureRegression, SignatureSubspaces, simulate_signatures
+from jointgap.identification.screening import SensitivityRegression, SensitivitySubspaces, simulate_sensitivities
 from jointgap.identification.thresholds import screen_candidates, thresholds
 from jointgap.identification.verdict import Decision
 from tests.identification.oscillator import PULL, PUSH, SPRING, SWING, WOBBLE, linear
@@ -32,12 +32,12 @@ def named(effects=None, more=(), **how) -> tuple[Decision, float]:
     model = toy(effects, **how)
     model = replace(model, candidates=(*model.candidates, *more))
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    fits, _ = fit_singles(base, signatures, limits)
-    fits = [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
-    fits += swap_one_effect(base, signatures, fits)
-    return refit_and_decide(base, signatures, fits, limits), base.problem.gap(base.base.residual)
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
+    fits, _ = fit_singles(base, sensitivities, limits)
+    fits = [*fits, *fit_pairs(base, sensitivities, limits, fits)[0]]
+    fits += swap_one_effect(base, sensitivities, fits)
+    return refit_and_decide(base, sensitivities, fits, limits), base.problem.gap(base.base.residual)
 
 
 HIDDEN = {
@@ -69,7 +69,7 @@ def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says(size):
     model = toy(hidden=lambda x, v, angle, time: -size * v * np.abs(v), seed=2)
     model = replace(model, candidates=(finite,))
     base = recalibrate(model, stated_noise(model))
-    (found,) = SignatureRegression(simulate_signatures(base.problem, base.base, base.differences)).singles()
+    (found,) = SensitivityRegression(simulate_sensitivities(base.problem, base.base, base.differences)).singles()
     assert found.start["quadratic.drag_N_s2_m2"] == pytest.approx(size, rel=0.1)
 
 
@@ -79,10 +79,10 @@ def test_a_fit_may_begin_at_a_told_size_of_either_sign(size):
     told = replace(bias, initial_guesses=({}, {"bias": 0.8 * size}))
     model = replace(toy({"sensor_bias:torque": {"bias": size}}, seed=2), candidates=(told,))
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    assert [one.is_secant for one in signatures.entries] == [False, True]
-    alone = replace(signatures, entries=[one for one in signatures.entries if one.is_secant])
-    (found,) = SignatureRegression(alone).singles()
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
+    assert [one.is_secant for one in sensitivities.entries] == [False, True]
+    alone = replace(sensitivities, entries=[one for one in sensitivities.entries if one.is_secant])
+    (found,) = SensitivityRegression(alone).singles()
     assert found.start["sensor_bias:torque.bias"] == pytest.approx(size, rel=0.1)
 
 
@@ -108,7 +108,7 @@ def test_what_is_told_of_the_size_of_an_effect_makes_it_no_other_effect():
     for told in (bias, replace(bias, initial_guesses=({}, {"bias": 0.01}))):
         own = replace(model, candidates=(told,))
         base = recalibrate(own, stated_noise(own))
-        spaces.append(SignatureSubspaces(simulate_signatures(base.problem, base.base, base.differences)))
+        spaces.append(SensitivitySubspaces(simulate_sensitivities(base.problem, base.base, base.differences)))
     assert [len(each.of["sensor_bias:torque"]) for each in spaces] == [1, 1]
 
 
@@ -129,10 +129,11 @@ def test_another_choice_of_numerics_is_no_second_effect():
     """What changes with the width of friction at rest is about as much as a second effect may then have to gain."""
     model = toy({"coulomb": {"force_N": 30.0}}, seed=1)
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
     fits = [
-        fit_screened(base.problem, base.differences, signatures, one) for one in shortlist_singles(signatures, limits)
+        fit_screened(base.problem, base.differences, sensitivities, one)
+        for one in shortlist_singles(sensitivities, limits)
     ]
     best = min(fits, key=lambda one: one.chi2)
     assert best.label == "coulomb"
@@ -152,9 +153,9 @@ def test_such_an_effect_is_not_named_where_another_is_hidden():
 def test_where_nothing_is_missing_hardly_anything_is_fitted():
     model = toy(seed=0)
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    assert len(shortlist_singles(signatures, limits)) <= 3
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
+    assert len(shortlist_singles(sensitivities, limits)) <= 3
 
 
 def test_a_gain_of_one_sensor_alone_hides_behind_a_length_within_its_range():
@@ -215,9 +216,9 @@ def test_an_effect_that_is_on_no_list_gets_no_name(law, seed):
 def test_thresholds_hold_their_rate_and_know_of_other_numerics():
     model = toy(seed=5)
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    white = thresholds(base.problem, signatures, np.empty((0, base.problem.size)), rate=0.05)
-    loose = thresholds(base.problem, signatures, 0.3 * signatures.of("quadratic")[0].columns.T, rate=0.05)
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
+    white = thresholds(base.problem, sensitivities, np.empty((0, base.problem.size)), rate=0.05)
+    loose = thresholds(base.problem, sensitivities, 0.3 * sensitivities.of("quadratic")[0].columns.T, rate=0.05)
     assert loose.max_gain_threshold > white.max_gain_threshold and loose.omnibus > white.omnibus
     generator = np.random.default_rng(9)
     dof = base.problem.size - len(base.base.parameters)
@@ -228,12 +229,12 @@ def test_thresholds_hold_their_rate_and_know_of_other_numerics():
 def test_a_pair_in_another_order_is_no_rival():
     model = toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1)
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
     labelled = {candidate.label: candidate for candidate in model.candidates}
     pair = labelled["coulomb"], labelled["spring"]
     decision = refit_and_decide(
-        base, signatures, [fit_hypothesis(base.problem, pair), fit_hypothesis(base.problem, pair[::-1])], limits
+        base, sensitivities, [fit_hypothesis(base.problem, pair), fit_hypothesis(base.problem, pair[::-1])], limits
     )
     assert decision.verdict == "named"
     assert len(decision.ranking) == 1
@@ -282,12 +283,12 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     place = [p.key for p in found.parameters].index("slider_mass")
     model = stepping(smooth, found.values[place] + 0.5 * np.sqrt(found.covariance()[place, place]))
     base = recalibrate(model, stated_noise(model))
-    signatures = simulate_signatures(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    fits, _ = fit_singles(base, signatures, limits)
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
+    fits, _ = fit_singles(base, sensitivities, limits)
     second = two_effect_thresholds(base, fits, limits)
     assert second_effect_gain(base.problem, fits, second) > 5.0 * limits.max_gain_threshold
-    decision = refit_and_decide(base, signatures, [*fits, *fit_pairs(base, signatures, limits, fits)[0]], limits)
+    decision = refit_and_decide(base, sensitivities, [*fits, *fit_pairs(base, sensitivities, limits, fits)[0]], limits)
     assert decision.verdict == "named"
     assert decision.chosen.label == "viscous"
 
@@ -308,10 +309,10 @@ def test_where_joints_are_loose_all_is_named_from_windows_without_simulating_one
     problem = linear(hidden=hidden, candidates=candidates, **how)
     problem.model.simulate = None
     base = recalibrate(problem.model, {part.series.key: part.noise for part in problem.parts})
-    signatures, limits = screen_candidates(base, 0.01)
-    fits, _ = fit_singles(base, signatures, limits)
-    fits = [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
-    decision = select_hypothesis(base, signatures, fits, limits)
+    sensitivities, limits = screen_candidates(base, 0.01)
+    fits, _ = fit_singles(base, sensitivities, limits)
+    fits = [*fits, *fit_pairs(base, sensitivities, limits, fits)[0]]
+    decision = select_hypothesis(base, sensitivities, fits, limits)
     assert decision.verdict == ("named" if hidden else "parameters_only")
     assert {one.name for one in decision.chosen.hypothesis} == hidden.keys()
     found, errors = decision.chosen.mapping, np.sqrt(np.diag(decision.chosen.covariance()))

@@ -10,15 +10,15 @@ from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import compress_rows, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_singles
 from jointgap.identification.initial_fit import (
+    best_fit_per_hypothesis,
     chi2_without_effects,
-    lowest_of_each,
-    not_above_its_parts,
+    refit_from_part,
     with_effects_absent,
     without_other_effects,
 )
 from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.screening import simulate_sensitivities
 from jointgap.identification.verdict import Thresholds
 from tests.identification.knocks import knocking
 from tests.identification.toy import RINGING, candidate_of, stated_noise, toy
@@ -28,7 +28,7 @@ LIMITS = Thresholds(rate=0.01, omnibus=1.1, max_gain_threshold=12.0)
 
 def recalibrated(model):
     base = recalibrate(model, stated_noise(model))
-    return base, simulate_signatures(base.problem, base.base, base.differences)
+    return base, simulate_sensitivities(base.problem, base.base, base.differences)
 
 
 def test_of_each_hypothesis_the_lowest_fit_counts_in_whatever_order_its_effects_stand():
@@ -36,7 +36,7 @@ def test_of_each_hypothesis_the_lowest_fit_counts_in_whatever_order_its_effects_
         return SimpleNamespace(hypothesis=tuple(map(candidate_of, labels)), chi2=chi2)
 
     higher, lower, single = fit(3.0, "spring", "viscous"), fit(2.0, "viscous", "spring"), fit(4.0, "spring")
-    assert lowest_of_each([single, higher, lower]) == [lower, single]
+    assert best_fit_per_hypothesis([single, higher, lower]) == [lower, single]
 
 
 @pytest.mark.parametrize(
@@ -89,8 +89,8 @@ def test_no_fit_of_a_single_effect_ends_above_the_base():
     """A ringing that is not there, whose fits start at a finite size and find no way back to none."""
     model = toy({"viscous": {"damping_N_s_m": 0.2}}, seed=3)
     loose = replace(RINGING, search_range=(), initial_guesses=({"size": 0.3},))
-    base, signatures = recalibrated(replace(model, candidates=(loose, candidate_of("viscous"))))
-    fits, _ = fit_singles(base, signatures, LIMITS)
+    base, sensitivities = recalibrated(replace(model, candidates=(loose, candidate_of("viscous"))))
+    fits, _ = fit_singles(base, sensitivities, LIMITS)
     assert {fit.label for fit in fits} == {"ringing", "viscous"}
     for fit in fits:
         assert fit.chi2 <= base.base.chi2 + 1e-6
@@ -109,9 +109,9 @@ def test_a_fit_above_a_part_of_it_goes_on_from_there():
         values=np.zeros(6),
         jacobian=np.zeros((high.residual.size, 6)),
     )
-    mended = not_above_its_parts(base.problem, base.differences, high, [base.base, part])
+    mended = refit_from_part(base.problem, base.differences, high, [base.base, part])
     assert high.chi2 > base.base.chi2 > part.chi2 >= mended.chi2
-    assert not_above_its_parts(base.problem, base.differences, mended, [base.base, part]) is mended
+    assert refit_from_part(base.problem, base.differences, mended, [base.base, part]) is mended
 
 
 def test_no_fit_of_an_effect_that_is_searched_begins_where_it_is_absent():
@@ -122,7 +122,7 @@ def test_no_fit_of_an_effect_that_is_searched_begins_where_it_is_absent():
     high = fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.6}, differences=base.differences, vary=())
     simulations = base.problem.simulations
     assert high.chi2 > base.base.chi2
-    assert not_above_its_parts(base.problem, base.differences, high, [base.base]) is high
+    assert refit_from_part(base.problem, base.differences, high, [base.base]) is high
     assert base.problem.simulations == simulations
 
 
@@ -136,7 +136,7 @@ def test_statistics_over_cycles_are_smooth_so_that_a_fit_of_them_begins_where_it
     values = np.array([high.mapping.get(p.key, 0.6) for p in parameters])
     high = replace(high, parameters=parameters, values=values, jacobian=np.zeros((high.residual.size, len(parameters))))
     assert high.chi2 > base.base.chi2
-    mended = not_above_its_parts(base.problem, base.differences, high, [base.base])
+    mended = refit_from_part(base.problem, base.differences, high, [base.base])
     where_absent = base.problem.residual(base.base.mapping)  # what the base leaves is a mean of several simulations
     assert mended.chi2 <= where_absent @ where_absent + 1e-9
 
@@ -153,7 +153,7 @@ def test_what_the_base_would_leave_in_a_fits_valley_is_what_it_leaves_where_resi
 def test_an_effect_that_won_by_its_nuisances_better_valley_is_not_named(label):
     """The blows of a clearance off by a twentieth: the base missed its valley, and an effect of no size found it."""
     model = knocking(clearance=1.05, seed=2)
-    base, signatures = recalibrated(model)
+    base, sensitivities = recalibrated(model)
     astray = fit_hypothesis(base.problem, start={"clearance": 0.95}, differences=base.differences)
     baseline = replace(base, base=astray)
     start = {"clearance": 1.05, "harmonic_force.frequency_Hz": 7.0}
@@ -161,7 +161,7 @@ def test_an_effect_that_won_by_its_nuisances_better_valley_is_not_named(label):
     winner = fit_hypothesis(base.problem, hypothesis, start, differences=base.differences)
     assert astray.chi2 > 10.0 * winner.chi2
     assert LIMITS.numerical_noise == 0.0
-    decision = select_hypothesis(baseline, signatures, [winner], LIMITS)
+    decision = select_hypothesis(baseline, sensitivities, [winner], LIMITS)
     assert decision.verdict == "parameters_only"
     assert decision.chosen is decision.base  # the better one that was found on the way
     assert decision.base.chi2 < 1.1 * winner.chi2
@@ -176,13 +176,13 @@ def test_fits_from_a_file_hold_their_derivatives_in_fewer_rows_and_that_is_enoug
     without = chi2_without_effects(base.problem, found)
     assert chi2_without_effects(base.problem, stored) == pytest.approx(without)
     poor = replace(stored, values=0.9 * stored.values, residual=2.0 * base.base.residual)
-    assert not_above_its_parts(base.problem, base.differences, poor, [base.base]).chi2 < base.base.chi2
+    assert refit_from_part(base.problem, base.differences, poor, [base.base]).chi2 < base.base.chi2
 
 
 def test_an_effect_that_is_there_keeps_the_base_where_it_is():
     model = toy({"viscous": {"damping_N_s_m": 0.15}}, seed=11)
-    base, signatures = recalibrated(model)
+    base, sensitivities = recalibrated(model)
     found = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences)
-    decision = select_hypothesis(base, signatures, [found], LIMITS)
+    decision = select_hypothesis(base, sensitivities, [found], LIMITS)
     assert decision.verdict == "named"
     assert decision.base is base.base

@@ -84,7 +84,7 @@ def test_a_stated_noise_wins_and_is_told_where_cycles_differ_by_far_more():
         assert one.source == "stated"
         assert (one.sd == series.stated_noise).all()
         assert one.estimated_sd == pytest.approx(3 * series.stated_noise[0], rel=0.2)
-        assert "larger than stated" in one.remarks[0]
+        assert "larger noise" in one.remarks[0]
 
 
 @pytest.mark.parametrize("stated", [True, False])
@@ -143,7 +143,7 @@ def test_a_channel_without_any_noise_gets_the_least_that_a_sensor_has():
     model = toy(noise=0.0, stated=False)
     for series, one in zip(model.series, estimate_noise(model, residuals(model)).values(), strict=True):
         assert one.sd[0] == pytest.approx(1e-4 * series.value.std())
-        assert "shows no noise" in one.remarks[0]
+        assert "no visible noise" in one.remarks[0]
 
 
 def test_too_few_samples_to_find_a_noise_are_refused():
@@ -196,7 +196,7 @@ def test_a_noise_that_is_a_large_part_of_a_turn_or_of_the_signal_is_refused(chan
 def test_so_is_one_that_is_stated():
     angle = 0.4 * np.arange(600)
     one = series("crank_angle", "rad", angle + 1e-3 * np.random.default_rng(0).standard_normal(angle.size), angle)
-    with pytest.raises(InputError, match=r"channel crank_angle: its stated noise of 400 deg .*10 deg at most"):
+    with pytest.raises(InputError, match=r"channel crank_angle: the stated noise of 400 deg .*at most 10 deg"):
         noise_of(replace(one, stated_noise=np.full(angle.size, np.radians(400.0))), angle)
 
 
@@ -222,7 +222,7 @@ def test_statistics_have_the_noise_that_is_stated_and_need_one():
         assert (one.sd == series.stated_noise).all()
         assert one.autocorrelation == ()
     unstated = replace(model, series=[replace(s, statistic=True, stated_noise=None) for s in model.series])
-    with pytest.raises(InputError, match="statistics need a stated noise"):
+    with pytest.raises(InputError, match="statistics require a stated noise"):
         estimate_noise(unstated, residuals(model))
 
 

@@ -76,9 +76,11 @@ def test_what_another_effect_leaves_within_bounds_is_never_less_than_without(noi
     preflight(planned(noise=noise))
     ((detectability, labels),) = kept
     for label in labels:
-        (amount, signature), *_ = ((detectability._typical_amount(s, 0), s) for s in detectability.signatures.of(label))
+        (amount, sensitivity), *_ = (
+            (detectability._typical_amount(s, 0), s) for s in detectability.sensitivities.of(label)
+        )
         for other in set(labels) - {label}:
-            left = min(detectability._fitted(signature, 0, sign * amount, other) for sign in (1.0, -1.0))
+            left = min(detectability._fitted(sensitivity, 0, sign * amount, other) for sign in (1.0, -1.0))
             assert detectability._least_left(label, other) <= left * (1.0 + 1e-6) + 1e-6
 
 
@@ -145,7 +147,7 @@ def test_an_effect_that_is_a_nuisance_is_seen_beyond_that_nuisances_range():
 def test_noise_that_is_not_stated_is_assumed_and_told():
     found = preflight(planned(stated=False))
     assert len(found.assumed) == 9
-    assert re.fullmatch(r"torque in run slow: 0\.\d+ N m, 2 % of what it varies by", found.assumed[0])
+    assert re.fullmatch(r"torque in run slow: 0\.\d+ N m, 2 % of its variation", found.assumed[0])
     assert preflight(planned()).assumed == ()
     assert found.sizes["coulomb"] == pytest.approx(preflight(planned()).sizes["coulomb"], rel=1e-6)  # 2 % as well
 
@@ -158,7 +160,7 @@ def test_a_channel_that_is_predicted_to_be_zero_needs_a_stated_noise():
 
     model = planned(stated=False)
     silent = Silent(model.series, model.nuisances, model.candidates, model.speeds)
-    with pytest.raises(InputError, match="run slow, channel torque: it is predicted to be 0 throughout; state its"):
+    with pytest.raises(InputError, match="run slow, channel torque: the prediction is 0 everywhere; state its"):
         assumed_noise(silent)
 
 

@@ -92,14 +92,14 @@ def test_where_nothing_is_hidden_no_law_is_accepted():
     problem, base = measured(lambda x, v, angle: 0.0 * x)
     found = find_force_law(problem, base, LIBRARY, LIMITS)
     assert not found.accepted
-    assert "chance" in found.because
+    assert "not significant" in found.because
 
 
 def test_a_force_that_no_sum_of_two_terms_comes_near_is_not_put_into_a_formula():
     problem, base = measured(lambda x, v, angle: 1.5 * np.cos(7 * angle))
     found = find_force_law(problem, base, LIBRARY, LIMITS)
     assert not found.accepted
-    assert "only" in found.because or "chance" in found.because
+    assert "only" in found.because or "not significant" in found.because
 
 
 def test_a_law_that_only_comes_near_is_not_accepted():

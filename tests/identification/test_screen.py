@@ -1,4 +1,4 @@
-"""Screening: what signatures foretell of fits."""
+"""Screening: what sensitivities foretell of fits."""
 
 from dataclasses import replace
 
@@ -9,12 +9,12 @@ from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.fit import CONVERGED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import (
-    Signature,
-    SignatureRegression,
-    Signatures,
-    SignatureSubspaces,
-    orders_of_cranks,
-    simulate_signatures,
+    Sensitivities,
+    Sensitivity,
+    SensitivityRegression,
+    SensitivitySubspaces,
+    crank_orders,
+    simulate_sensitivities,
 )
 from tests.identification.toy import RINGING, stated_noise, toy
 
@@ -24,7 +24,7 @@ def screened(effects, **how):
     problem = Problem(model, stated_noise(model))
     differences = FiniteDifferences(problem)
     base = fit_hypothesis(problem, differences=differences, refresh=True)
-    return problem, differences, base, simulate_signatures(problem, base, differences)
+    return problem, differences, base, simulate_sensitivities(problem, base, differences)
 
 
 def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_nominal():
@@ -36,8 +36,8 @@ def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_n
     replaces = {p.name: size for p, size in zip(nuisances, sizes, strict=True)}
     lengths = Candidate("lengths", "rod", tuple(Parameter(key, 0.0) for key in sizes), sizes, replaces=replaces)
     base, fitted = np.array([0.1, -0.2]), np.array([0.3, 0.4])
-    signature = Signature(lengths, {}, slopes, at_nominal, ("slow",))
-    about_base = Signatures(nuisances, base, slopes, at_nominal + slopes @ base, [signature], {})
+    sensitivity = Sensitivity(lengths, {}, slopes, at_nominal, ("slow",))
+    about_base = Sensitivities(nuisances, base, slopes, at_nominal + slopes @ base, [sensitivity], {})
     fit = Fit((), nuisances, fitted, at_nominal + slopes @ fitted, slopes, 0, CONVERGED)
     (beside,) = about_base.about(fit).entries
     np.testing.assert_allclose(beside.origin, at_nominal)
@@ -55,16 +55,16 @@ def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_n
     ids=lambda effects: next(iter(effects)),
 )
 def test_the_hidden_effect_is_first(effects):
-    *_, signatures = screened(effects, seed=1)
-    assert SignatureRegression(signatures).singles()[0].label == next(iter(effects))
+    *_, sensitivities = screened(effects, seed=1)
+    assert SensitivityRegression(sensitivities).singles()[0].label == next(iter(effects))
 
 
 def test_what_signatures_foretell_is_what_a_fit_finds():
     """Sizes act linearly here, so both must agree."""
-    problem, differences, _, signatures = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
-    first = SignatureRegression(signatures).singles()[0]
+    problem, differences, _, sensitivities = screened({"viscous": {"damping_N_s_m": 0.3}}, seed=2)
+    first = SensitivityRegression(sensitivities).singles()[0]
     found = fit_hypothesis(
-        problem, first.hypothesis, first.start, signatures.derivatives(first.signatures), differences
+        problem, first.hypothesis, first.start, sensitivities.derivatives(first.sensitivities), differences
     )
     assert first.chi2 == pytest.approx(found.chi2, abs=0.5)
     assert first.bic == pytest.approx(found.bic, abs=0.5)
@@ -78,7 +78,7 @@ def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal(
     base = fit_hypothesis(problem, differences=differences, refresh=True)
     mass = next(p for p in model.nuisances if p.name == "slider_mass")
     assert base.mapping["slider_mass"] != pytest.approx(mass.nominal, rel=1e-3)
-    (one,) = simulate_signatures(problem, base, differences).of("added_mass")
+    (one,) = simulate_sensitivities(problem, base, differences).of("added_mass")
     at = base.mapping | {"slider_mass": mass.nominal}
     np.testing.assert_allclose(one.origin, problem.residual(at), atol=1e-9)
     heavier = problem.residual(at | {"slider_mass": mass.nominal + 0.1})
@@ -87,27 +87,27 @@ def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal(
 
 def test_resistance_cannot_push():
     """A force that pushes along is not explained by a negative friction."""
-    *_, signatures = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
-    by_label = {one.label: one for one in SignatureRegression(signatures).singles()}
+    *_, sensitivities = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
+    by_label = {one.label: one for one in SensitivityRegression(sensitivities).singles()}
     assert by_label["viscous"].start["viscous.damping_N_s_m"] == 0.0
     assert by_label["viscous"].chi2 == pytest.approx(by_label["coulomb"].chi2)
 
 
 def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows():
-    *_, signatures = screened({"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.0, "frequency_Hz": 6.37}}, seed=4)
-    tried = [one.shape_parameters["frequency_Hz"] for one in signatures.of("harmonic_force")]
+    *_, sensitivities = screened({"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.0, "frequency_Hz": 6.37}}, seed=4)
+    tried = [one.shape_parameters["frequency_Hz"] for one in sensitivities.of("harmonic_force")]
     assert min(abs(np.array(tried) - 6.37)) < 0.1
 
 
 def test_beside_one_of_two_hidden_effects_the_other_is_first():
-    problem, differences, _, signatures = screened(
+    problem, differences, _, sensitivities = screened(
         {"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}, seed=5
     )
-    coulomb = next(one for one in SignatureRegression(signatures).singles() if one.label == "coulomb")
+    coulomb = next(one for one in SensitivityRegression(sensitivities).singles() if one.label == "coulomb")
     found = fit_hypothesis(
-        problem, coulomb.hypothesis, coulomb.start, signatures.derivatives(coulomb.signatures), differences
+        problem, coulomb.hypothesis, coulomb.start, sensitivities.derivatives(coulomb.sensitivities), differences
     )
-    partners = SignatureRegression(signatures.about(found), found.hypothesis).singles()
+    partners = SensitivityRegression(sensitivities.about(found), found.hypothesis).singles()
     assert partners[0].label == "coulomb + spring"
     assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
     assert "coulomb + coulomb" not in {one.label for one in partners}
@@ -129,15 +129,15 @@ def test_a_candidate_that_cannot_be_simulated_is_left_out_with_its_reason():
 
     problem_with_springs = SimulationError("the spring breaks")
     object.__setattr__(model, "simulate", failing)
-    signatures = simulate_signatures(problem, base, differences)
-    assert signatures.failed == {"spring": "the spring breaks"}
-    assert "viscous" in {one.candidate.label for one in signatures.entries}
+    sensitivities = simulate_sensitivities(problem, base, differences)
+    assert sensitivities.failed == {"spring": "the spring breaks"}
+    assert "viscous" in {one.candidate.label for one in sensitivities.entries}
 
 
 def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
-    *_, signatures = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
-    spaces = SignatureSubspaces(signatures)
-    by_label = {one.candidate.label: (one.candidate,) for one in signatures.entries}
+    *_, sensitivities = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
+    spaces = SensitivitySubspaces(sensitivities)
+    by_label = {one.candidate.label: (one.candidate,) for one in sensitivities.entries}
     both = (*by_label["viscous"], *by_label["coulomb"])
     assert spaces.is_special_case(by_label["viscous"], both)
     assert not spaces.is_special_case(by_label["quadratic"], both)
@@ -145,28 +145,28 @@ def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it
 
 
 def test_an_effect_that_could_not_be_simulated_about_the_base_is_like_none():
-    *_, signatures = screened({}, seed=6)
-    (first, *rest) = signatures.entries
+    *_, sensitivities = screened({}, seed=6)
+    (first, *rest) = sensitivities.entries
     lost = (first.candidate,)
-    spaces = SignatureSubspaces(
-        replace(signatures, entries=[one for one in rest if one.candidate.label != lost[0].label])
+    spaces = SensitivitySubspaces(
+        replace(sensitivities, entries=[one for one in rest if one.candidate.label != lost[0].label])
     )
     assert spaces.nearest(lost)[1] == 0.0
     assert not spaces.is_special_case(lost, (rest[-1].candidate,))
 
 
 def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if_together_they_do():
-    """Residuals linear in three amplitudes; the signatures of the first two are nearly opposite."""
+    """Residuals linear in three amplitudes; the sensitivities of the first two are nearly opposite."""
     rng = np.random.default_rng(0)
     first, apart, third, noise = rng.standard_normal((4, 400, 1))
     columns = (first, 0.2 * apart - first, third)
     residual = 10.0 * (columns[0] + columns[1])[:, 0] + 0.1 * noise[:, 0]
     one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",))
     entries = [
-        Signature(replace(one, name=name), {}, column, residual, ("slow",))
+        Sensitivity(replace(one, name=name), {}, column, residual, ("slow",))
         for name, column in zip(("one", "two", "three"), columns, strict=True)
     ]
-    regression = SignatureRegression(Signatures((), np.empty(0), np.empty((400, 0)), residual, entries, {}))
+    regression = SensitivityRegression(Sensitivities((), np.empty(0), np.empty((400, 0)), residual, entries, {}))
     assert all(single.chi2 > 0.9 * residual @ residual for single in regression.singles())
     best, *others = regression.pairs()
     assert (best.label, len(others)) == ("one + two", 2)
@@ -177,8 +177,8 @@ def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if
 def test_no_pair_is_made_of_two_effects_that_replace_one_nuisance():
     one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",), replaces={"mass": "size"})
     column, residual = np.ones((9, 1)), np.ones(9)
-    entries = [Signature(replace(one, name=name), {}, column, residual, ("slow",)) for name in ("one", "two")]
-    assert SignatureRegression(Signatures((), np.empty(0), np.empty((9, 0)), residual, entries, {})).pairs() == []
+    entries = [Sensitivity(replace(one, name=name), {}, column, residual, ("slow",)) for name in ("one", "two")]
+    assert SensitivityRegression(Sensitivities((), np.empty(0), np.empty((9, 0)), residual, entries, {})).pairs() == []
 
 
 def test_what_no_slope_leads_to_is_screened_on_request_alone():
@@ -186,8 +186,8 @@ def test_what_no_slope_leads_to_is_screened_on_request_alone():
     problem = Problem(model, stated_noise(model))
     differences = FiniteDifferences(problem)
     base = fit_hypothesis(problem, differences=differences)
-    assert simulate_signatures(problem, base, differences).entries == []
-    (found,) = simulate_signatures(problem, base, differences, model.candidates).entries
+    assert simulate_sensitivities(problem, base, differences).entries == []
+    (found,) = simulate_sensitivities(problem, base, differences, model.candidates).entries
     assert found.is_secant
 
 
@@ -198,12 +198,12 @@ def test_what_no_slope_leads_to_is_screened_on_request_alone():
 def test_a_frequency_near_an_order_or_half_an_order_of_a_crank_is_that_order(frequency, order):
     model = toy(speeds={"slow": 2 * np.pi * 5.0, "fast": 2 * np.pi * 14.0}, held_out=())
     problem = Problem(model, stated_noise(model))
-    assert orders_of_cranks(problem.parts, problem.settings.screening)(frequency) == order
+    assert crank_orders(problem.parts, problem.settings.screening)(frequency) == order
 
 
 def test_no_effect_of_its_own_frequency_begins_at_an_order_of_a_crank():
     hidden = {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": 1.01 * 16.0 / (2 * np.pi)}}
-    problem, *_, signatures = screened(hidden, seed=4)
-    order = orders_of_cranks(problem.parts, problem.settings.screening)
-    tried = [one.shape_parameters["frequency_Hz"] for one in signatures.of("harmonic_force")]
+    problem, *_, sensitivities = screened(hidden, seed=4)
+    order = crank_orders(problem.parts, problem.settings.screening)
+    tried = [one.shape_parameters["frequency_Hz"] for one in sensitivities.of("harmonic_force")]
     assert tried and not any(map(order, tried))

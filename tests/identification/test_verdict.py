@@ -205,28 +205,30 @@ def test_of_a_base_that_hardly_shows_the_share_does_not_decide(base, found):
 def test_every_decision_says_why():
     rest = left(0.04, "coulomb", similarity=0.99)
     reasons = {
-        "the model as it stands leaves noise alone": decided(NOISE, nominal=NOISE + 5.0),
-        "with parameters within their ranges the model leaves noise alone": decided(NOISE),
-        "no candidate explains the disagreement": decided(GREAT, row(GREAT + 1.0, "coulomb")),
+        "the current model's residual is consistent with noise": decided(NOISE, nominal=NOISE + 5.0),
+        "with re-fitted parameters the residual is consistent with noise": decided(NOISE),
+        "no candidate explains the residual": decided(GREAT, row(GREAT + 1.0, "coulomb")),
         "several explanations fit the data equally well": decided(GREAT, row(NOISE, "a"), row(NOISE, "b")),
         "several explanations are equally poor": decided(WHOLE, left(0.5, "a"), left(0.5, "b")),
-        "with it the model leaves noise alone": decided(GREAT, row(NOISE, "coulomb")),
-        "the best, coulomb, explains 50.0% only": decided(WHOLE, left(0.5, "coulomb")),
-        "coulomb leaves more than noise, and drag hardly more than that": decided(
+        "with it the residual is consistent with noise": decided(GREAT, row(NOISE, "coulomb")),
+        "the best candidate, coulomb, explains only 50.0% of the misfit": decided(WHOLE, left(0.5, "coulomb")),
+        "the residual with coulomb exceeds noise, and that with drag is hardly larger": decided(
             WHOLE, left(0.03, "coulomb"), left(0.031, "drag")
         ),
-        "it is far ahead of all others, of a disagreement that hardly shows": decided(1097.0, row(1055.0, "coulomb")),
-        "it explains all but a small rest, and no other explanation does": decided(WHOLE, left(0.009, "coulomb")),
-        "it explains nearly all, and more than it could if the nearest other effect were the cause": decided(
+        "the misfit is small, but it explains it far better than any alternative": decided(
+            1097.0, row(1055.0, "coulomb")
+        ),
+        "it explains nearly everything; no alternative does": decided(WHOLE, left(0.009, "coulomb")),
+        "it explains most of the misfit, and more than it could if the most similar effect were the cause": decided(
             WHOLE, left(0.03, "coulomb")
         ),
-        "coulomb explains 96.0%, as it also would if a similar effect were the cause": decided(WHOLE, rest),
+        "coulomb explains 96.0%, as it would if a similar effect were the cause": decided(WHOLE, rest),
     }
     assert {because: decision.because for because, decision in reasons.items()} == {each: each for each in reasons}
     few = {"samples": 100, "parameters": 1}  # 14 of an excess are one standard deviation
     base, best = replace(row(112.0), **few), replace(row(108.0, "coulomb"), **few, bic=0.0)
     poor = verdict(Evidence(base, base, [best], LIMITS))
-    assert (poor.verdict, poor.because) == ("unexplained", "the best, coulomb, leaves as much")
+    assert (poor.verdict, poor.because) == ("unexplained", "the best candidate, coulomb, does not reduce the misfit")
 
 
 # At a limit itself, of numbers that computers hold exactly
@@ -353,14 +355,14 @@ def a_test(outcome="falls", before=2.0, after=1.0, low=1.0):
     return HeldOutTest(outcome, before, after, low)
 
 
-def heard(said="named", best=None, base=4.0 * SAMPLES, doubted=(), **more):
+def heard(said="named", best=None, base=4.0 * SAMPLES, inconsistent=(), **more):
     """The decision with held-out data heard on what the fits say; `more` is what these show."""
     best = best or row(NOISE, "coulomb")
     equivalent = [best.fit, "spring"] if said == "ambiguous" else []
     by_fits = Decision(said, "base" if equivalent else best.fit, "base", equivalent, because="as the fits say")
     shown = HeldOut(**{"test": a_test(), "gap": 1.0} | more)
     base = row(base)
-    return verdict(Evidence(base, base, [best], LIMITS, by_fits=by_fits, held_out=shown, doubted=doubted))
+    return verdict(Evidence(base, base, [best], LIMITS, by_fits=by_fits, held_out=shown, inconsistent=inconsistent))
 
 
 NAMES = "named", "named_with_remaining_misfit"
@@ -385,24 +387,24 @@ def test_a_withheld_name_leaves_the_ranking_and_the_kind_of_the_decision():
 
 def test_where_the_fits_name_nothing_held_out_data_are_not_asked():
     for said in ("no_disagreement", "parameters_only", "unexplained"):
-        assert heard(said, gap=99.0, doubted=["torque"]).because == "as the fits say"
+        assert heard(said, gap=99.0, inconsistent=["torque"]).because == "as the fits say"
 
 
 def test_both_are_asked_at_once_where_the_fits_were_not():
     asked = Evidence(row(GREAT), row(GREAT), [row(NOISE, "coulomb")], LIMITS, held_out=HeldOut(a_test(), gap=1.6))
-    assert verdict(asked).because == "the best, coulomb, leaves a gap of 1.6 on the held-out data: no small rest"
+    assert verdict(asked).because == "with the best candidate, coulomb, the gap on the held-out data is still 1.6"
     assert verdict(replace(asked, held_out=None)).verdict == "named"
 
 
 @pytest.mark.parametrize("said", [*NAMES, "ambiguous"])
 def test_where_channels_contradict_others_nothing_is_named(said):
-    found = heard(said, doubted=["crank_torque", "slider_acceleration"])
+    found = heard(said, inconsistent=["crank_torque", "slider_acceleration"])
     assert (found.verdict, found.chosen, found.equivalent, found.best_known) == ("unexplained", "base", [], "coulomb")
     because = (
-        "what crank torque and slider acceleration read contradicts other channels, so no effect can be told from it"
+        "crank torque and slider acceleration are inconsistent with other channels, so no effect can be identified"
     )
     assert found.because == because
-    assert heard(said, doubted=["torque"]).because.startswith("what torque reads contradicts")
+    assert heard(said, inconsistent=["torque"]).because.startswith("torque is inconsistent with")
 
 
 @pytest.mark.parametrize(("count", "noise", "found"), [(3, 0.31, "unexplained"), (2, 0.31, "named"), (3, 0.3, "named")])
@@ -413,8 +415,7 @@ def test_where_three_nuisances_end_at_bounds_and_noise_is_a_large_part_of_a_chan
     decision = heard(best=best, noise=(noise, "angle"))
     assert decision.verdict == found
     assert found == "named" or decision.because == (
-        "a, b, c end at their bounds, and the noise of angle is 31% of what it varies by: the model is wrong in more "
-        "than one effect"
+        "a, b, c end at their bounds, and the noise of angle is 31% of its variation: more than one effect is missing"
     )
 
 
@@ -422,8 +423,8 @@ def test_where_three_nuisances_end_at_bounds_and_noise_is_a_large_part_of_a_chan
 @pytest.mark.parametrize(
     ("name", "most", "where"),
     [
-        ("fitted", 3.0, "torque on the data used for fitting"),
-        ("held_out", 3.0, "torque on the held-out data"),
+        ("fitted", 3.0, "of torque on the fitted data"),
+        ("held_out", 3.0, "of torque on the held-out data"),
         ("gap", 1.5, "on the held-out data"),
     ],
 )
@@ -434,12 +435,9 @@ def test_what_is_left_has_to_be_small_in_each_channel_and_in_all_held_out_data_t
     assert leaving(most).verdict == said
     found = leaving(most + 0.01)
     assert (found.verdict, found.best_known) == ("unexplained", "coulomb")
-    assert (
-        found.because
-        == f"the best, coulomb, leaves a gap of {most + 0.01:.3g} {'in ' * (name != 'gap')}{where}: no small rest"
-    )
+    assert found.because == f"with the best candidate, coulomb, the gap {where} is still {most + 0.01:.3g}"
     # at another speed impacts ring in another phase: there it is enough that the gap falls
-    rough = row(NOISE, "loose", is_rough=True)
+    rough = row(NOISE, "loose", is_nonsmooth=True)
     assert leaving(9.0, best=rough).verdict == (said if name != "fitted" else "unexplained")
     assert leaving(9.0, best=rough, test=a_test("cannot_tell")).verdict == "unexplained"
 
@@ -452,7 +450,7 @@ def test_what_is_left_has_to_be_small_in_each_channel_and_in_all_held_out_data_t
 def test_a_name_is_withheld_where_the_held_out_gap_rises_or_does_not_fall_at_all(said, outcome, after, stands):
     found = heard(said, test=a_test(outcome, 1.05, after))
     assert found.verdict == (said if stands else "unexplained")
-    assert stands or found.because.startswith("with coulomb the gap on the held-out data does not fall: it ")
+    assert stands or found.because.startswith("with coulomb the gap on the held-out data ")
     assert stands or (found.chosen, found.best_known) == ("base", "coulomb")
     assert heard("ambiguous", test=a_test(outcome, 1.05, after)).verdict == "ambiguous"
 
@@ -460,13 +458,13 @@ def test_a_name_is_withheld_where_the_held_out_gap_rises_or_does_not_fall_at_all
 def test_a_name_whose_held_out_gap_falls_by_less_than_noise_leaves_open_is_not_plain():
     found = heard(test=a_test("stays", 1.05, 1.04))
     assert (found.verdict, found.chosen) == ("named_with_remaining_misfit", "coulomb")
-    assert found.because.startswith("the gap on the held-out data falls by less than noise leaves open: it ")
+    assert found.because.startswith("the gap on the held-out data does not change significantly")
 
 
 @pytest.mark.parametrize(("low", "found"), [(1.05, "named"), (1.051, "named_with_remaining_misfit")])
 def test_what_leaves_more_than_noise_on_held_out_data_is_named_with_a_rest(low, found):
     decision = heard(test=a_test(low=low))
-    because = "it leaves noise alone on the data used for fitting, but more on the held-out data"
+    because = "the residual is consistent with noise on the fitted data, but exceeds it on the held-out data"
     assert (decision.verdict, decision.because == because) == (found, found != "named")
 
 
@@ -477,10 +475,12 @@ def test_what_leaves_more_than_noise_on_held_out_data_is_named_with_a_rest(low, 
 def test_where_more_than_noise_is_left_half_of_the_held_out_excess_has_to_be_gone(said, before, low, stands):
     found = heard(said, test=a_test("falls", before, 1.155, low))
     assert (found.verdict != "unexplained") == stands
-    assert stands or found.because.startswith("coulomb explains less than half of the gap on the held-out data: it ")
+    assert stands or found.because.startswith("coulomb explains less than half of the gap on the held-out data, which ")
     half = heard(said, test=a_test("falls", 7.0, 5.0, 2.0))  # 24 of 48
     assert half.verdict == "named_with_remaining_misfit"
-    assert heard(said, row(NOISE, "loose", is_rough=True), test=a_test("falls", before, 1.155, low)).chosen == "loose"
+    assert (
+        heard(said, row(NOISE, "loose", is_nonsmooth=True), test=a_test("falls", before, 1.155, low)).chosen == "loose"
+    )
 
 
 @pytest.mark.parametrize(
@@ -489,8 +489,8 @@ def test_where_more_than_noise_is_left_half_of_the_held_out_excess_has_to_be_gon
     ids=["half of what hardly shows", "all of it", "within what noise makes", "nearly all is not explained"],
 )
 def test_a_name_with_a_rest_that_hardly_shows_or_explains_too_little_has_to_be_confirmed(base, chi2):
-    best, because = row(chi2, "coulomb"), "the best, coulomb, is far ahead of all others, but of a disagreement that "
-    because += "hardly shows, and no held-out data confirm it"
+    best = row(chi2, "coulomb")
+    because = "the misfit is small, and no held-out data confirm the best candidate, coulomb"
     for said, low in (("named_with_remaining_misfit", 1.0), ("named", 1.06)):
         unheard = heard(said, best, base, test=a_test("cannot_tell", 1.4, 1.1, low))
         assert (unheard.verdict, unheard.because) == ("unexplained", because)
@@ -511,16 +511,16 @@ def test_the_share_closed_is_of_squares_beyond_noise():
 @pytest.mark.parametrize(
     ("outcome", "before", "after", "words"),
     [
-        ("falls", 3.0, 1.021, "it falls from 3.00 to 1.02"),
-        ("falls", 1.184, 1.181, "it falls from 1.184 to 1.181"),
-        ("rises", 1.09, 1.12, "it rises from 1.09 to 1.12"),
-        ("stays", 1.181, 1.184, "it stays at 1.18"),
-        ("cannot_tell", 1.03, 1.01, "it stays within what noise leaves open, 1.03 before and 1.01 after"),
-        ("falls", 1.18418, 1.18412, "it falls from 1.1842 to 1.1841"),
-        ("falls", 1.18412, 1.18411, "it falls from 1.18 to 1.18"),
-        ("falls", 2280.0, 139.4, "it falls from 2280 to 139"),
-        ("falls", 100.0, 99.5, "it falls from 100 to 99.50"),
+        ("falls", 3.0, 1.021, "falls from 3.00 to 1.02"),
+        ("falls", 1.184, 1.181, "falls from 1.184 to 1.181"),
+        ("rises", 1.09, 1.12, "rises from 1.09 to 1.12"),
+        ("stays", 1.181, 1.184, "stays at 1.18"),
+        ("cannot_tell", 1.03, 1.01, "does not change significantly (1.03 before, 1.01 after)"),
+        ("falls", 1.18418, 1.18412, "falls from 1.1842 to 1.1841"),
+        ("falls", 1.18412, 1.18411, "falls from 1.18 to 1.18"),
+        ("falls", 2280.0, 139.4, "falls from 2280 to 139"),
+        ("falls", 100.0, 99.5, "falls from 100 to 99.50"),
     ],
 )
 def test_words_are_true_of_the_numbers(outcome, before, after, words):
-    assert HeldOutTest(outcome, before, after).words == words
+    assert HeldOutTest(outcome, before, after).summary == words

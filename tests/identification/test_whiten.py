@@ -66,5 +66,5 @@ def test_columns_are_whitened_alike():
 
 
 def test_an_impossible_autocorrelation_is_refused():
-    with pytest.raises(ValueError, match="not that of any process"):
+    with pytest.raises(ValueError, match="not positive definite"):
         autoregression((0.9, -0.9))

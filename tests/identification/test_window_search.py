@@ -12,8 +12,8 @@ from jointgap.core.errors import SimulationError
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FiniteDifferences, fit_hypothesis
-from jointgap.identification.likelihood import Estimate, fitted, signatures_about
-from jointgap.identification.screening import SignatureRegression
+from jointgap.identification.likelihood import Estimate, fitted, sensitivities_about
+from jointgap.identification.screening import SensitivityRegression
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.verdict import Thresholds
 from jointgap.identification.window_search import search_in_windows
@@ -47,14 +47,14 @@ def baseline_of(problem):
 
 def signatures_of(problem):
     baseline = baseline_of(problem)
-    return signatures_about(problem, baseline.base, baseline.differences)
+    return sensitivities_about(problem, baseline.base, baseline.differences)
 
 
 def search(problem, limits=NOISE_ALONE, alone=(), sizes=True):
     """What is found, and from here on what a filter was asked for by the search alone."""
-    baseline, signatures = baseline_of(problem), signatures_of(problem)
+    baseline, sensitivities = baseline_of(problem), signatures_of(problem)
     problem.model.filtered.clear()
-    return search_in_windows(baseline, signatures, limits, alone, **({} if sizes else {"sizes": False}))
+    return search_in_windows(baseline, sensitivities, limits, alone, **({} if sizes else {"sizes": False}))
 
 
 def singles(fits):
@@ -133,7 +133,7 @@ def test_no_partner_is_sought_where_an_effect_that_slopes_led_to_leaves_less():
 
 def test_effects_begin_below_the_largest_jump_at_the_sizes_that_slopes_say_and_the_values_of_the_base():
     problem = problem_of(hidden=SMALL)
-    base, first = baseline_of(problem).base, SignatureRegression(signatures_of(problem)).singles()[0]
+    base, first = baseline_of(problem).base, SensitivityRegression(signatures_of(problem)).singles()[0]
     search(problem)
     assert {jump for _, _, jump, _ in problem.model.filtered} == {JUMPS[1]}
     values, effects, *_ = problem.model.filtered[0]
@@ -149,9 +149,9 @@ def test_where_the_base_leaves_noise_and_no_slope_promises_more_than_chance_noth
 
 def test_where_the_base_leaves_noise_an_effect_is_fitted_if_it_promises_more_than_half_of_what_chance_does():
     problem = problem_of(hidden=SMALL)
-    signatures = signatures_of(problem)
-    without = signatures.residual @ signatures.residual + len(signatures.parameters) * math.log(problem.size)
-    gain = without - SignatureRegression(signatures).singles()[0].bic
+    sensitivities = signatures_of(problem)
+    without = sensitivities.residual @ sensitivities.residual + len(sensitivities.parameters) * math.log(problem.size)
+    gain = without - SensitivityRegression(sensitivities).singles()[0].bic
     assert reduced_chi2(baseline_of(problem).base) < NOISE_ALONE.omnibus
     for factor, fits in ((0.999, True), (1.001, False)):
         chance = factor * gain / problem.settings.selection.linear_share
@@ -160,7 +160,7 @@ def test_where_the_base_leaves_noise_an_effect_is_fitted_if_it_promises_more_tha
 
 def test_beside_such_an_effect_its_rivals_are_fitted():
     problem = problem_of(hidden=SMALL, settings=windows(far_behind=math.inf))
-    rivals = SignatureRegression(signatures_of(problem)).singles()
+    rivals = SensitivityRegression(signatures_of(problem)).singles()
     for partners in (1, 2, 3):
         selection = replace(problem.settings.selection, partners=partners)
         problem.settings = replace(problem.settings, selection=selection)
@@ -180,16 +180,16 @@ def test_an_effect_that_is_sufficient_gets_the_partner_that_gains_more_than_chan
 
 def test_what_promises_less_than_the_share_of_the_best_is_not_fitted():
     problem = problem_of(hidden=SMALL, settings=windows(far_behind=math.inf))
-    signatures = signatures_of(problem)
-    first, second, *_ = (signatures.residual @ signatures.residual - one.chi2 for one in by_chi2(signatures))
+    sensitivities = signatures_of(problem)
+    first, second, *_ = (sensitivities.residual @ sensitivities.residual - one.chi2 for one in by_chi2(sensitivities))
     for factor, found in ((0.999, 2), (1.001, 1)):
         problem.settings = windows(far_behind=math.inf, leading_share=factor * second / first)
         assert len(singles(search(problem, NEVER_ENOUGH))) == found
 
 
-def by_chi2(signatures):
+def by_chi2(sensitivities):
     """What slopes say of single effects, the most promising ones first."""
-    return sorted(SignatureRegression(signatures).singles(), key=lambda one: one.chi2)
+    return sorted(SensitivityRegression(sensitivities).singles(), key=lambda one: one.chi2)
 
 
 def test_no_more_than_the_leading_effects_are_fitted():

@@ -61,7 +61,7 @@ def _harmonic() -> Candidate:
         (*amplitudes, frequency),
         ("cosine_N", "sine_N"),
         starts,
-        steady_counterpart="constant_force",
+        carrier="constant_force",
     )
 
 
