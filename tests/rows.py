@@ -19,7 +19,7 @@ def each(names: str | Iterable[str], rows: Iterable) -> Callable:
             cases = [row if len(keys) > 1 else (row,) for row in rows]
             of_all(lambda *row: test(**fixtures, **dict(zip(keys, row, strict=True))), map(tuple, cases))
 
-        own = inspect.sensitivity(test)
+        own = inspect.signature(test)
         whole.__signature__ = own.replace(parameters=[own.parameters[key] for key in own.parameters if key not in keys])
         return whole
 

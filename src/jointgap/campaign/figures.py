@@ -140,8 +140,8 @@ def _one_revolution(samples: pd.DataFrame) -> pd.DataFrame:
 )
 def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
     """Mean residual of the current model with re-fitted parameters by channel, run and crank angle, in standard
-    deviations of the noise. Red: measured above predicted. Outlined: windows with a significant residual (false-
-    discovery rate 1 %). The colour scale is linear up to 1 and logarithmic beyond.
+    deviations of the noise. Red: measured above predicted. Outlined: windows with a significant residual
+    (false-discovery rate 1 %). The colour scale is linear up to 1 and logarithmic beyond.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import SymLogNorm

@@ -66,7 +66,7 @@ def title(verdict: Verdict) -> str:
         "no_disagreement": "No missing effect detected",
         "parameters_only": "No missing effect detected: re-fitted parameters explain the measurement",
         "ambiguous": f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally well",
-    }.get(verdict["verdict"], "An effect is missing that no tested effect explains")
+    }.get(verdict["verdict"], "An effect is missing, but no tested effect explains the residual")
 
 
 def frame_block(

@@ -192,7 +192,8 @@ def answer(verdict: Mapping[str, Any]) -> str:
         if faults:
             fault = f"The measurement has a fault: {format_explanation(faults)}."
             found = f"{found} {fault}" if missing else f"The mechanism model lacks no effect. {fault}"
-        fit = f"With {'these' if effects[1:] else 'this'} the residual of the fitted data is consistent with noise."
+        added = "these effects" if effects[1:] else "this effect"
+        fit = f"With {added} the residual of the fitted data is consistent with noise."
         if gap["identify"]["after"] > _DECISION.noise_gap:
             before, after = map(rounded_gap, gap["identify"].values())
             fit = f"The gap falls from {before} to {after}; no tested effect explains the remaining residual."
@@ -213,7 +214,7 @@ def answer(verdict: Mapping[str, Any]) -> str:
         text = f"An effect is missing. The best candidate, {format_explanation(best['effects'])}, explains {share}, "
         text += "but is not confirmed."
     else:
-        text = "An effect is missing that no tested effect explains."
+        text = "An effect is missing, but no tested effect explains the residual."
     return f"{text} No effect was added to the model."
 
 
@@ -274,7 +275,7 @@ def best_known_summary(verdict: Mapping[str, Any]) -> tuple[str, ...]:
     if best is None:
         return ()
     before, after = map(rounded_gap, best["gap"]["identify"].values())
-    share = f"; it explains {own} of the misfit" if (own := share_explained(best)) else ""
+    share = f"; the candidate explains {own} of the misfit" if (own := share_explained(best)) else ""
     lines = [f"On the fitted data the gap changes from {before} to {after}{share}."]
     lines.append(f"{held_out_summary(verdict, best['gap']['confirm'])}.")
     if rival := best["rival"]:
