@@ -84,7 +84,7 @@ def main() -> None:
     found = name(model)
     print(f"verdict: {found.decision.verdict} ({found.decision.because})")
     print(f"effects: {' + '.join(found.names) or 'none'}")
-    print(f"gap on the held-out run: {found.confirmed.test.words}")
+    print(f"gap on the held-out run: {found.confirmed.test.summary}")
     for ranked in found.decision.ranking[:5]:
         print(f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share {ranked.share:.3f}")
     for line in estimates(found.chosen):

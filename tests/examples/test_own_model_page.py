@@ -56,7 +56,7 @@ def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_t
     for series in names["model"].series:
         series.angle[:] = np.nan  # without a phase there is no map, and that is said
     mapped = names["map_disagreement"](names["base"].problem, found.base.residual)
-    assert mapped.windows.empty and mapped.remark.startswith("No map of force of run slow: no phase is known there.")
+    assert mapped.windows.empty and mapped.remark.startswith("No map of force of run slow, as the phase is unknown")
 
 
 def test_with_nothing_hidden_the_mass_alone_is_found(outcome):

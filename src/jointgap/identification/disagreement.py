@@ -195,7 +195,7 @@ def _remark(problem: Problem, bins: pd.DataFrame) -> str:
     ]
     if not without:
         return ""
-    return f"No map of {', '.join(without)}, as the crank angle is unknown; see the tests by run and channel."
+    return f"No map of {', '.join(without)}, as the phase is unknown; see the tests by run and channel."
 
 
 def _test(part: Part, residual: np.ndarray, lags: int) -> dict:
