@@ -233,7 +233,7 @@ def test_terms_of_one_law_are_one_effect_and_those_of_another_a_second_one():
 def test_a_law_without_a_term_is_refused_with_an_example():
     with pytest.raises(InputError) as refused:
         with_effects(made(), [(term("discovered_slider_force"), {"size": 1.0})])
-    assert str(refused.value) == "discovered_slider_force: has no term; name it such as discovered_slider_force[v^3]"
+    assert str(refused.value) == "discovered_slider_force: has no term; use a name such as discovered_slider_force[v^3]"
 
 
 def test_a_parameter_out_of_its_bounds_is_refused_with_the_name_of_the_effect():
