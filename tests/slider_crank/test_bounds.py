@@ -48,7 +48,7 @@ def test_bounds_up_to_the_ends_of_what_is_possible_are_accepted():
     ],
 )
 def test_bounds_at_which_the_crank_cannot_turn_are_refused_by_the_model(nuisance, words):
-    with pytest.raises(InputError, match=r"cannot turn.*; or give narrower bounds") as caught:
+    with pytest.raises(InputError, match=r"cannot turn.*; or narrow the bounds") as caught:
         build_model(with_nuisances(nuisance))
     assert words in str(caught.value)
 
@@ -70,5 +70,5 @@ def test_a_film_thicker_than_the_least_clearance_is_refused():
     film = {"viscosity_Pa_s": 0.05, "length_m": 0.01, "least_film_m": 1e-5}
     content = mechanism(PINS, effects=[{"name": "lubricated_joint", "site": "crank_pin", "parameters": film}])
     check_bounds(campaign(content, nuisance={"crank_pin_clearance": [3e-5, 6e-4]}))
-    with pytest.raises(InputError, match=r"crank_pin_clearance = 1.5e-05 m: .*least_film_m.*narrower bounds"):
+    with pytest.raises(InputError, match=r"crank_pin_clearance = 1.5e-05 m: .*least_film_m.*narrow the bounds"):
         check_bounds(campaign(content, nuisance={"crank_pin_clearance": [1.5e-5, 6e-4]}))

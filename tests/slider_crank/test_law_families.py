@@ -60,7 +60,7 @@ def test_a_cubic_spring_is_named_as_a_spring_whose_cubic_share_is_one(tmp_path):
     ((low, high),) = (family["interval_99"] for family in found["families"])
     assert (verdict["verdict"], found["name"]) == ("named", "slider_nonlinear_spring")
     assert 0.5 < low <= 1.0 == high
-    assert "is a spring on the slider (cubic share" in answer(verdict) and "linear" not in answer(verdict)
+    assert "lacks a spring on the slider (cubic share" in answer(verdict) and "linear" not in answer(verdict)
     (written,) = (effect["parameters"] for effect in effects)
     assert written["stiffness_N_m"] / written["length_m"] ** 2 == pytest.approx(5e3, rel=0.2)
     assert written["rest_position_m"] == pytest.approx(0.5, abs=0.01)
@@ -85,7 +85,7 @@ def test_stribeck_friction_is_named_as_dry_friction_with_the_share_that_falls_an
     low, high = family["interval_99"]
     assert (verdict["verdict"], found["name"], family["named"]) == ("named", "slider_stribeck_friction", True)
     assert 0.0 < low <= 0.7 <= high < 1.0
-    assert "is dry friction of the slider (stribeck share" in answer(verdict)
+    assert "lacks dry friction of the slider (stribeck share" in answer(verdict)
     (written,) = (effect["parameters"] for effect in effects)
     assert written["stribeck_speed_m_s"] == pytest.approx(0.8, rel=0.3)
 

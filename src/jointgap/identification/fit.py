@@ -647,8 +647,8 @@ AT_BOUND = "at its bound"
 NOT_ESTIMATED = "not estimated"
 """Remark: a value that is not fitted, such as the length of a film or an integer order."""
 
-CHANGES_NOTHING = "without influence on the measured channels"
-"""Remark: no measured value depends on the parameter, such as a mass without a force channel."""
+CHANGES_NOTHING = "changes nothing in what was measured"
+"""Remark (a value of ``verdict.json``): no measured value depends on it, such as a mass without a force channel."""
 
 
 def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
