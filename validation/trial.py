@@ -22,7 +22,7 @@ from jointgap.core.formula import compile_formula
 from jointgap.core.units import unit_factor
 from jointgap.dynamics.equations import evaluate
 from jointgap.identification.problem import Noise, whiten
-from jointgap.rig.model import LASTING_DAMPING_FACTOR
+from jointgap.rig.model import STEADY_CONTACT_DAMPING_FACTOR
 from jointgap.rig.sensors import FAULTS
 from jointgap.rig.simulate_run import with_nuisances
 from validation.kinds import CLEARANCES, Trial
@@ -162,7 +162,7 @@ class Calibrator:
 
     def _nuisances(self) -> dict[str, tuple[float, float, float]]:
         """True value and bounds of all that a recalibration may move; ``key@run`` of one run alone."""
-        rig, reach = self.rig, math.log(LASTING_DAMPING_FACTOR)
+        rig, reach = self.rig, math.log(STEADY_CONTACT_DAMPING_FACTOR)
         free = {key: (rig.values[key], p.low, p.high) for key, p in rig.nuisances.items()}
         free |= {key: (own, -reach, reach) for key, own in rig.values.items() if key.startswith("lasting_damping")}
         for name in () if self.chaotic else rig.fitted:

@@ -47,7 +47,7 @@ CANDIDATES = (
         ("cosine_N", "sine_N"),
         ({"frequency_Hz": 1.0},),
         _harmonic,
-        steady_counterpart="slider_constant_force",
+        carrier="slider_constant_force",
     ),
     _one("sensor_lag", "lag_s", 5e-4, "s", site="force", sensor=True, has_site=True),
 )

@@ -113,7 +113,7 @@ def test_a_verdict_says_effect_size_and_interval_and_draws_what_its_folder_has(t
     named = verdict("named")
     assert (named.kind, named.effect) == ("named", "Coulomb friction of the slider")
     assert (named.size, named.unit, named.interval) == (21.3, "N", (20.6, 22.0)) and named.mechanism == mechanism
-    assert "Missing in the model is Coulomb friction of the slider." in named._repr_html_()
+    assert "The model lacks Coulomb friction of the slider." in named._repr_html_()
     assert "Remark: channel x: nothing" in repr(named)
     assert "gaps" in named.figures and named.plot("gaps").figure.axes
     ambiguous = verdict("ambiguous")

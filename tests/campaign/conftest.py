@@ -38,9 +38,9 @@ def chain() -> Chain:
     whole = numerics_noise(model, base.base.mapping, found)
     whole |= {part.series.key: part.noise for part in base.problem.parts}
     screening = screen_candidates(base, 0.01, degrees_of_freedom(found))
-    fits, seconds = hypothesis_fits.fit_singles(base, screening.signatures, screening.limits)
-    pairs, more = hypothesis_fits.fit_pairs(base, screening.signatures, screening.limits, fits)
+    fits, seconds = hypothesis_fits.fit_singles(base, screening.sensitivities, screening.limits)
+    pairs, more = hypothesis_fits.fit_pairs(base, screening.sensitivities, screening.limits, fits)
     fits, seconds = [*fits, *pairs], [*seconds, *more]
     times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
-    outcome = outcome_of(select_hypothesis(base, screening.signatures, fits, screening.limits), times)
+    outcome = outcome_of(select_hypothesis(base, screening.sensitivities, fits, screening.limits), times)
     return Chain(model, whole, base, screening, fits, outcome)

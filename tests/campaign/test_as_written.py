@@ -4,7 +4,7 @@ from pathlib import Path
 
 import yaml
 
-from jointgap.campaign.augment import as_written
+from jointgap.campaign.augment import in_file_convention
 from jointgap.config import Mechanism
 from jointgap.config.load import load_mechanism, validate
 from jointgap.config.yaml_files import read_yaml
@@ -16,7 +16,7 @@ OLD = MECHANISM.model_dump(mode="json")
 
 def written(mechanism: Mechanism, text=None) -> dict:
     given = {} if text is None else {"text": text}
-    return yaml.safe_load(yaml.safe_dump(as_written(mechanism.model_dump(mode="json"), OLD, **given)))
+    return yaml.safe_load(yaml.safe_dump(in_file_convention(mechanism.model_dump(mode="json"), OLD, **given)))
 
 
 def heavier(mass: float) -> Mechanism:
@@ -44,5 +44,5 @@ def test_an_effect_that_was_found_is_added_beside_those_that_the_user_wrote():
     text = read_yaml(FILE) | {"effects": [weight]}
     before = validate(Mechanism, text, "here")
     after = validate(Mechanism, text | {"effects": [weight, friction]}, "here")
-    content = as_written(after.model_dump(mode="json"), before.model_dump(mode="json"), text)
+    content = in_file_convention(after.model_dump(mode="json"), before.model_dump(mode="json"), text)
     assert content["effects"] == [weight, friction | {"parameters": {"force_N": 5.934213}}]

@@ -16,7 +16,7 @@ DEMONSTRATION = ROOT / "config/campaigns/demonstration.yaml"
 def state_with(chain, folder, settings=DEFAULT_SETTINGS) -> CampaignState:
     """A campaign whose model is the closed form of `chain` instead of a slider-crank."""
     state = CampaignState(DEMONSTRATION, folder, settings)
-    state.model, state.doubted_channels = chain.model, ()
+    state.model, state.inconsistent_channels = chain.model, ()
     return state
 
 

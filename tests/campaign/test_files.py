@@ -68,9 +68,9 @@ def test_what_cannot_be_a_list_of_campaigns_is_refused_with_the_mend(tmp_path):
         ("mine.yaml", None, "must be a list"),
         (["mine.yaml"], None, "no file 'mine.yaml' (looked in "),
         (["config/campaigns"], None, "no file 'config/campaigns' ~ ; give the path of a campaign file"),
-        ([DEMONSTRATION, DEMONSTRATION], None, "both called 'demonstration'"),
+        ([DEMONSTRATION, DEMONSTRATION], None, "same name 'demonstration'"),
         ([str(lost)], None, "run slow: no file 'demonstration/slow.csv' in  ~ ; correct `file`"),
-        ([str(braces)], None, "rig {campaign}/mine.yaml holds braces ~ rename"),
+        ([str(braces)], None, "rig {campaign}/mine.yaml contains braces ~ rename"),
         *(([DEMONSTRATION], count, parts) for count in (0, "many", 2.5, True, 10**9)),
     ]
     refused(lambda paths, count: campaigns(paths, (ROOT,), *([] if count is None else [count])), cases)
@@ -182,7 +182,7 @@ def test_noise_of_other_data_is_refused_with_the_command_that_finds_it(measured)
     for other in (replace(first, channel="guide_force"), replace(first, value=first.value[:-1])):
         later = CampaignState(folder / "plan.yaml", folder / "results")
         later.model = SimpleNamespace(series=[other])
-        with pytest.raises(InputError, match=f"channel {other.channel} of run 'slow' now holds; run `jointgap noise`"):
+        with pytest.raises(InputError, match=f"channel {other.channel} of run 'slow'; repeat `jointgap noise`"):
             _ = later.noise
 
 
@@ -212,7 +212,7 @@ def test_what_has_changed_in_the_file_since_its_data_were_read_is_named_with_the
         (folder / "changed.yaml").write_text(text.replace(old, new, 1))
         return CampaignState(folder / "changed.yaml", folder / "results").measurements
 
-    again = "run `jointgap measure` on it again, and the stages after it"
+    again = "repeat `jointgap measure` and the later stages"
     refused(go_on, [(old, new, f"{again} ~ {words}") for old, new, words in CHANGES])
     ordered = text.replace(MID, "").replace("runs:\n", f"runs:\n{MID}")
     refused(go_on, [(text, ordered, "other order")])

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from jointgap.campaign.figures import FIGURES
-from jointgap.campaign.plan import preflight_in_words, preflight_tables
+from jointgap.campaign.plan import preflight_summary, preflight_tables
 from jointgap.config.load import load_campaign
 from jointgap.rig.read_files import read_measurements
 
@@ -43,8 +43,8 @@ def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
     (tmp_path / "campaign.yaml").write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)[1])
     (tmp_path / "mechanism.yaml").write_text(Path(mechanism).read_text())
     found = preflight_tables(load_campaign(tmp_path / "campaign.yaml"), 0.01)
-    printed = preflight_in_words(**found, advice=None).splitlines()
-    shown = re.search(r"```\n(Effects that these runs.*?)```", PAGE, re.DOTALL)[1].splitlines()
+    printed = preflight_summary(**found, advice=None).splitlines()
+    shown = re.search(r"```\n(Smallest detectable size.*?)```", PAGE, re.DOTALL)[1].splitlines()
     shown = [line for line in shown if line != "  ..." and not line.startswith("A further ")]
     places = {re.sub(NUMBER, "#", line): place for place, line in enumerate(printed)}
     found_at = [places[re.sub(NUMBER, "#", line)] for line in shown]

@@ -25,7 +25,7 @@ FOUND = Preflight(
     undetectable=["crank_unbalance"],
     failed={"gas_pressure": "the slider jams"},
     sizes={},
-    assumed=("crank_torque in run slow: 0.0042 N m, 2 % of what it varies by",),
+    assumed=("crank_torque in run slow: 0.0042 N m, 2 % of its variation",),
 )
 CAMPAIGN = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
 
@@ -37,18 +37,18 @@ def test_sizes_stand_with_their_unit_and_what_could_not_be_simulated_is_not_call
         parquet.write(table, frames[name], tmp_path / name)
         frames[name] = parquet.read(table, tmp_path / name)
     frames["advice"] = pd.DataFrame(columns=["change", "newly_detectable", "separated", "gain"])
-    lines = plan.preflight_in_words(**frames).splitlines()
+    lines = plan.preflight_summary(**frames).splitlines()
     assert lines[1:5] == [
         "  Coulomb friction of the slider: 0.0787 N",
         "  bending of the rod: natural frequency of the mode up to 157.2 Hz",  # the direction in which it shows
-        "  a force on the slider that swings at a frequency of its own: amplitude 0.0567 N",
+        "  a harmonic force on the slider: amplitude 0.0567 N",
         "  a bias of the sensor of crank torque: 0.0084 N m",
     ]
-    assert "Not detectable at any size within bounds: an unbalance of the crank" in lines
+    assert "Not detectable with these runs: an unbalance of the crank" in lines
     gas = "the pressure of a closed gas volume on the slider"
-    assert f"Could not be simulated, so what size shows is not known: {gas} (the slider jams)" in lines
-    assert lines[-1] == "  crank torque in run slow: 0.0042 N m, 2 % of what it varies by"
-    assert "ssumed" not in plan.preflight_in_words(**frames | {"detectable": frames["detectable"].assign(assumed="")})
+    assert f"Detectability unknown, simulation failed: {gas} (the slider jams)" in lines
+    assert lines[-1] == "  crank torque in run slow: 0.0042 N m, 2 % of its variation"
+    assert "ssumed" not in plan.preflight_summary(**frames | {"detectable": frames["detectable"].assign(assumed="")})
     assert plan.undetectable(frames["detectable"]) == ["crank_unbalance", "gas_pressure"]
 
 

@@ -42,7 +42,7 @@ def decided(chain, better, tmp_path, monkeypatch):
 
     def made(verdict: str = "") -> CampaignState:
         found = CampaignState(DEMONSTRATION, tmp_path)
-        found.model, found.noise_with_numerics, found.doubted_channels = chain.model, chain.noise, ()
+        found.model, found.noise_with_numerics, found.inconsistent_channels = chain.model, chain.noise, ()
         found.baseline, found.screening, found.library = chain.recalibrated, chain.screening, []
         if verdict:
             decision = Decision(verdict, better, better)

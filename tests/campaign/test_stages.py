@@ -20,8 +20,8 @@ from jointgap.campaign.fits_on_disk import (
     outcome_of,
     parameter_frame,
     screened_frame,
-    signatures_from_frames,
-    signatures_to_frames,
+    sensitivities_from_frames,
+    sensitivities_to_frames,
 )
 from jointgap.campaign.stages import CAMPAIGN_STAGES
 from jointgap.campaign.verdict_json import gap_of, held_out
@@ -34,10 +34,10 @@ from jointgap.identification import hypothesis_fits, model_selection
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesis
-from jointgap.identification.likelihood import fitted, signatures_about
+from jointgap.identification.likelihood import fitted, sensitivities_about
 from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import SignatureRegression
+from jointgap.identification.screening import SensitivityRegression
 from jointgap.identification.thresholds import screen_candidates
 from tests.campaign.conftest import TRUTH
 from tests.identification.oscillator import PULL, PUSH, SWING, WOBBLE, linear
@@ -179,17 +179,21 @@ def test_noise_comes_back_from_files(chain, tmp_path):
         same(one, chain.noise[key], "spread", "autocorrelation", "remarks")
 
 
-def from_files(folder, signatures, baseline, shortlist):
-    """Signatures about a base as a later stage reads them."""
-    frames = signatures_to_frames(signatures, baseline.base) | {"screened": screened_frame(signatures, shortlist)}
+def from_files(folder, sensitivities, baseline, shortlist):
+    """Sensitivities about a base as a later stage reads them."""
+    frames = sensitivities_to_frames(sensitivities, baseline.base) | {
+        "screened": screened_frame(sensitivities, shortlist)
+    }
     folder.write_all(frames, "screen")
-    return signatures_from_frames(folder.read_all(("signatures", "signature_shapes", "screened"), "screen"), baseline)
+    return sensitivities_from_frames(
+        folder.read_all(("signatures", "signature_shapes", "screened"), "screen"), baseline
+    )
 
 
 def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain, tmp_path):
-    signatures, limits = chain.screening.signatures, chain.screening.limits
-    expected = model_selection.shortlist_singles(signatures, limits)
-    again = from_files(ResultsFolder(tmp_path), signatures, chain.recalibrated, expected)
+    sensitivities, limits = chain.screening.sensitivities, chain.screening.limits
+    expected = model_selection.shortlist_singles(sensitivities, limits)
+    again = from_files(ResultsFolder(tmp_path), sensitivities, chain.recalibrated, expected)
     chosen = model_selection.shortlist_singles(again, limits)
     assert [(one.label, one.start) for one in chosen] == [(one.label, one.start) for one in expected]
     assert again.residual is chain.recalibrated.base.residual
@@ -208,19 +212,19 @@ def test_signatures_about_a_base_in_windows_are_not_those_of_its_fit_and_come_ba
 
     problem.model.windows = without_pull
     base, differences = fitted(problem), FiniteDifferences(problem)
-    signatures = signatures_about(problem, base, differences)
-    assert np.abs(signatures.residual - base.residual).max() > 1.0
-    assert np.abs(signatures.jacobian - base.jacobian).max() > 1.0
-    singles = SignatureRegression(signatures).singles()
-    again = from_files(ResultsFolder(tmp_path), signatures, Baseline(problem, differences, base, base), singles)
-    same(again, signatures, "residual", "jacobian", "values")
-    assert again.failed == signatures.failed == {"pull": "nothing pulls here"}
+    sensitivities = sensitivities_about(problem, base, differences)
+    assert np.abs(sensitivities.residual - base.residual).max() > 1.0
+    assert np.abs(sensitivities.jacobian - base.jacobian).max() > 1.0
+    singles = SensitivityRegression(sensitivities).singles()
+    again = from_files(ResultsFolder(tmp_path), sensitivities, Baseline(problem, differences, base, base), singles)
+    same(again, sensitivities, "residual", "jacobian", "values")
+    assert again.failed == sensitivities.failed == {"pull": "nothing pulls here"}
     shapes = [(one.candidate.label, one.shape_parameters) for one in again.entries]
     assert shapes == [("swing", {}), ("push", {}), ("wobble", {"turn": 0.5}), ("wobble", {"turn": 1.5})]
-    for one, other in zip(again.entries, signatures.entries, strict=True):
+    for one, other in zip(again.entries, sensitivities.entries, strict=True):
         same(one, other, "columns", "origin")
     assert not np.array_equal(again.of("push")[0].origin, again.residual)  # it begins where the drive is nominal
-    assert [one.label for one in SignatureRegression(again).singles()] == [one.label for one in singles]
+    assert [one.label for one in SensitivityRegression(again).singles()] == [one.label for one in singles]
 
 
 def without(model, label):
@@ -231,22 +235,24 @@ def without(model, label):
 
 
 def test_signatures_of_another_model_are_named_with_the_stage_to_run_again(chain):
-    signatures, baseline = chain.screening.signatures, chain.recalibrated
-    shortlist = model_selection.shortlist_singles(signatures, chain.screening.limits)
-    tables = signatures_to_frames(signatures, baseline.base) | {"screened": screened_frame(signatures, shortlist)}
+    sensitivities, baseline = chain.screening.sensitivities, chain.recalibrated
+    shortlist = model_selection.shortlist_singles(sensitivities, chain.screening.limits)
+    tables = sensitivities_to_frames(sensitivities, baseline.base) | {
+        "screened": screened_frame(sensitivities, shortlist)
+    }
     other = replace(baseline, problem=Problem(without(chain.model, "viscous"), chain.noise))
-    with pytest.raises(InputError, match=r"signatures\.parquet: holds viscous of another model.*run `jointgap noise`"):
-        signatures_from_frames(tables, other)
+    with pytest.raises(InputError, match=r"signatures\.parquet: viscous does not belong.*repeat `jointgap noise`"):
+        sensitivities_from_frames(tables, other)
     derivatives = tables["signatures"]  # of other runs
     renamed = derivatives.assign(name=derivatives["name"].mask(derivatives["label"] == "coulomb", "force_N@other"))
-    with pytest.raises(InputError, match="holds coulomb of another model"):
-        signatures_from_frames(tables | {"signatures": renamed}, baseline)
+    with pytest.raises(InputError, match="coulomb does not belong"):
+        sensitivities_from_frames(tables | {"signatures": renamed}, baseline)
     with pytest.raises(InputError, match="no candidate"):
         hypothesis_of("coulomb + ghost", chain.model.candidates)
 
 
 def test_parts_of_the_fits_together_are_all_of_them_and_one_that_fails_is_a_row_with_its_reason(chain, monkeypatch):
-    of, residual = (chain.recalibrated, chain.screening.signatures, chain.screening.limits), Problem.residual
+    of, residual = (chain.recalibrated, chain.screening.sensitivities, chain.screening.limits), Problem.residual
     whole = [one.label for one in hypothesis_fits.fit_singles(*of)[0]]
     parts = [hypothesis_fits.fit_singles(*of, part, 2)[0] for part in (0, 1)]
     assert all(parts) and sorted(one.label for part in parts for one in part) == sorted(whole)
@@ -281,10 +287,10 @@ def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain
 def test_in_a_pair_each_effect_has_what_leaving_it_out_costs_though_one_was_never_fitted_alone():
     model = toy({"coulomb": {"force_N": TRUTH}, "spring": {"stiffness_N_m": 40.0}})
     base = recalibrate(model, stated_noise(model))
-    signatures, limits = screen_candidates(base, 0.01)
+    sensitivities, limits = screen_candidates(base, 0.01)
     coulomb, spring = (fit_hypothesis(base.problem, (candidate_of(name),)) for name in ("coulomb", "spring"))
     pair = fit_hypothesis(base.problem, (candidate_of("coulomb"), candidate_of("spring")))
-    outcome = outcome_of(model_selection.select_hypothesis(base, signatures, [pair, coulomb], limits), {})
+    outcome = outcome_of(model_selection.select_hypothesis(base, sensitivities, [pair, coulomb], limits), {})
     assert outcome.chosen.label == "coulomb + spring"
     gains = dict(zip(outcome.ranking["explanation"], outcome.ranking["bic"], strict=True)) | {"base": base.base.bic}
     costs = {one["name"]: one["delta_bic"] for one in verdict_json.effects(outcome.chosen, gains)}

@@ -63,7 +63,7 @@ SEEN = pd.DataFrame(
         ("gas_pressure", "force_N", np.nan, "N", False, False, "the slider jams"),
     ],
     columns=["label", "parameter", "smallest_detectable", "unit", "falls", "detectable", "failed"],
-).assign(assumed="crank_torque in run slow: 0.0042 N*m, 2 % of what it varies by")
+).assign(assumed="crank_torque in run slow: 0.0042 N*m, 2 % of its variation")
 OPTIMUM = pd.DataFrame({"model": ["base", "augmented"], "source": "network", "reduction": [0.038, 0.05]}).assign(
     crank_length=[0.150, 0.1515], rod_length=0.564, failed=None, at_edge=[True, False], resimulated=[0.03, np.nan]
 )
@@ -89,7 +89,7 @@ PAGES = [  # verdict, tables, what the page says, and what it does not say
         "far below 1",
     ),
     (NAMED, {"channel_errors": ERRORS}, "| fast | 400 | yes | crank angle | deg | 0.1 | 0.1005 | 0.0995 |", "optimum"),
-    (NAMED, {}, "| force of friction | 21.30 N | 20.60 to 22.00 |", "last third"),
+    (NAMED, {}, "| friction force | 21.30 N | 20.60 to 22.00 |", "last third"),
     (effects(law("-a*v*|v|", a=COEFFICIENT)), {}, r"| formula | -a\*v\*\|v\| | – | ~ | a | 1.25 | 1.09 to 1.41 |", ""),
     (NAMED, gaps([("slow", "guide_force", 3.0, 0.79)]), "The gap of guide force (slow 0.79) is far below 1", ""),
     (
@@ -105,18 +105,18 @@ PAGES = [  # verdict, tables, what the page says, and what it does not say
         "",
     ),
     (AMBIGUOUS, {}, "- Coulomb friction of the slider (21.30 N) ~ A run at 900 rpm would tell them apart.", ""),
-    (effects(COULOMB | {"delta_bic": None}, BIAS), {}, "BIC: not known for Coulomb friction of the slider and 40", ""),
+    (effects(COULOMB | {"delta_bic": None}, BIAS), {}, "BIC: unknown for Coulomb friction of the slider and 40", ""),
     (NAMED, {"campaign_optimum": OPTIMUM}, "| before | network | 150 | 564 | 0.038 | 0.03 | yes | – |", "ideal"),
     (
         NAMED,
         {"campaign_optimum": OPTIMUM.tail(1)},
-        "all joints were ideal ~ | after | network | 151.5 | 564 | 0.05 |",
+        "all joints ideal ~ | after | network | 151.5 | 564 | 0.05 |",
         "",
     ),
     (NAMED, {"campaign_optimum": OPTIMUM.assign(failed=[None, "the slider jams"])}, "the slider jams", ""),
-    (effects(BIAS), NONE_ADDED, "Nothing was added to the mechanism", "ideal"),
+    (effects(BIAS), NONE_ADDED, "No effect was added to the mechanism", "ideal"),
     (effects(BIAS), {}, "0.5000 N m", "figures/missing_force.svg"),  # there is no force
-    (undetectable("gas_pressure"), {"detectable": SEEN}, "is not known: the pressure ~ assumed noise", ""),
+    (undetectable("gas_pressure"), {"detectable": SEEN}, "simulation failed: the pressure ~ assumed noise", ""),
     (
         undetectable("crank_unbalance", "gas_pressure"),
         {"detectable": SEEN},
@@ -133,7 +133,7 @@ PAGES = [  # verdict, tables, what the page says, and what it does not say
     (
         best_known(),
         gaps([("fast", "all", 8.7, 1.05)]),
-        "| 21.30 N | 20.60 to 22.00 | ~ To prove it:  ~ residuals.svg",
+        "| 21.30 N | 20.60 to 22.00 | ~ To confirm it:  ~ residuals.svg",
         "",
     ),
     (
@@ -177,13 +177,13 @@ def test_the_headline_holds_the_effect_its_number_and_the_interval():
     left = VERDICTS["named_with_remaining_misfit"] | {"interval_factor": 1.84}
     ends = [
         (NAMED, "Coulomb friction of the slider, 21.30 N (90 % interval 20.60 to 22.00)"),
-        (VERDICTS["ambiguous"], "Something is missing: 2 explanations fit equally well"),
+        (VERDICTS["ambiguous"], "An effect is missing: 2 explanations fit equally well"),
         (
             effects(COULOMB, BIAS),
             "and a bias of the sensor of crank torque, 0.5000 N m (90 % interval 0.4970 to 0.5030)",
         ),
         (effects(law("-a*v", a={"value": 2.0})), "found by regression: -a*v"),
-        (left, "; the residual exceeds noise, so intervals are 1.8 times as wide"),
+        (left, "; intervals widened by the factor 1.8, as the residual exceeds noise"),
     ]
     for verdict, end in ends:
         assert page(verdict, {}).title.endswith(end)

@@ -107,8 +107,8 @@ def test_a_clearance_that_grows_is_told_with_its_rate_per_day_however_campaigns_
     ("given", "words"),
     [
         ({"rate": -2e-7}, "shrank by 0.200 µm per day (90 % interval 0.151 to 0.249"),
-        ({"rate": 1e-8, "sd": 1e-5}, "no growth that these data show, 0.01 µm per day (90 % interval -0.24 to 0.26"),
-        ({"days": (0, 0, 90)}, "too few dates, 2 of the 3"),
+        ({"rate": 1e-8, "sd": 1e-5}, "no significant growth: 0.01 µm per day (90 % interval -0.24 to 0.26"),
+        ({"days": (0, 0, 90)}, "2 of at least 3"),
     ],
 )
 def test_shrinking_no_growth_and_too_few_dates_are_told_as_that(rig, given, words):
@@ -121,10 +121,10 @@ def test_what_is_not_sure_does_not_count_and_says_why(rig):
     size = clearance(1e-3)["parameters"]["clearance_m"]
     doubtful = [
         (unnamed("ambiguous", equivalent=[[clearance(1e-3)], [COULOMB]]), "not certain"),
-        (unnamed("unexplained", best_known={"effects": [clearance(1e-3)]}), "not proven"),
-        (UNNAMED | {"preflight": {"undetectable": [LABEL], "merged": []}}, "not detectable with its runs"),
+        (unnamed("unexplained", best_known={"effects": [clearance(1e-3)]}), "not confirmed"),
+        (UNNAMED | {"preflight": {"undetectable": [LABEL], "merged": []}}, "not detectable with these runs"),
         (NAMED | {"effects": [clearance(1e-3, 0.0)]}, "not estimated"),
-        (unnamed("unexplained", nuisances={LABEL: size}), "without what else is missing"),
+        (unnamed("unexplained", nuisances={LABEL: size}), "without the missing effect"),
     ]
     for verdict, _ in doubtful:
         rig.add(0, verdict)
@@ -195,12 +195,12 @@ SAME_DATA = [{"id": "one", "file": "rig-0-slow.csv", "speed": "200 rpm", "role":
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"date": None}, "rig-1.yaml: has no date; add the day"),
+        ({"date": None}, "rig-1.yaml: has no `date`; add the day"),
         ({"date": "01.03.2026"}, "date = '01.03.2026'.*is not a date; write year, month and day, such as 2026-03-01"),
         ({"date": 20260301}, "date = 20260301.*is not a date"),
         ({"name": "rig-0"}, "campaign 'rig-0' is given twice"),
-        ({"mechanism": "ideal_joints"}, r"rig-1.yaml: mechanism\.\S+ = .* in campaign 'rig-0' \(SI\); campaigns of a"),
-        ({"runs": SAME_DATA}, "reads .*rig-0-slow.csv, as campaign 'rig-0' does"),
+        ({"mechanism": "ideal_joints"}, r"rig-1.yaml: mechanism\.\S+ = .* in campaign 'rig-0' \(SI\); a trend"),
+        ({"runs": SAME_DATA}, "reads .*rig-0-slow.csv, like campaign 'rig-0'"),
     ],
     ids=["no-date", "no-day", "a-number", "twice", "another-mechanism", "the-same-data"],
 )
@@ -214,15 +214,15 @@ def test_campaigns_that_make_no_trend_are_refused_and_nothing_is_written(rig, ch
 
 def test_campaigns_without_a_verdict_or_a_size_or_with_a_changed_file_are_refused_but_a_date_may_be_added(rig):
     folder = rig.add(0, UNNAMED, date=None)
-    with pytest.raises(InputError, match=r"rig-0\.yaml: has no date"):
+    with pytest.raises(InputError, match=r"rig-0\.yaml: has no `date`"):
         rig.trend()
     text = f"date: 2026-01-01\n{rig.files[0].read_text()}"
     for changed, words in (
-        (text, "rig-0: no clearance was found in any of them"),
+        (text, "rig-0: none identified a clearance"),
         (text.replace("200 rpm", "201 rpm"), "the file has changed since its data were read"),
-        (text, r"is no verdict .*run the campaign's stages first"),
+        (text, r"not a verdict .*run the campaign's stages first"),
     ):
-        if "no verdict" in words:
+        if "not a verdict" in words:
             (folder.path / "verdict.json").unlink()
         rig.files[0].write_text(changed)
         with pytest.raises(InputError, match=words):

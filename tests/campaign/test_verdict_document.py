@@ -166,9 +166,9 @@ def test_the_text_has_null_for_what_is_no_number_is_read_again_and_nothing_else_
         path.unlink() if text is None else path.write_text(text)
         verdict_json.read(path)
 
-    other = "is no verdict of schema_version 2; run the campaign's stages again"
+    other = "not a verdict of schema_version 2; repeat the campaign's stages"
     cases = [(text, other) for text in ('{"schema_version": 1}', "{}", "[1]")]
-    cases += [("{", "is no verdict ~ ; run the campaign's stages first"), (None, "is no verdict ([Errno 2]")]
+    cases += [("{", "not a verdict ~ ; run the campaign's stages first"), (None, "not a verdict ([Errno 2]")]
     refused(read, cases, InputError, f"{path}: ")
 
 
@@ -195,7 +195,7 @@ def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_neares
     ]
     ranking = pd.DataFrame(rows, columns=["explanation", "bic", "explained_share", "admissible"])
     outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best)
-    content = document(outcome, gaps=gaps((6.0, 5.9), (-3.0, 40.0)), doubted=["torque"])
+    content = document(outcome, gaps=gaps((6.0, 5.9), (-3.0, 40.0)), inconsistent=["torque"])
     known = content["best_known"]
     assert content["effects"] == [] and [one["name"] for one in known["effects"]] == ["friction", "spring"]
     assert known["gap"] == {"identify": {"before": 9.0, "after": 6.0}, "confirm": {"before": 8.0, "after": 5.9}}

@@ -1,14 +1,14 @@
 """What a verdict says in words, and the numbers at which it turns: each is met from both sides."""
 
 from jointgap.campaign.page import title
-from jointgap.campaign.sentences import answer, best_known_in_words, held_out_in_words
+from jointgap.campaign.sentences import answer, best_known_summary, held_out_summary
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 from tests.catalogue import each
 
-FRICTION = "Missing in the model is Coulomb friction of the slider."
+FRICTION = "The model lacks Coulomb friction of the slider."
 TOLERATED = DEFAULT_SETTINGS.decision.noise_gap
-UNMET = "It does not fit the held-out data"
+UNMET = "The model does not fit the held-out data"
 
 
 def held_out(verdict, before, after):
@@ -19,33 +19,33 @@ def held_out(verdict, before, after):
 
 def test_every_verdict_says_what_is_missing_and_how_well_the_model_fits():
     words = {
-        "no_disagreement": ["Nothing is missing", "current model fits", "within the noise"],
-        "parameters_only": ["No effect is missing", "with re-fitted parameters", "within the noise"],
-        "named": [FRICTION, "within the noise"],
+        "no_disagreement": ["No missing effect", "of the current model", "consistent with noise"],
+        "parameters_only": ["No missing effect", "re-fitting", "consistent with noise"],
+        "named": [FRICTION, "consistent with noise"],
         "named_with_remaining_misfit": [FRICTION],
-        "ambiguous": ["Something is missing", "2 explanations fit equally well", "None was added"],
-        "unexplained": ["Something is missing", "none of the effects tried", "No effect was added"],
+        "ambiguous": ["An effect is missing", "2 explanations fit equally well", "None was added"],
+        "unexplained": ["An effect is missing", "no tested effect", "No effect was added"],
     }
     assert words.keys() == VERDICTS.keys()
     for verdict, parts in words.items():
         assert all(part in answer(VERDICTS[verdict]) for part in parts), verdict
     left = {"identify": {"before": 9.0, "after": 2.2}, "confirm": {"before": 8.0, "after": 1.0}}
     said = answer(VERDICTS["named_with_remaining_misfit"] | {"gap": left})
-    assert "has a gap of 2.20 instead of 9.00" in said and "within the noise" not in said
+    assert "gap falls from 9.00 to 2.20" in said and "consistent with noise" not in said
     several = VERDICTS["ambiguous"] | {"equivalent": [[COULOMB, BIAS], [COULOMB, WEIGHT]], "certain": [COULOMB]}
     assert "All contain Coulomb friction of the slider." in answer(several)
     doubted = {"doubted_channels": ["crank_torque", "slider_acceleration"], "best_known": BEST_KNOWN}
     said = answer(VERDICTS["unexplained"] | doubted)
-    assert said.startswith("The data contradict each other") and "crank torque and slider acceleration" in said
+    assert said.startswith("Channels are inconsistent") and "crank torque and slider acceleration" in said
 
 
 def test_effects_faults_and_families_are_told_apart():
     fault = "The measurement has a fault: a bias of the sensor of crank torque (0.5000 N m)."
-    two = "Missing in the model are Coulomb friction of the slider and the weight of the bodies."
+    two = "The model lacks Coulomb friction of the slider and the weight of the bodies."
     shape = {"law": "slider_power_drag", "shape": "exponent", "value": 0.4, "interval_99": [0.0, 1.3], "named": True}
-    family = "Missing in the model is drag of the slider (exponent 0 to 1.3; Coulomb friction of the slider fits)."
+    family = "The model lacks drag of the slider (exponent 0 to 1.3; Coulomb friction of the slider fits)."
     for effects, begins in (
-        ([BIAS], f"The mechanism lacks nothing. {fault}"),
+        ([BIAS], f"The mechanism model lacks no effect. {fault}"),
         ([COULOMB, BIAS], f"{FRICTION} {fault}"),
         ([COULOMB, WEIGHT], two),
         ([COULOMB | {"families": [shape]}], family),
@@ -68,29 +68,29 @@ def test_held_out_runs_that_cannot_be_simulated_are_all_told_with_their_reasons(
         {"run": "slow", "gap": {"before": 8.0, "after": None}, "not_simulated": "it jams"},
     ]
     verdict = held_out("named", 8.7, None) | {"held_out": lost}
-    for said in (answer(verdict), held_out_in_words(verdict)):
+    for said in (answer(verdict), held_out_summary(verdict)):
         assert "cannot be simulated in run fast (it flies off) and run slow (it jams)" in said
     assert UNMET not in answer(verdict)
     lost[1]["gap"]["after"] = 5.5
-    assert f"{UNMET}: the gap there is 5.50" in answer(verdict)
+    assert f"{UNMET}: their gap is 5.50" in answer(verdict)
 
 
 def test_how_the_gap_on_held_out_data_goes_once_something_is_added():
     def goes(test, before, after, sentence):
-        said = held_out_in_words(held_out("named", before, after) | {"held_out_test": test})
-        assert said == f"On held-out data it {sentence}"
+        said = held_out_summary(held_out("named", before, after) | {"held_out_test": test})
+        assert said == f"The gap on held-out data {sentence}"
 
     cases = [
-        ("falls", 3.0, 1.0, "falls from 3.00 to 1.00: 100.0 % of what exceeds the noise is gone"),
-        ("falls", 3.0, 0.9, "falls from 3.00 to 0.90: 100.0 % of what exceeds the noise is gone"),
-        ("falls", 3.0, 5.0**0.5, "falls from 3.00 to 2.24: 50.0 % of what exceeds the noise is gone"),
-        ("rises", 3.0, 4.0, "rises from 3.00 to 4.00, so what was added does not hold there"),
-        ("stays", 1.18, 1.18, "stays at 1.18, though it should fall"),
+        ("falls", 3.0, 1.0, "falls from 3.00 to 1.00: 100.0 % of the excess over noise is explained"),
+        ("falls", 3.0, 0.9, "falls from 3.00 to 0.90: 100.0 % of the excess over noise is explained"),
+        ("falls", 3.0, 5.0**0.5, "falls from 3.00 to 2.24: 50.0 % of the excess over noise is explained"),
+        ("rises", 3.0, 4.0, "rises from 3.00 to 4.00: the added effects do not hold there"),
+        ("stays", 1.18, 1.18, "stays at 1.18, although it should fall"),
     ]
     each(goes, cases)
-    assert held_out_in_words(VERDICTS["parameters_only"]) == "On held-out data it is 1.02"  # nothing was added
+    assert held_out_summary(VERDICTS["parameters_only"]) == "The gap on held-out data is 1.02"  # nothing was added
     for before, told in ((TOLERATED - 1e-6, False), (TOLERATED + 1e-6, True)):  # of a slight misfit no share is told
-        assert ("of what exceeds the noise is gone" in held_out_in_words(held_out("named", before, 0.99))) == told
+        assert ("of the excess over noise" in held_out_summary(held_out("named", before, 0.99))) == told
 
 
 BEST_KNOWN = {
@@ -110,28 +110,28 @@ def test_the_best_candidate_is_told_as_not_proven_with_its_share_its_rest_its_te
     for share, part in ((0.56, "56 %"), (0.994, "99 %"), (0.996, ""), (1.01, "")):
         said, head = answer(unproven(explained_share=share)), title(unproven(explained_share=share))
         assert "The best candidate, Coulomb friction of the slider (21.30 N), explains" in said
-        assert "not proven" in said
+        assert "not confirmed" in said
         assert (f"{part} of the misfit" in said) == bool(part) and (f"({part})" in head) == bool(part)
-    rest, held, rival, proof = best_known_in_words(unproven())
-    assert "from 3.00 to 2.00, 56 %" in rest and "from 3.00 to 2.10" in held
-    assert "the weight of the bodies and a linear spring on the slider, 432 of BIC behind" in rival
-    assert proof.startswith("To prove it: explain the rest")
-    assert len(best_known_in_words(unproven(rival=None))) == 3
-    assert best_known_in_words(VERDICTS["unexplained"]) == ()
+    rest, held, rival, proof = best_known_summary(unproven())
+    assert "from 3.00 to 2.00" in rest and "56 %" in rest and "from 3.00 to 2.10" in held
+    assert "the weight of the bodies and a linear spring on the slider" in rival and "432" in rival
+    assert proof.startswith("To confirm it: explain the remaining residual")
+    assert len(best_known_summary(unproven(rival=None))) == 3
+    assert best_known_summary(VERDICTS["unexplained"]) == ()
 
 
 def test_what_would_prove_it_follows_from_what_it_lacks():
     def proves(test, behind, after, words):
         gap = {"identify": {"before": 3.0, "after": 2.0}, "confirm": {"before": 3.0, "after": after}}
         rival = BEST_KNOWN["rival"] | {"behind": behind}
-        assert words in best_known_in_words(unproven(test, rival=rival, gap=gap))[-1]
+        assert words in best_known_summary(unproven(test, rival=rival, gap=gap))[-1]
 
     cases = [
         ("rises", 432.0, 4.0, "a held-out run on which its gap falls"),
         ("stays", 432.0, 3.0, "a held-out run on which its gap falls"),
-        ("stays", 432.0, 2.6, "explain the rest"),
+        ("stays", 432.0, 2.6, "explain the remaining"),
         ("falls", 9.9, 2.1, "in which it differs from the next best"),
-        ("falls", 10.1, 2.1, "explain the rest"),
+        ("falls", 10.1, 2.1, "explain the remaining"),
         ("cannot_tell", 432.0, 2.1, "a longer held-out run"),
     ]
     each(proves, cases)

@@ -1,12 +1,11 @@
 """Effects, values and places read as in a sentence."""
 
 from jointgap.campaign.sentences import (
-    effect_in_words,
     estimate_row,
+    format_effect,
+    format_label,
     headline,
-    label_in_words,
     parameter_rows,
-    place_of,
     unit_of,
 )
 from jointgap.core.words import (
@@ -46,14 +45,10 @@ SAID = [
     (unit_of, ("sensor_bias", "motor_current", "bias"), "SI"),
     (unit_of, ("sensor_gain", "crank_torque", "gain_error"), "1"),
     (unit_of, ("unheard_of", "", "force_N"), ""),
-    (label_in_words, ("sensor_bias:crank_torque",), "a bias of the sensor of crank torque"),
-    (label_in_words, ("sensor_bias",), "sensor_bias"),  # which lacks its site
-    (effect_in_words, ({"name": "new_kind_of_drag", "site": "slider"},), "new kind of drag"),
+    (format_label, ("sensor_bias:crank_torque",), "a bias of the sensor of crank torque"),
+    (format_label, ("sensor_bias",), "sensor_bias"),  # which lacks its site
+    (format_effect, ({"name": "new_kind_of_drag", "site": "slider"},), "new kind of drag"),
 ]
-ANGLES = {(0.0, 360.0): "all crank angles", (0.0, 359.0): "0 to 359 deg of crank angle"}
-ANGLES |= {(189.0, 10.0): "all crank angles but 10 to 189 deg", (190.0, 10.0): "190 to 10 deg of crank angle"}
-ANGLES |= {(190.5, 10.0): "190 to 10 deg of crank angle", (30.0, 30.0): "30 to 30 deg of crank angle"}
-SAID += [(place_of, ("a", "guide_force", *ends), f"run a, guide force, {where}") for ends, where in ANGLES.items()]
 
 
 def test_values_units_places_and_names_read_as_in_a_sentence():
@@ -62,14 +57,14 @@ def test_values_units_places_and_names_read_as_in_a_sentence():
 
     each(said, SAID)
     for name in EFFECTS:
-        words = effect_in_words({"name": name, "site": "crank_pin"})
+        words = format_effect({"name": name, "site": "crank_pin"})
         assert words != name.replace("_", " ") and "{" not in words
 
 
 def test_a_family_is_told_with_the_range_of_its_shape_and_the_law_of_the_list_that_fits():
     def told(name, *ends, named=True):
         found = {"law": "slider_power_drag", "shape": "exponent", "value": 0.0, "interval_99": ends, "named": named}
-        return effect_in_words({"name": name, "site": "slider", "families": [found]})
+        return format_effect({"name": name, "site": "slider", "families": [found]})
 
     fits = "drag of the slider (exponent 1.6 to 5; quadratic drag of the slider fits)"
     assert told("slider_quadratic_drag", 1.62, 5.0) == fits
@@ -85,8 +80,8 @@ def test_a_row_of_a_parameter_has_the_digits_of_its_error_in_the_value_and_at_bo
         {"name": "added_slider_mass", "site": "slider", "parameters": {"mass_kg": bound}},
     ]
     assert parameter_rows(effects) == (
-        ("Coulomb friction of the slider: force of friction", "21.30 N", "20.60 to 22.00", ""),
-        ("a slider mass other than nominal: mass beyond nominal", "9 kg", "–", "at its bound"),
+        ("Coulomb friction of the slider: friction force", "21.30 N", "20.60 to 22.00", ""),
+        ("a deviating slider mass: deviation from nominal", "9 kg", "–", "at its bound"),
     )
     sizes = [(0.003048, "s", "3.048 ms"), (0.0021983, "s", "2.198 ms"), (5.05e-5, "m", "50.50 µm")]
     for value, unit, shown in [*sizes, (5e-4, "m", "0.5000 mm")]:
@@ -98,7 +93,7 @@ def test_of_sizes_of_one_kind_the_surest_leads_the_headline_and_one_at_its_bound
     crank = {"value": -7.2e-5, "sd": 5e-5, "interval_90": [-1.5e-4, 1e-5]}
     rod = {"value": 2.02e-3, "sd": 3e-5, "interval_90": [1.97e-3, 2.07e-3]}
     lengths = {"name": "link_length_error", "site": "crank and rod", "parameters": {"crank_m": crank, "rod_m": rod}}
-    assert headline([lengths]).endswith("rod's length beyond nominal 2.020 mm (90 % interval 1.970 to 2.070)")
+    assert headline([lengths]).endswith("deviation of the rod length 2.020 mm (90 % interval 1.970 to 2.070)")
     bound = {"value": 1.13, "sd": None, "interval_90": [0.015, 1.13], "remark": "at its bound"}
     friction = {"name": "slider_coulomb_friction", "site": "slider", "parameters": {"force_N": bound}}
     assert headline([friction]).endswith("1.13 N (at its bound; 90 % interval 0.015 to 1.13)")

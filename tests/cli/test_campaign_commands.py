@@ -132,7 +132,7 @@ def test_an_analysis_of_swapped_columns_stops_after_reading_them_unless_it_is_as
 
     stand_in(monkeypatch, "preflight", lambda state, **given: None)
     stand_in(monkeypatch, "recalibrate", recalibrate)
-    folder, words = tmp_path / "results", r"(?s)go on all the same: --anyway.*torque and slider_acc.* swapped"
+    folder, words = tmp_path / "results", r"(?s)continue with --anyway.*torque and slider_acc.* swapped"
     with pytest.raises(InputError, match=words):
         asked("analyse", tmp_path / "plan.yaml", "--folder", folder)
     assert not [*(folder / "noise").glob("*.parquet")]

@@ -292,3 +292,14 @@ def test_a_grid_of_two_or_three_parameters_is_drawn_as_a_map(tmp_path):
     errors = drawn[drawn["series"] == "RMS error of the transmission angle"]["value"]
     assert sorted(errors) == pytest.approx(sorted(np.degrees(designs["angle_error_rms"])))
     assert "data:image/png" in (tmp_path / "summary.html").read_text()
+
+
+def test_the_page_begins_with_the_range_of_the_largest_force_and_its_curve(tmp_path):
+    sweep(scenario({"clearance": ["0.2 mm", "0.5 mm"]}, design="grid"), tmp_path, workers=1)
+    designs = pd.read_parquet(tmp_path / "designs")
+    forces = designs.filter(like="_peak_force").max(axis=1)
+    small, large = (f"{forces[n]:.4g} N (clearance {1e3 * designs['clearance'][n]:g} mm)" for n in forces.argsort())
+    page = (tmp_path / "summary.md").read_text()
+    assert page.index(f"The largest force in the joints is {small} to {large}.") < page.index("forces.svg")
+    drawn = pd.read_parquet(tmp_path / "forces.parquet").query("series == 'design'")
+    assert sorted(drawn["y"]) == pytest.approx(sorted(forces))

@@ -72,7 +72,7 @@ import math
 import numpy as np
 from jointgap.rig.model import build_model
 from validation.rig import LISTED
-from jointgap.campaign.sentences import effect_in_words
+from jointgap.campaign.sentences import format_effect
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 true = {"stiffness_N_m_rad": 2.0, "rest_angle_rad": 2.5}
@@ -102,7 +102,7 @@ behind = build_model(clockwise, measurements)
 values = next(one for one in behind.series if one.key == ("slow", "crank_torque")).value
 assert np.allclose(behind.simulate("slow", behind.nominal("slow"))["crank_torque"], values, atol=1e-6)
 assert "sensor_asymmetry" in LISTED
-assert effect_in_words({"name": "crank_return_spring", "site": "crank_pivot"}) == "a return spring on the crank"
+assert format_effect({"name": "crank_return_spring", "site": "crank_pivot"}) == "a return spring on the crank"
 fault = labels["sensor_asymmetry:crank_torque"]
 wrong = torque((fault, {"gain_error_below_0": 0.1}))
 assert np.allclose(wrong, np.where(base < 0.0, 1.1 * base, base))

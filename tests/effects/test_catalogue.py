@@ -101,7 +101,7 @@ RUBBING = effect("pin_friction", "crank_pin", coefficient=0.1)
         ([effect("added_slider_mass", mass_kg=-1)], "effects added_slider_mass.*slider.mass.*greater than 0"),
         ([effect("slider_offset", offset_m=0.5)], "effects slider_offset.*cannot turn"),
         ([THICK], "lubricated_joint at crank_pin.*more than 0.5 of the clearance 0.001 m"),
-        ([FILM, effect("crank_pin_clearance", clearance_m=0)], "lubricated_joint at crank_pin needs a loose joint"),
+        ([FILM, effect("crank_pin_clearance", clearance_m=0)], "lubricated_joint at crank_pin requires a clearance"),
     ],
 )
 def test_an_effect_that_makes_no_sense_is_refused(effects, words):
@@ -110,7 +110,7 @@ def test_an_effect_that_makes_no_sense_is_refused(effects, words):
 
 
 def test_a_clearance_needs_the_data_of_its_joint():
-    with pytest.raises(InputError, match="crank_pivot_clearance needs the data of crank_pivot"):
+    with pytest.raises(InputError, match="crank_pivot_clearance requires the data of crank_pivot"):
         mechanism(effect("crank_pivot_clearance", clearance_m=1e-4), joints={"crank_pivot": "ideal"})
 
 
@@ -191,5 +191,5 @@ def test_the_contact_of_a_clearance_is_its_joints_alone():
 
 
 def test_friction_in_an_ideal_pin_needs_its_radius():
-    with pytest.raises(InputError, match="pin_friction at crank_pin needs the joint's journal_radius"):
+    with pytest.raises(InputError, match="pin_friction at crank_pin requires the joint's journal_radius"):
         mechanism(effect("pin_friction", "crank_pin", coefficient=0.1), joints={"crank_pin": "ideal"})

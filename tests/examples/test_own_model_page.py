@@ -50,15 +50,13 @@ def test_friction_is_named_with_the_intervals_of_a_line_through_the_forces_and_t
         assert estimate["value"] == pytest.approx(value, abs=0.1 * error)
         assert estimate["sd"] == pytest.approx(error, rel=0.1)
         assert estimate["interval_90"] == pytest.approx([value - 1.645 * error, value + 1.645 * error], abs=0.3 * error)
-    doubted = names["final_verdict"](names["by_fits"], names["confirmed"], doubted_channels=["force"])
-    assert doubted.verdict == "unexplained" and doubted.because.startswith(
-        "what force reads contradicts other channels"
-    )
+    doubted = names["final_verdict"](names["by_fits"], names["confirmed"], inconsistent_channels=["force"])
+    assert doubted.verdict == "unexplained" and doubted.because.startswith("force is inconsistent with other channels")
     assert names["disagreement"].remark == ""
     for series in names["model"].series:
         series.angle[:] = np.nan  # without a phase there is no map, and that is said
     mapped = names["map_disagreement"](names["base"].problem, found.base.residual)
-    assert mapped.windows.empty and mapped.remark.startswith("No map of force of run slow: no phase is known there.")
+    assert mapped.windows.empty and mapped.remark.startswith("No map of force of run slow, as the phase is unknown")
 
 
 def test_with_nothing_hidden_the_mass_alone_is_found(outcome):

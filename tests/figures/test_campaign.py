@@ -188,11 +188,11 @@ def test_measured_and_predicted_are_shown_in_the_columns_unit_held_out_runs_and_
 
 def test_the_explanation_of_the_verdict_stands_first_and_merged_effects_are_neighbours(drawings):
     data = drawings["ranking"].data
-    behind = data[data["panel"] == "behind the best"].set_index("label")
+    behind = data[data["panel"] == "distance to the best"].set_index("label")
     assert behind.loc["slider_coulomb_friction", ["series", "x", "y"]].tolist() == ["named", 0.0, 0.0]
-    assert behind.loc["the model as it stands", "x"] == 6842.0 and "rod_flexibility" not in behind.index
+    assert behind.loc["the current model", "x"] == 6842.0 and "rod_flexibility" not in behind.index
     data = drawings["confusability"].data
-    merged = data[data["series"] == "cannot be told apart here"]
+    merged = data[data["series"] == "indistinguishable in these runs"]
     assert set(merged["label"]) == {"gravity", "slider_spring"} and np.ptp(merged["x"]) == 1.0
 
 
@@ -201,7 +201,7 @@ def test_an_effect_that_no_size_shows_has_no_mark_and_one_whose_value_falls_show
     labels = (shown.get_yticklabels() for shown in (axes, axes.child_axes[0]))
     told = {label.get_text(): size.get_text() for label, size in zip(*labels, strict=True)}
     assert "crank_unbalance" not in marks.index and marks["rod_flexibility"] == pytest.approx(0.5)
-    assert (told["crank unbalance"], told["gas pressure"]) == ("no size shows", "not simulated")
+    assert (told["crank unbalance"], told["gas pressure"]) == ("not detectable", "not simulated")
     assert "up to 150 N" in told.values()
 
 
@@ -224,9 +224,9 @@ def test_the_optimum_is_shown_by_lengths_and_by_the_error_that_they_leave(drawin
     drawing, optimum = drawings["optimum"], tables["campaign_optimum"]
     shown = drawing.data[drawing.data["panel"].str.startswith("RMS")].set_index("series")["x"]
     assert shown["original lengths"].tolist() == pytest.approx([57.296] * 2, abs=1e-3)  # mdeg
-    assert {"150.00 mm, at a bound", "−3.8 %, simulated again −3.7 %"} <= set(texts(drawing))
+    assert {"150.00 mm, at a bound", "frozen −3.8 %, re-simulated −3.7 %"} <= set(texts(drawing))
     lost = optimum.assign(failed=[None, "it jams"], crank_length=[0.15, np.nan])
     shown = set(FIGURES.draw("optimum", tables | {"campaign_optimum": lost}, VERDICT).data["series"])
     assert "before" in shown and "after" not in shown
     none = FIGURES.draw("optimum", tables | {"campaign_optimum": optimum.assign(crank_length=np.nan)}, VERDICT)
-    assert "could not be optimised" in texts(none)[0]
+    assert "the optimisation failed" in texts(none)[0]

@@ -41,8 +41,8 @@ def fitted(chi2, *effects, values=(1.0,), slope=1e6, nuisances=1, **more):
     return Fit(effects, (*parameters, *own), values, residual, jacobian, 1, more.pop("status", "converged"), **more)
 
 
-def objection(*effects, bounds=None, order_in_words=lambda _: "", **more):
-    return row_of(fitted(NOISE, *effects, **more), bounds or {}, order_in_words=order_in_words).objection
+def objection(*effects, bounds=None, order_label=lambda _: "", **more):
+    return row_of(fitted(NOISE, *effects, **more), bounds or {}, order_label=order_label).objection
 
 
 # Effects that are not there, and parameters within their ranges
@@ -77,11 +77,11 @@ def test_an_effect_is_not_there_without_a_size_or_whose_interval_holds_zero_or_t
 
 
 def test_nor_one_that_swings_at_an_order_of_a_crank():
-    swing = effect("swing", Parameter("frequency_Hz", 5.0), steady_counterpart="push")
+    swing = effect("swing", Parameter("frequency_Hz", 5.0), carrier="push")
     for order in ("order 1 of the crank in run slow", ""):
         for beside in ((), (COULOMB,)):
             found = objection(
-                *beside, swing, values=[1.0] * len(beside) + [1.0, 5.04], order_in_words={5.04: order}.__getitem__
+                *beside, swing, values=[1.0] * len(beside) + [1.0, 5.04], order_label={5.04: order}.__getitem__
             )
             assert (found == "") == (order == "") and order in found
 
@@ -105,7 +105,7 @@ def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range():
             ((two,), [0.05], dict.fromkeys(two.replaces, (1.0, 0.9, 1.1)), ["crank_length", "rod_length"]),
             # the rest of a shared nuisance is left to be fitted
             ((PIN,), [0.05, 0.1], pins, []),
-            ((PIN, MASS), [0.05, 0.1, 0.05], pins, ["mass is slider_mass"]),
+            ((PIN, MASS), [0.05, 0.1, 0.05], pins, ["mass is equivalent to slider_mass"]),
         ],
     )
 
@@ -118,7 +118,7 @@ def test_a_row_has_the_numbers_of_the_fit_and_what_it_is_weighed_by():
     row = weigh_fit(base, fit, LIMITS)
     assert (row.fit, row.label, row.misfit) == (fit, "coulomb + spring", pytest.approx(1000.0 / 997.0))
     assert (row.bic, row.delta_bic) == (pytest.approx(fit.bic), pytest.approx(base.bic - fit.bic))
-    assert (row.passes, row.admissible, row.is_rough) == (True, True, False)
+    assert (row.passes, row.admissible, row.is_nonsmooth) == (True, True, False)
     assert reduced_chi2(fit) == row.misfit
     assert not weigh_fit(base, fitted(1000.0, COULOMB, values=[0.0]), LIMITS, {}).admissible
     failed = row_of(fitted(10.0, MASS, values=[0.0], status=FAILED, reason="it stopped"), {})
@@ -137,7 +137,7 @@ def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
 def test_motion_depends_roughly_on_a_joint_that_became_loose_not_on_one_that_was():
     loose = effect("loose", low=0.0, search_range=(0.1, 2.0))
     looser = effect("looser", low=-1.0, high=2.0, is_perturbation=True, search_range=(-0.5, 2.0))
-    assert [row_of(fitted(NOISE, one)).is_rough for one in (loose, looser)] == [True, False]
+    assert [row_of(fitted(NOISE, one)).is_nonsmooth for one in (loose, looser)] == [True, False]
 
 
 def test_what_all_explanations_hold_is_certain_and_what_one_as_near_does_without_is_not():

@@ -257,8 +257,8 @@ def test_a_step_has_to_promise_more_the_poorer_the_fit():
     promised = [rule(*course).min_decrease() for course in ((50.0,), (50.0, 300.0), (2000.0,), (1e14,))]
     assert promised == pytest.approx([0.05, 0.05 * 9.0, 20.0, 1e12])  # never more than what one of 100 samples leaves
     assert rule(300.0, numerical_noise_chi2=7.0).min_decrease() == 7.0
-    own = rule(100.0, settings=replace(STOPPING, min_decrease=1.0, creeping_after=3))
-    assert own.min_decrease() == 1.0 and own.creeping(3) and not own.creeping(2)
+    own = rule(100.0, settings=replace(STOPPING, min_decrease=1.0, stalled_after=3))
+    assert own.min_decrease() == 1.0 and own.stalled(3) and not own.stalled(2)
 
 
 def test_a_poor_fit_ends_where_it_gains_little_and_a_beaten_one_sooner():

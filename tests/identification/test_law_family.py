@@ -51,9 +51,9 @@ def profile(model: Toy) -> ShapeProfile:
 
 def asked(model: Toy, other=lambda decision: decision) -> tuple[Decision, tuple[FamilyInterval, ...]]:
     """What is decided, and what that comes to (`other` than it) once families are asked for."""
-    base, signatures, limits = analysed(model)
-    fits = searched(base, signatures, limits)
-    return with_families(base, other(select_hypothesis(base, signatures, fits, limits)), limits)
+    base, sensitivities, limits = analysed(model)
+    fits = searched(base, sensitivities, limits)
+    return with_families(base, other(select_hypothesis(base, sensitivities, fits, limits)), limits)
 
 
 def outcome(decision):
@@ -89,7 +89,7 @@ def test_where_joints_are_loose_each_shape_is_fitted_in_windows_from_the_states_
 def test_more_excludes_the_effects_own_shape_where_something_of_the_law_is_idle_there(away, held):
     shapes = np.linspace(0.0, 6.0, 601)
     parabola = ShapeProfile(shapes, 100.0 + (shapes - 2.0 - away) ** 2)
-    low, high = shape_interval(parabola, replace(DRAG, idle_at_own=1), 0.99)
+    low, high = shape_interval(parabola, replace(DRAG, inactive_at_default=1), 0.99)
     plain = 2.0 + away - np.sqrt(RISE)
     assert high == pytest.approx(min(2.0 + away + np.sqrt(RISE), 6.0), abs=0.01)
     assert (low <= DRAG.own) == held

@@ -14,16 +14,16 @@ from jointgap.core.errors import SimulationError
 from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesis
 from jointgap.identification.likelihood import (
     Estimate,
-    as_it_stands,
     compete,
+    current_model,
     fitted,
     has_windows,
     predicted,
-    signatures_about,
+    sensitivities_about,
     turned,
 )
 from jointgap.identification.problem import Problem, whiten
-from jointgap.identification.screening import SignatureRegression
+from jointgap.identification.screening import SensitivityRegression
 from tests.identification.oscillator import (
     FREQUENCY,
     PULL,
@@ -148,39 +148,39 @@ def test_at_the_smallest_jump_values_and_errors_are_those_of_one_trajectory(eith
 
 def test_signatures_hold_what_a_force_and_the_parameters_would_explain_together(either):
     problem, base, true = either
-    signatures = base.signatures([SWING])
-    (own,) = signatures.entries
+    sensitivities = base.sensitivities([SWING])
+    (own,) = sensitivities.entries
     # the weak law of the parameters, as rows
     law = np.hstack([np.diag(base.prior), np.zeros((base.values.size, 1))])
-    rows = np.vstack([np.hstack([signatures.jacobian, own.columns]), law])
+    rows = np.vstack([np.hstack([sensitivities.jacobian, own.columns]), law])
     off = base.values - np.array([p.nominal for p in base.parameters])
-    left = np.concatenate([signatures.residual, base.prior * off])
+    left = np.concatenate([sensitivities.residual, base.prior * off])
     step, (least,), *_ = np.linalg.lstsq(rows, -left, rcond=None)
     with_it = next(stage for stage in true.stages if stage.jump == base.stages[-1].jump)
     assert left @ left == pytest.approx(base.stages[-1].cost, rel=1e-6)
     assert least == pytest.approx(with_it.cost, rel=1e-6)
     assert np.append(base.values, 0.0) + step == pytest.approx(with_it.values, abs=1e-5)
-    assert signatures.residual.size == problem.size
+    assert sensitivities.residual.size == problem.size
 
 
 def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_stands_beside_no_other_such():
     problem = linear(drive=0.3, bounds=(0.0, 0.25))
-    signatures = annealed(problem).signatures([PUSH])
-    (single,) = SignatureRegression(signatures).singles()
-    assert signatures.residual @ signatures.residual - single.chi2 > 10.0
+    sensitivities = annealed(problem).sensitivities([PUSH])
+    (single,) = SensitivityRegression(sensitivities).singles()
+    assert sensitivities.residual @ sensitivities.residual - single.chi2 > 10.0
     assert single.start["push.size"] == pytest.approx(0.1, abs=0.02)  # beyond the nominal 0.2
-    beside = annealed(problem, PUSH).signatures([SWING, PUSH])
+    beside = annealed(problem, PUSH).sensitivities([SWING, PUSH])
     assert [one.candidate.name for one in beside.entries] == ["swing"]
 
 
 def test_a_model_without_nuisances_has_signatures_too():
     order = Parameter("order", 2.0, tried=(2.0, 3.0))
-    own = replace(SWING, steady_counterpart="wobble", coordinates=(*SWING.coordinates, order))
+    own = replace(SWING, carrier="wobble", coordinates=(*SWING.coordinates, order))
     own = replace(own, initial_guesses=({"order": 2.0},))
     problem = measured(Oscillator(()), {"drive": 0.3}, {"swing": {"size": 0.03}})
     make = problem.model.windows
     problem.model.windows = lambda run, values, effects=(): make(run, {"drive": 0.3} | values, effects)
-    found = annealed(problem).signatures([WOBBLE, own])
+    found = annealed(problem).sensitivities([WOBBLE, own])
     assert found.jacobian.shape == (problem.size, 0)
     assert [one.candidate.name for one in found.entries][:2] == ["wobble", "swing"]
 
@@ -197,9 +197,9 @@ def test_bounds_hold_and_nothing_is_simulated_beyond_them():
     problem.model.windows = windows_of
     estimate = annealed(problem, PULL)
     assert estimate.mapping["drive"] == 0.25 and estimate.mapping["pull.size"] == 0.0
-    signatures = annealed(problem).signatures([PULL])
-    (single,) = SignatureRegression(signatures).singles()
-    assert single.chi2 == pytest.approx(signatures.residual @ signatures.residual, rel=1e-3)
+    sensitivities = annealed(problem).sensitivities([PULL])
+    (single,) = SensitivityRegression(sensitivities).singles()
+    assert single.chi2 == pytest.approx(sensitivities.residual @ sensitivities.residual, rel=1e-3)
     assert single.start["pull.size"] == 0.0
     assert 0.0 <= min(drives) and max(drives) == 0.25 and min(pulls) == 0.0
     drives.clear(), pulls.clear()
@@ -208,7 +208,7 @@ def test_bounds_hold_and_nothing_is_simulated_beyond_them():
     base = annealed(problem)
     assert base.mapping["drive"] == 0.15 == min(drives)
     limited = replace(PULL, coordinates=(replace(PULL.coordinates[0], low=-0.02, high=0.0),))
-    (single,) = SignatureRegression(base.signatures([limited])).singles()
+    (single,) = SensitivityRegression(base.sensitivities([limited])).singles()
     assert max(pulls) <= 0.0 and -0.02 <= single.start["pull.size"] <= 0.0
 
 
@@ -337,14 +337,14 @@ def test_what_cannot_be_simulated_in_windows_is_no_rival_and_a_fit_that_failed()
 
 def test_the_model_as_it_stands_is_looked_at_where_its_likelihood_is_largest(hidden):
     problem, base, _ = hidden
-    best, further = as_it_stands(problem)
+    best, further = current_model(problem)
     assert best.stages[-1] is best.best and best.stages[-1].jump > problem.settings.windows.jumps[-1]
     assert further.stages[-1].deviance > best.stages[-1].deviance and further.stages[:-1] == best.stages
     assert best.stages[-1].deviance == pytest.approx(base.best.deviance, abs=0.1)
     found = fitted(problem)
     assert found.chi2 == pytest.approx(annealed(problem).to_its_end().fit().chi2, rel=1e-3)
-    signatures = signatures_about(problem, found, FiniteDifferences(problem))
-    assert signatures.residual == pytest.approx(best.signatures(problem.model.candidates).residual)
+    sensitivities = sensitivities_about(problem, found, FiniteDifferences(problem))
+    assert sensitivities.residual == pytest.approx(best.sensitivities(problem.model.candidates).residual)
 
 
 def test_a_fit_in_windows_begins_at_the_states_of_one_near_by_and_counts_the_runs_that_it_simulated(hidden):

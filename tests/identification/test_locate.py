@@ -10,12 +10,12 @@ import pytest
 
 from jointgap.identification.disagreement import (
     bin_correlations,
+    dominant_orders,
     flag_bins,
     ljung_box,
     map_disagreement,
     order_spectrum,
     speed_scaling,
-    standout_orders,
 )
 from jointgap.identification.problem import Noise, Problem, unwhiten, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS
@@ -231,7 +231,7 @@ def test_a_ripple_of_a_whole_order_stands_out_of_a_record_of_any_length_whose_sp
         given = problem_of(("slow", angle, None)), 3.0 * np.cos(order * angle)
         orders = order_spectrum(*given)["order"]
         assert (len(orders), orders.iloc[-1]) == (24 * turns, pytest.approx(24.0))
-        (row,) = standout_orders(*given, rate=0.01).to_dict("records")
+        (row,) = dominant_orders(*given, rate=0.01).to_dict("records")
         assert (row["order"], row["amplitude"]) == (order, pytest.approx(3.0))
         assert row["share"] == pytest.approx(1.0, abs=0.02)
 

@@ -15,7 +15,7 @@ from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.initial_fit import labels_of
 from jointgap.identification.model_selection import (
     best_sufficient,
-    fit_look_alikes,
+    fit_confusable_effects,
     fits_beyond_bounds,
     nonlinearity,
     select_hypothesis,
@@ -26,7 +26,7 @@ from jointgap.identification.model_selection import (
     without_repetitions,
 )
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Signature, Signatures
+from jointgap.identification.screening import Sensitivities, Sensitivity
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import screen_candidates
 from jointgap.identification.verdict import Thresholds
@@ -48,15 +48,15 @@ def effect(name):
 
 
 def shortlisted(rest, gains):
-    """Labels of signatures ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest` is left if all are
+    """Labels of sensitivities ``e0``, ``e1`` ... that each explain so much of chi2, of which `rest` is left if all are
     there."""
     residual, unit = np.zeros(SAMPLES), np.eye(SAMPLES)
     residual[1 : len(gains) + 1], residual[-1] = np.sqrt(gains), np.sqrt(rest)
     entries = [
-        Signature(effect(f"e{place}"), {}, unit[:, [place + 1]], residual, ("slow",)) for place in range(len(gains))
+        Sensitivity(effect(f"e{place}"), {}, unit[:, [place + 1]], residual, ("slow",)) for place in range(len(gains))
     ]
-    signatures = Signatures((Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, entries, {})
-    return [one.label for one in shortlist_singles(signatures, LIMITS)]
+    sensitivities = Sensitivities((Parameter("mass", 1.0),), np.array([1.0]), unit[:, :1], residual, entries, {})
+    return [one.label for one in shortlist_singles(sensitivities, LIMITS)]
 
 
 def fitted(chi2, *effects, status="converged"):
@@ -144,18 +144,18 @@ def test_a_jump_is_what_chi2_has_beyond_what_the_other_side_predicts():
 
 
 def in_the_valley(other, **truth):
-    """A base, signatures and the fit of a ringing, which is hidden, beside another effect."""
+    """A base, sensitivities and the fit of a ringing, which is hidden, beside another effect."""
     model = toy(seed=6, **truth)
-    base, signatures = screened(replace(model, candidates=(*model.candidates, RINGING)))
+    base, sensitivities = screened(replace(model, candidates=(*model.candidates, RINGING)))
     start = {"ringing.size": 0.31} | ({"coulomb.force_N": 0.3} if other == "coulomb" else {})
-    return base, signatures, fit_hypothesis(base.problem, (candidate_of(other), RINGING), start, refresh=True)
+    return base, sensitivities, fit_hypothesis(base.problem, (candidate_of(other), RINGING), start, refresh=True)
 
 
 def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
     """A fit of the ringing alone ended elsewhere. The hidden drag is found in place of friction."""
-    base, signatures, pair = in_the_valley("coulomb", hidden=lambda x, v, angle, _: ringing(0.31, angle) - 0.5 * v)
+    base, sensitivities, pair = in_the_valley("coulomb", hidden=lambda x, v, angle, _: ringing(0.31, angle) - 0.5 * v)
     lost = replace(fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.5}), status="stopped")
-    swapped = {fit.label: fit for fit in swap_one_effect(base, signatures, [lost, pair])}
+    swapped = {fit.label: fit for fit in swap_one_effect(base, sensitivities, [lost, pair])}
     assert swapped["ringing + viscous"].chi2 < 1.1 * base.problem.size < pair.chi2
 
 
@@ -168,14 +168,14 @@ def heavier():
 
 
 def test_an_effect_that_takes_a_nuisance_beyond_its_bound_is_tried_in_place_of_each_other_one(heavier):
-    base, pair, signatures, limits = heavier
+    base, pair, sensitivities, limits = heavier
     mass = next(p for p in pair.parameters if p.name == "slider_mass")
     assert pair.mapping["slider_mass"] == mass.high
     first, second = fits_beyond_bounds(base, [base.base, pair])
     assert (first.label, second.label) == ("sensor_gain:acceleration + added_mass", "coulomb + added_mass")
     assert second.bic < pair.bic - 10.0
     assert second.mapping["added_mass.mass_kg"] == pytest.approx(0.1, abs=0.03)
-    assert select_hypothesis(base, signatures, [pair], limits).chosen.label == second.label
+    assert select_hypothesis(base, sensitivities, [pair], limits).chosen.label == second.label
     lost = [replace(fit, status=FAILED) for fit in (first, second)]
     inside = replace(pair, values=np.array([p.nominal for p in pair.parameters]))
     for given in ([pair, *lost], [inside], [base.base]):
@@ -212,7 +212,7 @@ def test_what_looks_like_the_explanation_that_would_be_named_is_fitted_before():
     base, found, limits = analysed(toy({"quadratic": {"drag_N_s2_m2": 0.04}}, {"slider_mass": 0.51}, seed=4))
     viscous = fit_hypothesis(base.problem, (candidate_of("viscous"),), differences=base.differences, refresh=True)
     assert viscous.chi2 < limits.omnibus * base.problem.size  # it leaves noise alone
-    alike = {fit.label for fit in fit_look_alikes(base, found, viscous)}
+    alike = {fit.label for fit in fit_confusable_effects(base, found, viscous)}
     assert {"coulomb", "quadratic"} <= alike and "constant_force" not in alike
     assert select_hypothesis(base, found, [viscous], limits).chosen.label == "quadratic"
 
@@ -243,22 +243,22 @@ def test_where_more_than_noise_is_left_errors_hold_another_end_that_is_as_good()
 def test_two_effects_that_mask_each_other_are_fitted_though_neither_is_sufficient_alone(bias):
     """Dry friction makes a torque with a mean, and a bias takes that away, or doubles it."""
     hidden = {"coulomb": {"force_N": 0.5}, "sensor_bias:torque": {"bias": bias}}
-    base, signatures, limits = analysed(toy(hidden, seed=3, channels=("torque",)))
+    base, sensitivities, limits = analysed(toy(hidden, seed=3, channels=("torque",)))
     alone = [fit_hypothesis(base.problem, (candidate_of("spring"),), differences=base.differences)]
-    found = min(fit_pairs(base, signatures, limits, alone)[0], key=lambda fit: fit.chi2)
+    found = min(fit_pairs(base, sensitivities, limits, alone)[0], key=lambda fit: fit.chi2)
     assert labels_of(found.hypothesis) == hidden.keys()
     assert found.chi2 < limits.omnibus * base.problem.size
 
 
 @each("hidden, masked", [(TWO, True), (DRY, True), (TWO, False)])
 def test_two_effects_of_which_neither_is_sufficient_are_found_beside_each_other(hidden, masked, monkeypatch):
-    """By pairs of the leading effects, too, where signatures about the base do not lead to them."""
+    """By pairs of the leading effects, too, where sensitivities about the base do not lead to them."""
     if not masked:
         monkeypatch.setattr(hypothesis_fits, "_masked_pairs", lambda *_: [])
-    base, signatures, limits = analysed(toy(hidden, seed=3))
-    alone, _ = fit_singles(base, signatures, limits)
+    base, sensitivities, limits = analysed(toy(hidden, seed=3))
+    alone, _ = fit_singles(base, sensitivities, limits)
     assert min(fit.chi2 for fit in alone) > limits.omnibus * base.problem.size
-    found, seconds = fit_pairs(base, signatures, limits, alone)
+    found, seconds = fit_pairs(base, sensitivities, limits, alone)
     best = min(found, key=lambda fit: fit.bic)
     assert labels_of(best.hypothesis) == hidden.keys()
     assert best.chi2 < 1.1 * base.problem.size
@@ -266,15 +266,15 @@ def test_two_effects_of_which_neither_is_sufficient_are_found_beside_each_other(
 
 
 def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no_pair_holds_what_failed_alone():
-    base, signatures, limits = analysed(toy(TWO, seed=3))
-    alone, _ = fit_singles(base, signatures, limits)
+    base, sensitivities, limits = analysed(toy(TWO, seed=3))
+    alone, _ = fit_singles(base, sensitivities, limits)
     lost = [replace(fit, status=FAILED) if fit.label == "spring" else fit for fit in alone]
 
     def search(alone, **changed):
         """Labels of the effects that are found, and how many runs that took."""
         settings = replace(DEFAULT_SETTINGS, selection=replace(DEFAULT_SETTINGS.selection, **changed))
         problem = Problem(base.problem.model, stated_noise(base.problem.model), settings=settings)
-        found, _ = fit_pairs(replace(base, problem=problem), signatures, limits, alone)
+        found, _ = fit_pairs(replace(base, problem=problem), sensitivities, limits, alone)
         return {label for fit in found for label in labels_of(fit.hypothesis)}, problem.simulations
 
     (labels, usual), (_, few) = search(alone), search(alone, max_simulations=0)
@@ -283,14 +283,14 @@ def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no
 
 
 def test_where_a_pair_is_worth_a_fit_windows_are_asked_for_one_effect_that_does_alone_what_two_do(monkeypatch):
-    base, signatures, limits = analysed(toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3))
-    alone, _ = fit_singles(base, signatures, limits)
+    base, sensitivities, limits = analysed(toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3))
+    alone, _ = fit_singles(base, sensitivities, limits)
     pair, beside = (replace(alone[0], residual=factor * alone[0].residual) for factor in (1.0, 0.9))
     monkeypatch.setattr(hypothesis_fits, "_pairs_of_best", lambda *_: [("a pair", "its signatures")])
     monkeypatch.setattr(hypothesis_fits, "_fit_each", lambda *_: ([pair], [2.0]))
     monkeypatch.setattr(hypothesis_fits, "search_in_windows", lambda *_: [beside])
     for doubted in (True, False):  # of one hypothesis the lowest counts
-        (found,), seconds = fit_pairs(base, signatures, limits, alone, doubted=doubted)
+        (found,), seconds = fit_pairs(base, sensitivities, limits, alone, inconsistent=doubted)
         assert found is (pair if doubted else beside) and len(seconds) == 1
 
 
@@ -299,11 +299,11 @@ def test_where_joints_are_loose_the_first_part_searches_for_all_in_windows_but_f
     base = recalibrate(problem.model, noise_of(problem))
     screening = screen_candidates(base, 0.01)
     limits = replace(screening.limits, omnibus=0.0)  # what leaves noise ends the search
-    assert fit_singles(base, screening.signatures, limits) == ([], [])
-    assert fit_pairs(base, screening.signatures, limits, [], part=1, parts=2) == ([], [])
+    assert fit_singles(base, screening.sensitivities, limits) == ([], [])
+    assert fit_pairs(base, screening.sensitivities, limits, [], part=1, parts=2) == ([], [])
     for doubted in (False, True):
         problem.model.filtered.clear()
-        fits, seconds = fit_pairs(base, screening.signatures, limits, [], part=0, parts=2, doubted=doubted)
+        fits, seconds = fit_pairs(base, screening.sensitivities, limits, [], part=0, parts=2, inconsistent=doubted)
         assert labels_of(fits[0].hypothesis) == {"swing", "wobble"}
         assert all(fit.in_windows for fit in fits) and len(fits) == len(seconds)
         assert any("spring" in effects for _, effects, *_ in problem.model.filtered) != doubted

@@ -17,7 +17,7 @@ from jointgap.identification.model_selection import (
     two_effect_thresholds,
 )
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import SignatureRegression, SignatureSubspaces
+from jointgap.identification.screening import SensitivityRegression, SensitivitySubspaces
 from jointgap.identification.thresholds import screen_candidates, thresholds
 from jointgap.identification.verdict import Decision
 from tests.catalogue import each, refused
@@ -28,10 +28,10 @@ from tests.identification.toy import RINGING, Toy, analysed, candidate_of, scree
 def named(effects=None, more=(), **how) -> tuple[Decision, float]:
     """The decision and the gap of the recalibrated base; `more`: further candidates."""
     model = toy(effects, **how)
-    base, signatures, limits = analysed(replace(model, candidates=(*model.candidates, *more)))
-    fits = searched(base, signatures, limits)
-    fits += swap_one_effect(base, signatures, fits)
-    return refit_and_decide(base, signatures, fits, limits), base.problem.gap(base.base.residual)
+    base, sensitivities, limits = analysed(replace(model, candidates=(*model.candidates, *more)))
+    fits = searched(base, sensitivities, limits)
+    fits += swap_one_effect(base, sensitivities, fits)
+    return refit_and_decide(base, sensitivities, fits, limits), base.problem.gap(base.base.residual)
 
 
 def labels(decision):
@@ -73,12 +73,12 @@ def test_a_mass_beyond_its_range_is_an_effect_with_its_value_beyond_nominal():
 
 
 def test_both_of_two_effects_are_named_and_no_third_nor_are_they_a_rival_in_another_order():
-    base, signatures, limits = analysed(toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1))
-    decision = refit_and_decide(base, signatures, searched(base, signatures, limits), limits)
+    base, sensitivities, limits = analysed(toy({"coulomb": {"force_N": 0.3}, "spring": {"stiffness_N_m": 5.0}}, seed=1))
+    decision = refit_and_decide(base, sensitivities, searched(base, sensitivities, limits), limits)
     assert (decision.verdict, labels(decision)) == ("named", {"coulomb", "spring"})
     pair = candidate_of("coulomb"), candidate_of("spring")
     fits = [fit_hypothesis(base.problem, effects) for effects in (pair, pair[::-1])]
-    decision = refit_and_decide(base, signatures, fits, limits)
+    decision = refit_and_decide(base, sensitivities, fits, limits)
     assert (decision.verdict, len(decision.ranking)) == ("named", 1)
 
 
@@ -87,8 +87,8 @@ def test_where_joints_are_loose_all_is_named_from_windows_without_simulating_one
         problem = linear(hidden=hidden, candidates=candidates, **how)
         problem.model.simulate = None
         base = recalibrate(problem.model, noise_of(problem))
-        signatures, limits = screen_candidates(base, 0.01)
-        decision = select_hypothesis(base, signatures, searched(base, signatures, limits), limits)
+        sensitivities, limits = screen_candidates(base, 0.01)
+        decision = select_hypothesis(base, sensitivities, searched(base, sensitivities, limits), limits)
         assert decision.verdict == ("named" if hidden else "parameters_only")
         assert labels(decision) == hidden.keys()
         found, errors = decision.chosen.mapping, np.sqrt(np.diag(decision.chosen.covariance()))
@@ -149,9 +149,9 @@ def test_an_effect_that_is_on_no_list_gets_no_name():
 
 
 def test_thresholds_hold_their_rate_and_know_of_other_numerics():
-    base, signatures = screened(toy(seed=5))
-    nothing, more = np.empty((0, base.problem.size)), 0.3 * signatures.of("quadratic")[0].columns.T
-    white, loose = (thresholds(base.problem, signatures, changed, rate=0.05) for changed in (nothing, more))
+    base, sensitivities = screened(toy(seed=5))
+    nothing, more = np.empty((0, base.problem.size)), 0.3 * sensitivities.of("quadratic")[0].columns.T
+    white, loose = (thresholds(base.problem, sensitivities, changed, rate=0.05) for changed in (nothing, more))
     assert loose.max_gain_threshold > white.max_gain_threshold and loose.omnibus > white.omnibus
     dof = base.problem.size - len(base.base.parameters)
     exceeded = np.mean(np.random.default_rng(9).chisquare(dof, 20_000) / dof > white.omnibus)
@@ -178,13 +178,13 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
     found = fit_hypothesis(problem, (candidate_of("viscous"),), refresh=True)
     place = [p.key for p in found.parameters].index("slider_mass")
     limit = found.values[place] + 0.5 * np.sqrt(found.covariance()[place, place])
-    base, signatures, limits = analysed(
+    base, sensitivities, limits = analysed(
         Stepping(smooth.series, smooth.nuisances, smooth.candidates, smooth.speeds, limit=limit)
     )
-    fits, _ = fit_singles(base, signatures, limits)
+    fits, _ = fit_singles(base, sensitivities, limits)
     second = two_effect_thresholds(base, fits, limits)
     assert second_effect_gain(base.problem, fits, second) > 5.0 * limits.max_gain_threshold
-    decision = refit_and_decide(base, signatures, searched(base, signatures, limits), limits)
+    decision = refit_and_decide(base, sensitivities, searched(base, sensitivities, limits), limits)
     assert (decision.verdict, decision.chosen.label) == ("named", "viscous")
 
 
@@ -194,13 +194,13 @@ def test_where_the_motion_jumps_an_effect_is_named_that_would_be_and_none_is_add
 def test_a_fit_from_a_finite_size_begins_at_the_size_that_the_secant_says_of_either_sign():
     def check(label, key, guesses, size):
         told = replace(candidate_of(label), initial_guesses=guesses)
-        _, signatures = screened(replace(toy({label: {key: size}}, seed=2), candidates=(told,)))
-        assert [one.is_secant for one in signatures.entries] == [bool(guess) for guess in guesses]
-        alone = replace(signatures, entries=[one for one in signatures.entries if one.is_secant])
-        (found,) = SignatureRegression(alone).singles()
+        _, sensitivities = screened(replace(toy({label: {key: size}}, seed=2), candidates=(told,)))
+        assert [one.is_secant for one in sensitivities.entries] == [bool(guess) for guess in guesses]
+        alone = replace(sensitivities, entries=[one for one in sensitivities.entries if one.is_secant])
+        (found,) = SensitivityRegression(alone).singles()
         assert found.start[f"{label}.{key}"] == pytest.approx(size, rel=0.1)
         # where a fit starts too is no further thing that a candidate can change
-        assert len(SignatureSubspaces(signatures).of[label]) == 1
+        assert len(SensitivitySubspaces(sensitivities).of[label]) == 1
 
     each(check, [("quadratic", "drag_N_s2_m2", ({"drag_N_s2_m2": 0.2},), size) for size in (0.15, 0.35)])
     each(check, [("sensor_bias:torque", "bias", ({}, {"bias": 0.8 * size}), size) for size in (-0.02, 0.015)])

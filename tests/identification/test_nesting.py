@@ -9,7 +9,7 @@ from jointgap.identification.fit import compress_rows, fit_hypothesis
 from jointgap.identification.hypothesis_fits import fit_singles
 from jointgap.identification.initial_fit import (
     chi2_without_effects,
-    not_above_its_parts,
+    refit_from_part,
     with_effects_absent,
     without_other_effects,
 )
@@ -68,8 +68,8 @@ def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_
 def test_no_fit_of_a_single_effect_ends_above_the_base():
     """A ringing that is not there, whose fits start at a finite size and find no way back to none."""
     loose = replace(RINGING, search_range=(), initial_guesses=({"size": 0.3},))
-    base, signatures = screened(replace(toy(DRAG, seed=3), candidates=(loose, VISCOUS)))
-    fits, _ = fit_singles(base, signatures, LIMITS)
+    base, sensitivities = screened(replace(toy(DRAG, seed=3), candidates=(loose, VISCOUS)))
+    fits, _ = fit_singles(base, sensitivities, LIMITS)
     assert {fit.label for fit in fits} == {"ringing", "viscous"}
     assert all(fit.chi2 <= base.base.chi2 + 1e-6 for fit in fits)
 
@@ -89,21 +89,21 @@ def test_a_fit_above_a_part_of_it_goes_on_from_there(dragging):
     base, hypothesis = dragging, (VISCOUS, STEADY)
     part = fit_hypothesis(base.problem, hypothesis[:1], differences=base.differences)
     high = stuck(base, hypothesis, dict.fromkeys(["viscous.damping_N_s_m", "constant_force.force_N"], 40.0))
-    mended = not_above_its_parts(base.problem, base.differences, high, [base.base, part])
+    mended = refit_from_part(base.problem, base.differences, high, [base.base, part])
     assert high.chi2 > base.base.chi2 > part.chi2 >= mended.chi2
-    assert not_above_its_parts(base.problem, base.differences, mended, [base.base, part]) is mended
+    assert refit_from_part(base.problem, base.differences, mended, [base.base, part]) is mended
 
 
 def test_a_fit_of_an_effect_that_is_searched_begins_where_it_is_absent_if_it_is_of_statistics_alone(dragging):
     """There is no slope from there, and a joint with hardly any clearance takes longest to simulate. Statistics over
     cycles are smooth."""
     high, simulations = stuck(dragging, (RINGING,), {"ringing.size": 0.6}), dragging.problem.simulations
-    assert not_above_its_parts(dragging.problem, dragging.differences, high, [dragging.base]) is high
+    assert refit_from_part(dragging.problem, dragging.differences, high, [dragging.base]) is high
     assert dragging.problem.simulations == simulations
     model = dragging.problem.model
     base, _ = screened(replace(model, series=tuple(replace(series, statistic=True) for series in model.series)))
     high = stuck(base, (RINGING,), {"ringing.size": 0.6})
-    mended = not_above_its_parts(base.problem, base.differences, high, [base.base])
+    mended = refit_from_part(base.problem, base.differences, high, [base.base])
     where_absent = base.problem.residual(base.base.mapping)  # what the base leaves is a mean of several simulations
     assert mended.chi2 <= where_absent @ where_absent + 1e-9
 
@@ -117,22 +117,22 @@ def test_what_the_base_would_leave_in_a_fits_valley_is_what_it_leaves_where_resi
 
 def test_an_effect_that_won_by_its_nuisances_better_valley_is_not_named():
     """The blows of a clearance off by a twentieth: the base missed its valley, and an effect of no size found it."""
-    base, signatures = screened(knocking(clearance=1.05, seed=2))
+    base, sensitivities = screened(knocking(clearance=1.05, seed=2))
     astray = fit_hypothesis(base.problem, start={"clearance": 0.95}, differences=base.differences)
     start = {"clearance": 1.05, "harmonic_force.frequency_Hz": 7.0}
     for label in ("viscous", "harmonic_force", "sensor_bias:torque"):
         winner = fit_hypothesis(base.problem, (candidate_of(label),), start, differences=base.differences)
         assert astray.chi2 > 10.0 * winner.chi2
-        decision = select_hypothesis(replace(base, base=astray), signatures, [winner], LIMITS)
+        decision = select_hypothesis(replace(base, base=astray), sensitivities, [winner], LIMITS)
         assert decision.verdict == "parameters_only"
         assert decision.chosen is decision.base  # the better one that was found on the way
         assert decision.base.chi2 < 1.1 * winner.chi2
 
 
 def test_an_effect_that_is_there_keeps_the_base_where_it_is():
-    base, signatures = screened(toy({"viscous": {"damping_N_s_m": 0.15}}, seed=11))
+    base, sensitivities = screened(toy({"viscous": {"damping_N_s_m": 0.15}}, seed=11))
     found = fit_hypothesis(base.problem, (VISCOUS,), differences=base.differences)
-    decision = select_hypothesis(base, signatures, [found], LIMITS)
+    decision = select_hypothesis(base, sensitivities, [found], LIMITS)
     assert decision.verdict == "named" and decision.base is base.base
 
 
@@ -143,4 +143,4 @@ def test_fits_from_a_file_hold_their_derivatives_in_fewer_rows_and_that_is_enoug
     without = chi2_without_effects(base.problem, found)
     assert chi2_without_effects(base.problem, stored) == pytest.approx(without)
     poor = replace(stored, values=0.9 * stored.values, residual=2.0 * base.base.residual)
-    assert not_above_its_parts(base.problem, base.differences, poor, [base.base]).chi2 < base.base.chi2
+    assert refit_from_part(base.problem, base.differences, poor, [base.base]).chi2 < base.base.chi2

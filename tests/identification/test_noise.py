@@ -271,5 +271,5 @@ def test_whitening_is_exact_from_the_first_sample_and_after_gaps():
 
 
 def test_an_impossible_autocorrelation_is_refused():
-    with pytest.raises(ValueError, match="not that of any process"):
+    with pytest.raises(ValueError, match="not positive definite"):
         autoregression((0.9, -0.9))

@@ -1,4 +1,4 @@
-"""Screening: what signatures foretell of fits."""
+"""Screening: what sensitivities foretell of fits."""
 
 from dataclasses import replace
 
@@ -9,12 +9,12 @@ from jointgap.core.candidates import Candidate, Parameter
 from jointgap.identification.fit import CONVERGED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.problem import Problem
 from jointgap.identification.screening import (
-    Signature,
-    SignatureRegression,
-    Signatures,
-    SignatureSubspaces,
-    orders_of_cranks,
-    simulate_signatures,
+    Sensitivities,
+    Sensitivity,
+    SensitivityRegression,
+    SensitivitySubspaces,
+    crank_orders,
+    simulate_sensitivities,
 )
 from tests.catalogue import each
 from tests.identification.toy import RINGING, stated_noise, toy
@@ -30,36 +30,36 @@ def based(model):
 
 def screened(effects, **how):
     problem, differences, base = based(toy(effects, **how))
-    return problem, differences, base, simulate_signatures(problem, base, differences)
+    return problem, differences, base, simulate_sensitivities(problem, base, differences)
 
 
-def singles(signatures, *beside):
-    return SignatureRegression(signatures, *beside).singles()
+def singles(sensitivities, *beside):
+    return SensitivityRegression(sensitivities, *beside).singles()
 
 
-def fit_of(problem, differences, signatures, screened):
-    derivatives = signatures.derivatives(screened.signatures)
+def fit_of(problem, differences, sensitivities, screened):
+    derivatives = sensitivities.derivatives(screened.sensitivities)
     return fit_hypothesis(problem, screened.hypothesis, screened.start, derivatives, differences)
 
 
 def made_up(residual, columns, **more):
-    """A regression on signatures ``one``, ``two`` ... without nuisances."""
+    """A regression on sensitivities ``one``, ``two`` ... without nuisances."""
     one = Candidate("one", "slider", (Parameter("size", 0.0),), ("size",), **more)
     entries = [
-        Signature(replace(one, name=name), {}, column, residual, ("slow",))
+        Sensitivity(replace(one, name=name), {}, column, residual, ("slow",))
         for name, column in zip(("one", "two", "three"), columns, strict=False)
     ]
-    return SignatureRegression(Signatures(*NO_NUISANCES, np.empty((residual.size, 0)), residual, entries, {}))
+    return SensitivityRegression(Sensitivities(*NO_NUISANCES, np.empty((residual.size, 0)), residual, entries, {}))
 
 
 def test_the_hidden_effect_is_first_and_what_signatures_foretell_of_it_is_what_a_fit_finds():
     """Sizes act linearly here, so both must agree."""
 
     def check(label, key, size):
-        problem, differences, _, signatures = screened({label: {key: size}}, seed=1)
-        first = singles(signatures)[0]
+        problem, differences, _, sensitivities = screened({label: {key: size}}, seed=1)
+        first = singles(sensitivities)[0]
         assert first.label == label
-        found = fit_of(problem, differences, signatures, first)
+        found = fit_of(problem, differences, sensitivities, first)
         assert (first.chi2, first.bic) == pytest.approx((found.chi2, found.bic), abs=0.5)
         assert first.start[f"{label}.{key}"] == pytest.approx(found.mapping[f"{label}.{key}"], rel=1e-2)
 
@@ -77,14 +77,14 @@ def test_the_hidden_effect_is_first_and_what_signatures_foretell_of_it_is_what_a
 def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows_but_not_at_an_order_of_a_crank():
     for frequency, off_order in ((6.37, True), (1.01 * 16.0 / (2 * np.pi), False)):
         effect = {"harmonic_force": {"cosine_N": 0.2, "sine_N": 0.1, "frequency_Hz": frequency}}
-        problem, *_, signatures = screened(effect, seed=4)
-        tried = np.array([one.shape_parameters["frequency_Hz"] for one in signatures.of("harmonic_force")])
+        problem, *_, sensitivities = screened(effect, seed=4)
+        tried = np.array([one.shape_parameters["frequency_Hz"] for one in sensitivities.of("harmonic_force")])
         assert (min(abs(tried - frequency)) < 0.1) == off_order
-        assert not off_order or singles(signatures)[0].label == "harmonic_force"
-        assert tried.size and not any(map(orders_of_cranks(problem.parts, problem.settings.screening), tried))
+        assert not off_order or singles(sensitivities)[0].label == "harmonic_force"
+        assert tried.size and not any(map(crank_orders(problem.parts, problem.settings.screening), tried))
     model = toy(speeds={"slow": 2 * np.pi * 5.0, "fast": 2 * np.pi * 14.0}, held_out=())
     problem = Problem(model, stated_noise(model))
-    order = orders_of_cranks(problem.parts, problem.settings.screening)
+    order = crank_orders(problem.parts, problem.settings.screening)
     near = {5.04: "order 1 of the crank in run slow", 7.2: "order 0.5 of the crank in run fast", 6.1: "", 10.2: ""}
     assert {frequency: order(frequency) for frequency in near} == near
 
@@ -94,7 +94,7 @@ def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal(
     problem, differences, base = based(model)
     mass = next(p for p in model.nuisances if p.name == "slider_mass")
     assert base.mapping["slider_mass"] != pytest.approx(mass.nominal, rel=1e-3)
-    (one,) = simulate_signatures(problem, base, differences).of("added_mass")
+    (one,) = simulate_sensitivities(problem, base, differences).of("added_mass")
     at = base.mapping | {"slider_mass": mass.nominal}
     np.testing.assert_allclose(one.origin, problem.residual(at), atol=1e-9)
     heavier = problem.residual(at | {"slider_mass": mass.nominal + 0.1})
@@ -109,8 +109,8 @@ def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_n
     replaces = {p.name: size for p, size in zip(nuisances, sizes, strict=True)}
     lengths = Candidate("lengths", "rod", tuple(Parameter(key, 0.0) for key in sizes), sizes, replaces=replaces)
     base, fitted = np.array([0.1, -0.2]), np.array([0.3, 0.4])
-    signature = Signature(lengths, {}, slopes, at_nominal, ("slow",))
-    about_base = Signatures(nuisances, base, slopes, at_nominal + slopes @ base, [signature], {})
+    sensitivity = Sensitivity(lengths, {}, slopes, at_nominal, ("slow",))
+    about_base = Sensitivities(nuisances, base, slopes, at_nominal + slopes @ base, [sensitivity], {})
     fit = Fit((), nuisances, fitted, at_nominal + slopes @ fitted, slopes, 0, CONVERGED)
     (beside,) = about_base.about(fit).entries
     np.testing.assert_allclose(beside.origin, at_nominal)
@@ -118,8 +118,8 @@ def test_beside_a_fit_an_effect_brings_every_nuisance_that_it_replaces_back_to_n
 
 def test_resistance_cannot_push():
     """A force that pushes along is not explained by a negative friction."""
-    *_, signatures = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
-    by_label = {one.label: one for one in singles(signatures)}
+    *_, sensitivities = screened({"viscous": {"damping_N_s_m": -0.3}}, seed=3)
+    by_label = {one.label: one for one in singles(sensitivities)}
     assert by_label["viscous"].start["viscous.damping_N_s_m"] == 0.0
     assert by_label["viscous"].chi2 == pytest.approx(by_label["coulomb"].chi2)
 
@@ -127,8 +127,8 @@ def test_resistance_cannot_push():
 def test_what_no_slope_leads_to_is_screened_on_request_alone():
     model = replace(toy(), candidates=(RINGING,))
     problem, differences, base = based(model)
-    assert simulate_signatures(problem, base, differences).entries == []
-    (found,) = simulate_signatures(problem, base, differences, model.candidates).entries
+    assert simulate_sensitivities(problem, base, differences).entries == []
+    (found,) = simulate_sensitivities(problem, base, differences, model.candidates).entries
     assert found.is_secant
 
 
@@ -136,16 +136,16 @@ def test_what_no_slope_leads_to_is_screened_on_request_alone():
 
 
 def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
-    *_, signatures = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
-    by_label = {one.candidate.label: (one.candidate,) for one in signatures.entries}
-    both, spaces = (*by_label["viscous"], *by_label["coulomb"]), SignatureSubspaces(signatures)
+    *_, sensitivities = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
+    by_label = {one.candidate.label: (one.candidate,) for one in sensitivities.entries}
+    both, spaces = (*by_label["viscous"], *by_label["coulomb"]), SensitivitySubspaces(sensitivities)
     assert spaces.is_special_case(by_label["viscous"], both)
     assert not spaces.is_special_case(by_label["quadratic"], both)
     assert not spaces.is_special_case(by_label["spring"], by_label["centrifugal"])  # the same, and neither can do more
     # what could not be simulated about the base is like none
     lost = by_label["viscous"]
-    spaces = SignatureSubspaces(
-        replace(signatures, entries=[one for one in signatures.entries if one.candidate is not lost[0]])
+    spaces = SensitivitySubspaces(
+        replace(sensitivities, entries=[one for one in sensitivities.entries if one.candidate is not lost[0]])
     )
     assert spaces.nearest(lost)[1] == 0.0
     assert not spaces.is_special_case(lost, by_label["spring"])
@@ -153,17 +153,17 @@ def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it
 
 def test_beside_one_of_two_hidden_effects_the_other_is_first():
     effects = {"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}
-    problem, differences, _, signatures = screened(effects, seed=5)
-    coulomb = next(one for one in singles(signatures) if one.label == "coulomb")
-    found = fit_of(problem, differences, signatures, coulomb)
-    partners = singles(signatures.about(found), found.hypothesis)
+    problem, differences, _, sensitivities = screened(effects, seed=5)
+    coulomb = next(one for one in singles(sensitivities) if one.label == "coulomb")
+    found = fit_of(problem, differences, sensitivities, coulomb)
+    partners = singles(sensitivities.about(found), found.hypothesis)
     assert partners[0].label == "coulomb + spring"
     assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
     assert "coulomb + coulomb" not in {one.label for one in partners}
 
 
 def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if_together_they_do():
-    """Residuals linear in three amplitudes; the signatures of the first two are nearly opposite."""
+    """Residuals linear in three amplitudes; the sensitivities of the first two are nearly opposite."""
     first, apart, third, noise = np.random.default_rng(0).standard_normal((4, 400, 1))
     columns = (first, 0.2 * apart - first, third)
     residual = 10.0 * (columns[0] + columns[1])[:, 0] + 0.1 * noise[:, 0]

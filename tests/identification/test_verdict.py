@@ -250,18 +250,18 @@ def a_test(outcome="falls", before=2.0, after=1.0, low=1.0):
     return HeldOutTest(outcome, before, after, low)
 
 
-def heard(said="named", best=None, base=4.0 * SAMPLES, doubted=(), **more):
+def heard(said="named", best=None, base=4.0 * SAMPLES, inconsistent=(), **more):
     """The decision with held-out data heard on what the fits say; `more` is what these show."""
     best = best or row(NOISE, "coulomb")
     equivalent = [best.fit, "spring"] if said == "ambiguous" else []
     by_fits = Decision(said, "base" if equivalent else best.fit, "base", equivalent, ["as it was"], "as the fits say")
     shown = HeldOut(**{"test": a_test(), "gap": 1.0} | more)
     base = row(base)
-    return verdict(Evidence(base, base, [best], LIMITS, by_fits=by_fits, held_out=shown, doubted=doubted))
+    return verdict(Evidence(base, base, [best], LIMITS, by_fits=by_fits, held_out=shown, inconsistent=inconsistent))
 
 
 NAMES = "named", REST
-ROUGH = row(NOISE, "loose", is_rough=True)
+ROUGH = row(NOISE, "loose", is_nonsmooth=True)
 """At another speed impacts ring in another phase: there it is enough that the gap falls."""
 
 
@@ -271,14 +271,14 @@ def test_what_held_out_data_bear_out_stands_and_where_the_fits_name_nothing_they
     for outcome in ("not_simulated", "nothing_held_out", "cannot_tell"):
         assert heard(test=HeldOutTest(outcome), gap=np.nan).verdict == "named"
     for said in ("no_disagreement", "parameters_only", "unexplained"):
-        assert heard(said, gap=99.0, doubted=["torque"]).because == "as the fits say"
+        assert heard(said, gap=99.0, inconsistent=["torque"]).because == "as the fits say"
     asked = Evidence(row(GREAT), row(GREAT), [row(NOISE, "coulomb")], LIMITS, held_out=HeldOut(a_test(), gap=1.6))
     assert found(verdict(asked), verdict(replace(asked, held_out=None))) == ["unexplained", "named"]
 
 
 def test_where_channels_contradict_others_nothing_is_named():
     for said in (*NAMES, "ambiguous"):
-        one = heard(said, doubted=["crank_torque", "slider_acceleration"])
+        one = heard(said, inconsistent=["crank_torque", "slider_acceleration"])
         assert (one.verdict, one.chosen, one.equivalent, one.best_known) == ("unexplained", "base", [], "coulomb")
         assert one.ranking == ["as it was"]
         assert "crank torque and slider acceleration" in one.because
@@ -310,7 +310,7 @@ def test_what_is_left_has_to_be_small_in_each_channel_and_in_all_held_out_data_t
     each(
         check,
         [
-            ("fitted", 3.0, "torque on the data used for fitting"),
+            ("fitted", 3.0, "torque on the fitted data"),
             ("held_out", 3.0, "torque on the held-out data"),
             ("gap", 1.5, "on the held-out data"),
         ],

@@ -12,8 +12,8 @@ from jointgap.core.errors import SimulationError
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FiniteDifferences, fit_hypothesis
-from jointgap.identification.likelihood import Estimate, fitted, signatures_about
-from jointgap.identification.screening import SignatureRegression
+from jointgap.identification.likelihood import Estimate, fitted, sensitivities_about
+from jointgap.identification.screening import SensitivityRegression
 from jointgap.identification.verdict import Thresholds
 from jointgap.identification.window_search import search_in_windows
 from tests.identification import oscillator
@@ -55,16 +55,16 @@ def baseline_of(problem):
 def slopes(problem):
     """Their chi2 without an effect, and what they say of single ones, the most promising first by BIC."""
     baseline = baseline_of(problem)
-    found = signatures_about(problem, baseline.base, baseline.differences)
-    return found.residual @ found.residual, SignatureRegression(found).singles(), len(found.parameters)
+    found = sensitivities_about(problem, baseline.base, baseline.differences)
+    return found.residual @ found.residual, SensitivityRegression(found).singles(), len(found.parameters)
 
 
 def search(problem, limits=NOISE_ALONE, alone=(), **how):
     """What is found, and from here on what a filter was asked for by the search alone."""
     baseline = baseline_of(problem)
-    signatures = signatures_about(problem, baseline.base, baseline.differences)
+    sensitivities = sensitivities_about(problem, baseline.base, baseline.differences)
     problem.model.filtered.clear()
-    return search_in_windows(baseline, signatures, limits, alone, **how)
+    return search_in_windows(baseline, sensitivities, limits, alone, **how)
 
 
 def singles(fits):

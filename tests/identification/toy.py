@@ -17,7 +17,7 @@ from jointgap.identification.baseline import Baseline, other_numerics, recalibra
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
 from jointgap.identification.problem import Noise
-from jointgap.identification.screening import Signatures, simulate_signatures
+from jointgap.identification.screening import Sensitivities, simulate_sensitivities
 from jointgap.identification.thresholds import thresholds
 from jointgap.identification.verdict import Thresholds
 
@@ -67,7 +67,7 @@ def _harmonic() -> Candidate:
         (*amplitudes, frequency),
         ("cosine_N", "sine_N"),
         starts,
-        steady_counterpart="constant_force",
+        carrier="constant_force",
     )
 
 
@@ -258,19 +258,19 @@ def stated_noise(model: Toy, autocorrelation: float = 0.0, order: int = 0) -> di
     return {series.key: Noise(series.stated_noise, memory) for series in model.series}
 
 
-def screened(model: Toy) -> tuple[Baseline, Signatures]:
-    """The fitted base and signatures of its candidates."""
+def screened(model: Toy) -> tuple[Baseline, Sensitivities]:
+    """The fitted base and sensitivities of its candidates."""
     base = recalibrate(model, stated_noise(model))
-    return base, simulate_signatures(base.problem, base.base, base.differences)
+    return base, simulate_sensitivities(base.problem, base.base, base.differences)
 
 
-def analysed(model: Toy) -> tuple[Baseline, Signatures, Thresholds]:
+def analysed(model: Toy) -> tuple[Baseline, Sensitivities, Thresholds]:
     """That, and the limits: all that is known before an effect is fitted."""
-    base, signatures = screened(model)
-    return base, signatures, thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    base, sensitivities = screened(model)
+    return base, sensitivities, thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
 
 
-def searched(base: Baseline, signatures: Signatures, limits: Thresholds) -> list[Fit]:
+def searched(base: Baseline, sensitivities: Sensitivities, limits: Thresholds) -> list[Fit]:
     """Fits of single effects and of pairs."""
-    fits, _ = fit_singles(base, signatures, limits)
-    return [*fits, *fit_pairs(base, signatures, limits, fits)[0]]
+    fits, _ = fit_singles(base, sensitivities, limits)
+    return [*fits, *fit_pairs(base, sensitivities, limits, fits)[0]]

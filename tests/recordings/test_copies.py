@@ -41,9 +41,7 @@ def test_a_confirm_run_that_is_a_copy_of_an_identify_run_is_refused(tmp_path):
         copy(slow, fast)
         read_measurements(load_campaign(file))
 
-    words = (
-        f"{fast}: the run 'fast' has the samples of the run 'slow' in {slow} ~ a copy confirms nothing: give the file"
-    )
+    words = f"{fast}: run 'fast' has the samples of run 'slow' in {slow} ~ give the file"
     copies = [shutil.copy, with_a_comment_and_another_separator, with_rows_left_out, in_another_format, by_a_link]
     refused(copied, [(copy, words) for copy in copies])
 

@@ -59,7 +59,7 @@ def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path):
         parquet.to_arrow(schema.PLOTTED, data)  # it can be written
         panels = set(data["panel"])
         assert {"slow: crank torque", "slow: slider position"} <= panels
-        assert ("slow: departure from steady rotation" in panels) == (without == ())
+        assert ("slow: deviation from steady rotation" in panels) == (without == ())
         shown = data[data["panel"] == "slow: slider position"]
         assert (len(shown), shown["y"].isna().sum()) == (400, 10) and shown["x"].between(0.0, 360.0).all()
 

@@ -35,7 +35,7 @@ def test_bounds_up_to_the_ends_of_what_is_possible_are_accepted():
 
 def test_bounds_at_which_the_crank_cannot_turn_are_refused_by_the_model():
     cases = [
-        ({"crank_length": [0.1, 0.8]}, "crank_length = 0.8 m: crank.length 0.8 m plus ~ cannot turn ~ narrower bounds"),
+        ({"crank_length": [0.1, 0.8]}, "crank_length = 0.8 m: crank.length 0.8 m plus ~ cannot turn ~ narrow the bounds"),
         (
             {"crank_length": [0.1, 0.4], "rod_length": [0.3, 0.6]},
             "at the bound crank_length = 0.4 m, rod_length = 0.3 m: crank.length 0.4 m plus",
@@ -56,5 +56,5 @@ def test_a_film_thicker_than_the_least_clearance_is_refused():
     film = {"viscosity_Pa_s": 0.05, "length_m": 0.01, "least_film_m": 1e-5}
     content = mechanism(PINS, effects=[{"name": "lubricated_joint", "site": "crank_pin", "parameters": film}])
     check_bounds(campaign(content, nuisance={"crank_pin_clearance": [3e-5, 6e-4]}))
-    with pytest.raises(InputError, match=r"crank_pin_clearance = 1.5e-05 m: .*least_film_m.*narrower bounds"):
+    with pytest.raises(InputError, match=r"crank_pin_clearance = 1.5e-05 m: .*least_film_m.*narrow the bounds"):
         check_bounds(campaign(content, nuisance={"crank_pin_clearance": [1.5e-5, 6e-4]}))

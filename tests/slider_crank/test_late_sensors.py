@@ -13,7 +13,7 @@ from jointgap.campaign.sentences import answer
 from jointgap.identification.baseline import recalibrate
 from jointgap.identification.fit import fit_hypothesis
 from jointgap.identification.preflight import preflight
-from jointgap.identification.screening import SignatureRegression, simulate_signatures
+from jointgap.identification.screening import SensitivityRegression, simulate_sensitivities
 from jointgap.rig.model import build_model
 from jointgap.rig.sensors import lagged
 from tests.identification.test_law_family import asked
@@ -78,15 +78,15 @@ def test_a_channel_with_one_of_the_two_is_offered_neither_beside_it(tmp_path):
     model = model_of(late(tmp_path, delay=2.2e-3))
     base = recalibrate(model, stated_noise(model))
     few = [one for one in model.candidates if one.sensor]
-    signatures = simulate_signatures(base.problem, base.base, base.differences, few)
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences, few)
     lag = chosen(model, "sensor_lag:crank_torque")
     found = fit_hypothesis(base.problem, (lag,), differences=base.differences)
-    about = simulate_signatures(base.problem, found, base.differences, few)
-    for beside in (signatures.about(found), about):
-        labels = {signature.candidate.label for signature in beside.entries}
+    about = simulate_sensitivities(base.problem, found, base.differences, few)
+    for beside in (sensitivities.about(found), about):
+        labels = {sensitivity.candidate.label for sensitivity in beside.entries}
         assert not labels & {"sensor_lag:crank_torque", "sensor_delay:crank_torque"}
         assert {"sensor_gain:crank_torque", "sensor_delay:slider_acceleration"} <= labels
-    for pair in SignatureRegression(signatures).pairs():
+    for pair in SensitivityRegression(sensitivities).pairs():
         sites = [one.site for one in pair.hypothesis if one.name in ("sensor_lag", "sensor_delay")]
         assert len(set(sites)) == len(sites)
 

@@ -18,8 +18,8 @@ slow = pytest.mark.slow
 SCHEMA = json.loads(Path("workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
 STRIBECK = law("-f*tanh(v/0.01)*(0.3 + 0.7*exp(-|v|/0.8))", f=40.0)
 CRANK = {"torque_N_m": 0.5, "tightest_angle_rad": 2.0, "varying_share": 0.6}
-DRAG, SPRING = "drag of the slider (exponent", "is a spring on the slider (cubic share"
-PLACED = "is dry friction that varies along the stroke (varying share"
+DRAG, SPRING = "drag of the slider (exponent", "lacks a spring on the slider (cubic share"
+PLACED = "lacks position-dependent dry friction of the slider (varying share"
 
 
 def hidden(name, **parameters):
@@ -57,7 +57,7 @@ def analysed(folder: Path, effect: dict) -> tuple[dict, dict, dict]:
             STRIBECK,
             "slider_stribeck_friction",
             (0, 0.7, 1),
-            "is dry friction of the slider (stribeck share",
+            "lacks dry friction of the slider (stribeck share",
             lambda p: (p["stribeck_speed_m_s"] / 0.8 - 1, 0.3),
         ),
         *(

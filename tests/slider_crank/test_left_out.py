@@ -31,5 +31,5 @@ def test_a_held_out_run_whose_crank_stands_still_is_left_out_with_the_time():
 
 
 def test_without_any_run_for_fitting_there_is_one_error_with_its_reason():
-    with pytest.raises(InputError, match=r"(?s)no run for fitting can be used.*stands still or falls at"):
+    with pytest.raises(InputError, match=r"(?s)no run for fitting is usable.*stands still or falls at"):
         build_model(*measured("slow"))

@@ -8,7 +8,7 @@ from jointgap.core.formula import compile_formula
 from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.force_law import ForceLawResult, effect_of, find_force_law, term_of
 from jointgap.identification.noise import estimate_noise
-from jointgap.identification.screening import simulate_signatures
+from jointgap.identification.screening import simulate_sensitivities
 from jointgap.identification.thresholds import thresholds
 from jointgap.rig.model import SliderCrankModel, library
 from jointgap.rig.simulate_run import augmented_mechanism
@@ -19,8 +19,8 @@ def regressed(model: SliderCrankModel) -> ForceLawResult:
     nominal = {run: {p.name: p.nominal for p in model.nuisances if p.run in (None, run)} for run in runs_of(model)}
     missed = {s.key: s.value - model.simulate(s.run, nominal[s.run])[s.channel] for s in model.series}
     base = recalibrate(model, estimate_noise(model, missed))
-    signatures = simulate_signatures(base.problem, base.base, base.differences, candidates=())
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences, candidates=())
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
     return find_force_law(base.problem, base.base, library(model), limits, base.differences)
 
 

@@ -11,8 +11,8 @@ from jointgap.rig.model import build_model
 from jointgap.rig.simulate_run import (
     augmented_mechanism,
     friction_speed,
-    lasting_damping,
     simulated_effects,
+    steady_contact_damping,
     with_effects,
     with_nuisances,
 )
@@ -93,12 +93,16 @@ def test_the_speed_of_friction_is_that_of_the_first_joint_with_friction_and_the_
 
 
 def test_the_damping_of_a_lasting_contact_is_a_logarithm_of_its_own_for_each_loose_joint_where_it_fades():
-    assert lasting_damping(made(loose=("piston_pin",))) == {"piston_pin": "lasting_damping_piston_pin"}
+    assert steady_contact_damping(made(loose=("piston_pin",))) == {"piston_pin": "lasting_damping_piston_pin"}
     changed = with_nuisances(made(), {"lasting_damping_piston_pin": math.log(2.0)})
     assert changed.joint("piston_pin").contact.reference_speed == pytest.approx(0.025, rel=1e-12)
     assert changed.joint("crank_pin").contact.reference_speed == 0.05
     penalty = {"law": "penalty", "restitution": None, "penalty_damping": 1e3, "penalty_depth": 1e-4}
-    assert lasting_damping(with_contacts({"memory": "published"})) == lasting_damping(with_contacts(penalty)) == {}
+    assert (
+        steady_contact_damping(with_contacts({"memory": "published"}))
+        == steady_contact_damping(with_contacts(penalty))
+        == {}
+    )
 
 
 def test_an_effect_of_no_size_is_left_out_unless_it_stands_for_something_there(candidates):
@@ -145,7 +149,7 @@ def test_what_makes_no_mechanism_is_refused_with_the_name_of_the_effect_or_the_d
         ("slider_coulomb_friction", {"force_N": -5.0}, "slider_coulomb_friction: parameters.force_N"),
     ]
     refused(lambda label, values: with_effects(made(), [(candidates[label], values)]), cases)
-    refused(lambda values: augmented_mechanism(made(), (), values), [({"slider_mass": -1.0}, "what was found ~ mass")])
+    refused(lambda values: augmented_mechanism(made(), (), values), [({"slider_mass": -1.0}, "augmented mechanism ~ mass")])
 
 
 def test_a_rod_that_is_too_stiff_to_simulate_is_simulated_at_the_limit_with_its_share(candidates):

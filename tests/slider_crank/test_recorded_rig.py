@@ -154,7 +154,7 @@ def test_noise_grows_with_a_channels_rate_as_time_stamps_make_it(stated, white, 
     floor = 1e-4 * own.crank / math.sqrt(2.0)  # a ten-thousandth of what the position varies by, a sine or nearly so
     assert noise.sd == pytest.approx(np.hypot(max(white, floor), jitter * rate), rel=0.25, abs=white)
     assert not any("no noise" in remark for remark in noise.remarks)
-    assert any("time stamps" in remark for remark in noise.remarks) == (stated is None)
+    assert any("time jitter" in remark for remark in noise.remarks) == (stated is None)
 
 
 def test_what_cycles_show_of_a_noise_that_grows_is_its_root_mean_square_and_of_another_one_number():
@@ -175,7 +175,7 @@ def test_the_floor_of_an_encoders_noise_does_not_grow_with_the_record(turns):
     )
     assert math.degrees(bare.sd[0]) < 0.011 and "differences" not in bare.source
     assert math.degrees(stepped.sd[0]) == pytest.approx(0.09 / math.sqrt(12), rel=1e-6)
-    assert stepped.source == "the sensor's steps"
+    assert stepped.source == "the sensor's resolution"
 
 
 def sensors(**more):
@@ -202,7 +202,7 @@ def test_an_unsteady_crank_under_constant_speed_is_remarked_with_its_size_and_a_
     )
     assert not steady and len(uneven) == 2
     assert all("constant_speed" in remark and "measured_angle" in remark for remark in uneven)
-    told = float(uneven[0].split("by ")[1].split(" %")[0])
+    told = float(uneven[0].split("by ±")[1].split(" %")[0])
     assert told == pytest.approx(100 * 0.12 * 1.3, rel=0.25)  # the first order and the second's crests
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jointgap.config.load import load_campaign
-from jointgap.rig.model import build_model, remaining_doubts
+from jointgap.rig.model import build_model, remaining_inconsistencies
 from jointgap.rig.read_files import read_measurements
 from jointgap.rig.sensors import Faults
 from tests.catalogue import each
@@ -38,7 +38,7 @@ def doubts(model, measurements, *fits: dict):
     for mapping in fits:
         labels = {key.partition(".")[0] for key in mapping}
         found.append(SimpleNamespace(hypothesis=tuple(chosen(model, one) for one in labels), mapping=mapping))
-    return remaining_doubts(model, measurements, found)
+    return remaining_inconsistencies(model, measurements, found)
 
 
 def test_an_encoder_offset_accounts_for_the_crank_angle_if_it_is_as_large_as_the_channels_say(tmp_path):

@@ -10,7 +10,7 @@ from jointgap.identification.baseline import other_numerics, recalibrate
 from jointgap.identification.evidence import row_of
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
-from jointgap.identification.likelihood import signatures_about
+from jointgap.identification.likelihood import sensitivities_about
 from jointgap.identification.model_selection import refit_and_decide
 from jointgap.identification.problem import Noise
 from jointgap.identification.thresholds import thresholds
@@ -42,11 +42,11 @@ def test_friction_of_both_pins_beyond_its_range_is_one_effect():
     kept = ("common_pin_restitution", "common_pin_friction", "pin_friction")
     model.candidates = tuple(one for one in model.candidates if one.name in kept)
     base = recalibrate(model, noises)
-    signatures = signatures_about(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, signatures, other_numerics(base.problem, base.base))
-    singles = fit_singles(base, signatures, limits)[0]
-    fits = [*singles, *fit_pairs(base, signatures, limits, singles)[0]]
-    decision = refit_and_decide(base, signatures, fits, limits)
+    sensitivities = sensitivities_about(base.problem, base.base, base.differences)
+    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
+    singles = fit_singles(base, sensitivities, limits)[0]
+    fits = [*singles, *fit_pairs(base, sensitivities, limits, singles)[0]]
+    decision = refit_and_decide(base, sensitivities, fits, limits)
     assert (decision.verdict, decision.chosen.label) == ("named", label)
     found = decision.chosen.hypothesis[0].parameters({"change": decision.chosen.mapping[f"{label}.change"]})
     assert found["coefficient"] == pytest.approx(value, abs=0.02)
@@ -62,5 +62,5 @@ def test_that_nothing_is_left_of_what_both_pins_share_is_a_size_like_others(labe
     for end in (change.low, change.high):
         parameters = (replace(change, name=f"{label}.change"),)
         fit = Fit((candidate,), parameters, np.array([end]), np.zeros(100), np.ones((100, 1)), 1, "converged")
-        drawn.append("is drawn to the bound" in row_of(fit, ranges).objection)
+        drawn.append("at the bound" in row_of(fit, ranges).objection)
     assert drawn == [False, True]

@@ -23,8 +23,8 @@ def test_a_verdict_is_told_with_size_interval_gap_and_page(tmp_path):
         verdict_lines(tmp_path)
     (tmp_path / "verdict.json").write_text(json.dumps(NAMED))
     answer, size, gap, page = verdict_lines(tmp_path)
-    assert answer.startswith("campaign rig-a: Missing in the model is Coulomb friction of the slider.")
-    assert size == "  Coulomb friction of the slider: force of friction 21.30 N (90 % interval 20.60 to 22.00)"
+    assert answer.startswith("campaign rig-a: The model lacks Coulomb friction of the slider.")
+    assert size == "  Coulomb friction of the slider: friction force 21.30 N (90 % interval 20.60 to 22.00)"
     assert "falls from 8.70 to 1.05" in gap and "sample by sample" in gap
     assert page == f"  page: {tmp_path / 'summary.html'}"
 

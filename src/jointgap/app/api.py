@@ -485,7 +485,7 @@ class SweptDesigns(Result):
         from jointgap.designs.sweep import measure_over_parameters
 
         axes = self._drawn.axes
-        return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, _MEASURES[name])
+        return measure_over_parameters(self.read(*(axis.key for axis in axes), name), axes, name)
 
     def _rows(self) -> Sequence[Row]:
         rows: list[Row] = [("designs", self._drawn.number, ""), ("failed", failures(self.dataset).total(), "")]
@@ -831,7 +831,7 @@ class Verdict(Result):
         """The named effects, one entry per parameter."""
         found = []
         for effect in self.document["effects"]:
-            words, name, site = say.effect_in_words(effect), effect["name"], effect["site"]
+            words, name, site = say.format_effect(effect), effect["name"], effect["site"]
             for parameter, own in effect["parameters"].items():
                 size, interval = (
                     (own["value"], say.unit_of(name, site, parameter), own.get("sd")),
@@ -883,9 +883,9 @@ class Verdict(Result):
 
     def _rows(self) -> list[Row]:
         rows: list[Row] = [("verdict", format_name(self.kind), "")]
-        rows += [(name, say.sure_value(*row), "") for name, *row in say.parameter_rows(self.document["effects"])]
+        rows += [(name, say.format_estimate(*row), "") for name, *row in say.parameter_rows(self.document["effects"])]
         rows += [
-            (f"explanation {place}", joined(map(say.effect_in_words, effects)), "")
+            (f"explanation {place}", joined(map(say.format_effect, effects)), "")
             for place, effects in enumerate(self.document["equivalent"], 1)
         ]
         words = {"identify": "data used for fitting", "confirm": "held-out data"}
@@ -1020,7 +1020,7 @@ class Preflight(Result):
     @property
     def text(self) -> str:
         """The report of `jointgap preflight`."""
-        return plan.preflight_in_words(self.detectable, self.confusability, self.advice)
+        return plan.preflight_summary(self.detectable, self.confusability, self.advice)
 
     @property
     def figures(self) -> Mapping[str, str]:
@@ -1034,9 +1034,11 @@ class Preflight(Result):
     def _rows(self) -> list[Row]:
         shown = self.detectable[self.detectable["detectable"]].itertuples()
         sizes = ((row, "shows " if row.falls else "shows from ") for row in shown)
-        rows: list[Row] = [(say.label_in_words(row.label), words + say.shown_size(row), "") for row, words in sizes]
-        rows += [(say.label_in_words(label), "not detectable", "") for label in plan.undetectable(self.detectable)]
-        rows += [("cannot be distinguished", joined(map(say.label_in_words, group)), "") for group in self.merged]
+        rows: list[Row] = [
+            (say.format_label(row.label), words + say.format_detectable(row), "") for row, words in sizes
+        ]
+        rows += [(say.format_label(label), "not detectable", "") for label in plan.undetectable(self.detectable)]
+        rows += [("cannot be distinguished", joined(map(say.format_label, group)), "") for group in self.merged]
         return rows
 
 

@@ -187,13 +187,13 @@ _LEGEND = (
 def verdict_lines(folder: Path) -> list[str]:
     """The verdict of a campaign: answer, sizes with intervals, gap on held-out data, and the page's path."""
     content = verdict_json.read(folder / VERDICT)
-    basis = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
-    lines = [f"campaign {content['campaign']}: {say.answer(content)}", *say.left_out_in_words(content)]
+    told = {"samples": "compared sample by sample", "statistics": "compared by statistics over cycles"}
+    lines = [f"campaign {content['campaign']}: {say.answer(content)}", *say.left_out_summary(content)]
     for effect in content["effects"]:
         for words, *row in say.parameter_rows([effect]):
-            lines.append(f"{say.effect_in_words(effect)}: {words} {say.sure_value(*row)}")
-    gap = say.held_out_in_words(content)
-    lines.append(f"gap (1 is noise), {basis[content['basis']]}: {gap[:1].lower()}{gap[1:]}")
+            lines.append(f"{say.format_effect(effect)}: {words} {say.format_estimate(*row)}")
+    gap = say.held_out_summary(content)
+    lines.append(f"{gap} (1 is noise; {told[content['basis']]})")
     return "\n  ".join([*lines, f"page: {folder / SUMMARIES[1]}"]).split("\n")
 
 

@@ -1,4 +1,4 @@
-"""A campaign: measured runs of a rig against its model, from the files to a verdict.
+"""Campaigns: measured runs of a rig compared with its model, from the files to a verdict.
 
-Its stages stand in `jointgap.campaign.stages`; `jointgap.campaign.analyse.analyse` runs them all.
+`jointgap.campaign.stages` contains the stages; `jointgap.campaign.analyse.analyse` runs them all.
 """

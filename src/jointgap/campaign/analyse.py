@@ -1,4 +1,4 @@
-"""All stages of a campaign in one process: first those from which the verdict is made, then those that add to it."""
+"""All stages of a campaign in one process: first those required for the verdict, then the optional ones."""
 
 import time
 from pathlib import Path
@@ -27,15 +27,15 @@ def analyse(
     pictures: bool = False,
     anyway: bool = False,
 ) -> dict[str, Any]:
-    """Find where model and measurement of a campaign disagree and what is missing."""
+    """Run the stages of a campaign and return the content of ``verdict.json``."""
     state, seconds = CampaignState(Path(campaign), Path(folder), settings), {}
     made_from = CAMPAIGN_STAGES.needed_for("confirm")
-    # the optimum is no part of the verdict, which is concluded here without its figures
+    # the optimum and the figures are no part of the verdict
     names = [*made_from, *(name for name in ("preflight", "locate", "augment") if name not in made_from)]
     stages = [CAMPAIGN_STAGES[name] for name in names]
     state.folder.check_writable(*(path for name in (*names, "conclude") for path in CAMPAIGN_STAGES[name].outputs()))
     _remove_conclusions(state.folder)
-    # advice is sought where the verdict needs it
+    # advice only if the verdict needs it
     options = {"measure": {"pictures": pictures}, "preflight": {"advice": False}, "noise": {"anyway": anyway}}
     for stage in with_progress(stages, "stages of the analysis"):
         begin, own = time.monotonic(), options.get(stage.name, {})
@@ -47,7 +47,7 @@ def analyse(
 
 
 def run_if_possible(stage: Stage, state: CampaignState, **options: Any) -> str | None:
-    """Run a stage that only adds to the verdict: if it fails that is noted, and its tables are empty."""
+    """Run an optional stage; if it fails, note the error and write empty tables."""
     with noted(state.folder, stage.name):
         return stage.function(state, **options)
     for table in stage.writes:
@@ -58,9 +58,7 @@ def run_if_possible(stage: Stage, state: CampaignState, **options: Any) -> str |
 
 
 def _remove_conclusions(folder: ResultsFolder) -> None:
-    """Remove what an earlier analysis came to: beside the tables of one that fails half-way it would pass for its
-    result.
-    """
+    """Remove the results of an earlier analysis, so that an interrupted one does not show them as its own."""
     places = [folder.place(table) for table in (ADVICE, CAMPAIGN_OPTIMUM)]
     places += [folder.place(DECISION, stage) for stage in ("decide", "regress", "verdict")]
     places += [*(folder.path / "failed").glob("*.txt")]

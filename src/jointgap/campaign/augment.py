@@ -1,4 +1,4 @@
-"""The mechanism with what was found."""
+"""The mechanism file with the identified effects."""
 
 import math
 import re
@@ -10,7 +10,7 @@ import pandas as pd
 import yaml
 
 from jointgap.campaign.fits_on_disk import Outcome, clockwise, nuisances_as_read
-from jointgap.campaign.sentences import effect_in_words, estimate_row, is_fault, parameter_rows, sure_value
+from jointgap.campaign.sentences import estimate_row, format_effect, format_estimate, is_fault, parameter_rows
 from jointgap.config import Mechanism, Simulate
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import validate
@@ -24,28 +24,28 @@ from jointgap.dynamics.simulation import simulate
 from jointgap.identification.fit import determined_values, effect_estimates, is_taken_over
 from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
 
-DIGITS = 7  # of a number that was found: far below what it is known to, and far from digits that mean nothing
-EXACT = 17  # digits that every number keeps its value with
-_WIDTH = 110  # [characters] of a line of YAML: short lists stay on one
-_SAMPLES = 360  # of the one revolution that is shown
+DIGITS = 7  # significant digits of identified values
+EXACT = 17  # digits that preserve every double
+_WIDTH = 110  # [characters] of a YAML line, so that short lists stay on one line
+_SAMPLES = 360  # per revolution
 _SETTLES = 2  # revolutions
 
 
-def as_written(new: Any, old: Any, text: Any = None, digits: int = DIGITS) -> Any:
-    """`new` content of a file in the words, and in the units, of the `text` that its `old` content was read from."""
+def in_file_convention(new: Any, old: Any, text: Any = None, digits: int = DIGITS) -> Any:
+    """`new` content of a file with the keys and units of the `text` that contained the `old` content."""
     if new == old and text is not None:
         return text
     if isinstance(new, Mapping):
         before, written = (part if isinstance(part, Mapping) else {} for part in (old, text))
         return {
-            key: as_written(value, before.get(key), written.get(key), digits)
+            key: in_file_convention(value, before.get(key), written.get(key), digits)
             for key, value in new.items()
             if key in written or not isinstance(text, Mapping) or before.get(key) != value
         }
     if isinstance(new, list | tuple):
         before, written = (part if isinstance(part, list | tuple) else () for part in (old, text))
         parts = zip_longest(new, before[: len(new)], written[: len(new)])
-        return [as_written(*part, digits) for part in parts]
+        return [in_file_convention(*part, digits) for part in parts]
     if not isinstance(new, float) or new == old:
         return new
     if isinstance(text, str) and isinstance(old, float) and old:
@@ -59,9 +59,9 @@ def as_written(new: Any, old: Any, text: Any = None, digits: int = DIGITS) -> An
 def missing_force(
     base: Mechanism, augmented: Mechanism, speeds: Mapping[str, float], clockwise: Collection[str] = ()
 ) -> pd.DataFrame:
-    """Force on the slider and torque on the crank of the augmented model less those of the base, at the same motion.
+    """Slider force and crank torque of the augmented model minus those of the base, at the same motion.
 
-    Effects that act otherwise (masses, lengths, clearances, sensors) leave both at zero.
+    Both are zero for masses, lengths, clearances and sensor faults.
     """
     parts = []
     for run, speed in speeds.items():
@@ -89,8 +89,8 @@ def _along(run: str, base: Mechanism, augmented: Mechanism, speed: float) -> pd.
 
 
 def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechanism]:
-    """The recalibrated mechanism without and with the effects of the verdict; parameters that the data do not determine
-    stay as stated.
+    """The mechanism with re-fitted parameters, without and with the effects of the verdict; parameters that the data do
+    not determine keep the stated values.
     """
     chosen = outcome.chosen
     augmented = augmented_mechanism(campaign.mechanism, chosen.hypothesis, determined_values(chosen))
@@ -99,14 +99,14 @@ def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechani
 
 
 def augment(campaign: Campaign, outcome: Outcome, text: Mapping[str, Any] | None = None) -> tuple[str, pd.DataFrame]:
-    """The augmented mechanism as a YAML file in the user's words, and what its effects push and turn with."""
+    """The augmented mechanism as YAML with the user's keys and units, and table `MISSING_FORCE`."""
     plain, augmented = mechanisms(campaign, outcome)
     new, old = (mechanism.model_dump(mode="json") for mechanism in (augmented, campaign.mechanism))
-    content = as_written(new, old, text)
+    content = in_file_convention(new, old, text)
     try:
-        validate(Mechanism, content, "the mechanism with what was found")
-    except InputError:  # a number at its bound, which fewer digits put beyond it
-        content = as_written(new, old, text, EXACT)
+        validate(Mechanism, content, "the augmented mechanism")
+    except InputError:  # rounding moved a value beyond its bound
+        content = in_file_convention(new, old, text, EXACT)
     body = yaml.safe_dump(content, sort_keys=False, width=_WIDTH, allow_unicode=True)
     speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
     force = pd.DataFrame(columns=MISSING_FORCE.names)
@@ -117,17 +117,14 @@ def augment(campaign: Campaign, outcome: Outcome, text: Mapping[str, Any] | None
 
 def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
-    lines = [f"The mechanism of campaign {campaign.name} with what was found: {outcome.verdict.replace('_', ' ')}."]
+    lines = [f"Augmented mechanism of campaign {campaign.name}. Verdict: {outcome.verdict.replace('_', ' ')}."]
     for p, estimate in nuisances_as_read(chosen, clockwise(campaign)):
-        kept = "" if p.run or is_taken_over(p, estimate) else ": not taken over"
+        kept = "" if p.run or is_taken_over(p, estimate) else ": stated value kept"
         name, *row = estimate_row(format_nuisance(p.key), estimate, p.unit)
-        lines.append(f"{name}: {sure_value(*row)}{kept}")
+        lines.append(f"{name}: {format_estimate(*row)}{kept}")
     for candidate in chosen.hypothesis:
         effect = {"name": candidate.name, "site": candidate.site, "parameters": effect_estimates(chosen, candidate)}
-        note = " (a fault of the sensor, no part of the mechanism)" if is_fault(effect) else ""
+        note = " (a sensor fault, not part of the mechanism)" if is_fault(effect) else ""
         for name, *row in parameter_rows([effect]):
-            lines.append(f"{effect_in_words(effect)}: {name}: {sure_value(*row)}{note}")
-    return [
-        *lines,
-        "Values that belong to one run, and intervals, are for reading only. A number without a unit is SI.",
-    ]
+            lines.append(f"{format_effect(effect)}: {name}: {format_estimate(*row)}{note}")
+    return [*lines, "Run-specific values and intervals are for information only. Numbers without a unit are in SI."]

@@ -30,11 +30,11 @@ FIT_TABLES = (
 )
 NOISE_TABLES = (schema.NOISE, schema.NOISE_MEMORY, schema.NOISE_DRIVE)
 OUTCOME_TABLES = (*FIT_TABLES, schema.RANKING, schema.DECISION, schema.FIT_PARAMETERS)
-"""Tables that hold fits, noise, and what a stage came to."""
+"""Tables of fits, noise and outcomes of stages."""
 
 MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
 SUMMARIES = ("summary.md", "summary.html")
-"""What a campaign comes to, in its folder of results."""
+"""Result files of a campaign."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class CampaignFiles:
     """Files of one campaign."""
 
     campaign: str  # The campaign file
-    plan: tuple[str, ...]  # It and the mechanism that it names
+    plan: tuple[str, ...]  # The campaign file and its mechanism file
     data: tuple[str, ...]  # One of each run
-    parts: int  # Jobs that share the fits
+    parts: int  # Number of parallel jobs for the fits
 
 
 def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[str, CampaignFiles]:
@@ -68,7 +68,7 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
         campaign = load_campaign(file)
         if campaign.name in found:
             both = f"{found[campaign.name].campaign} and {file}"
-            raise InputError(f"campaigns: {both} are both called '{campaign.name}'; give each its own name")
+            raise InputError(f"campaigns: {both} have the same name '{campaign.name}'; give each its own name")
         for run in campaign.runs:
             if not os.path.isfile(campaign.folder / run.file):
                 raise InputError(
@@ -78,8 +78,8 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
         if braced := [read for read in (*planned, *data) if "}" in read.partition("{")[2]]:
             raise InputError(
-                f"{file}: the path {braced[0]} holds braces, which Snakemake takes for a wildcard; rename the folder "
-                "or file, or run `jointgap analyse`, which takes any path"
+                f"{file}: the path {braced[0]} contains braces, which Snakemake reads as a wildcard; rename the folder "
+                "or file, or run `jointgap analyse`"
             )
         shared = parts or (2 if campaign.mechanism.applied().loose else 1)
         found[campaign.name] = CampaignFiles(str(file), planned, data, shared)
@@ -87,7 +87,7 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
 
 
 def plan(file: Path) -> tuple[str, ...]:
-    """A campaign file and the mechanism file that it names, if it names one."""
+    """A campaign file and its mechanism file, if any."""
     from jointgap.config import read_yaml
     from jointgap.config.yaml_files import mechanism_file
 
@@ -98,12 +98,12 @@ def plan(file: Path) -> tuple[str, ...]:
 
 @contextmanager
 def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
-    """Around what only adds to a verdict: an error is noted in the results `folder` as `what`, and the rest goes on."""
+    """Context of an optional step `what`: an error is noted in the results `folder`, and the analysis continues."""
     place = folder.path / "failed" / f"{what}.txt"
     place.unlink(missing_ok=True)
     try:
         yield
-    except OSError:  # a full disk is not this one's fault
+    except OSError:  # such as a full disk
         raise
     except Exception as error:
         kind = "" if isinstance(error, InputError | SimulationError) else f"{type(error).__name__}: "
@@ -111,27 +111,27 @@ def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
 
 
 def failures(folder: "ResultsFolder") -> dict[str, str]:
-    """Why something failed that only adds to the verdict, in a line, by its name."""
+    """The error of each optional step that failed, in a line, by step."""
     places = sorted((folder.path / "failed").glob("*.txt"))
     return {place.stem: place.read_text(encoding="utf-8").partition("\n")[0] for place in places}
 
 
 def config_snapshot(campaign: "Campaign") -> "pd.DataFrame":
-    """Table `CONFIG_SNAPSHOT`: every key of a campaign and its mechanism, with its value."""
+    """Table `CONFIG_SNAPSHOT`: keys and values of a campaign and its mechanism."""
     import pandas as pd
 
     from jointgap.config.yaml_files import leaves
 
-    # a campaign may be renamed, dated or moved without its data becoming others
+    # name, date and folder do not change the data
     content = campaign.model_dump(mode="json", exclude={"name", "date", "folder"})
     content["runs"] = {run.pop("id"): run for run in content["runs"]}
-    content["nuisance"] = dict(campaign.nuisance)  # to the last digit
+    content["nuisance"] = dict(campaign.nuisance)  # with all digits
     rows = [(".".join(path), json.dumps(value)) for path, value in leaves(content)]
     return pd.DataFrame(rows, columns=["key", "value"])
 
 
 def check_unchanged(campaign: "Campaign", snapshot: "pd.DataFrame") -> None:
-    """Make sure that a campaign file says what it did when its data were read: fits are kept sample by sample."""
+    """InputError if a campaign file has changed since its data were read."""
     now, then = (
         dict(zip(table["key"], table["value"], strict=True)) for table in (config_snapshot(campaign), snapshot)
     )
@@ -141,5 +141,5 @@ def check_unchanged(campaign: "Campaign", snapshot: "pd.DataFrame") -> None:
     what = f"{changed}: {then.get(changed, 'absent')} then, {now.get(changed, 'absent')} now"
     raise InputError(
         f"campaign {campaign.name}: the file has changed since its data were read ({what if changed else 'other order'}"
-        "; SI); run `jointgap measure` on it again, and the stages after it"
+        "; SI); repeat `jointgap measure` and the later stages"
     )

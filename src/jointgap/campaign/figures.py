@@ -15,28 +15,28 @@ from jointgap.identification.settings import DEFAULT_SETTINGS
 FIGURES = plot.Figures()
 figure = FIGURES.figure
 Tables, Verdict = Mapping[str, pd.DataFrame], Mapping[str, Any]
-_FIRST, _WHERE, _WHAT = "Measured and predicted", "Where", "What is missing"
-_BETTER, _PLAN = "What it brings", "What could be found"
+_FIRST, _WHERE, _WHAT = "Measured and predicted", "Location of the residual", "Missing effects"
+_BETTER, _PLAN = "Improvement", "Detectability"
 
 SPREADS = "standard deviations of the noise"
 MEAN = Quantity("mean residual", SPREADS)
 GAP = Quantity("gap: root mean square residual", SPREADS)
-COSINE = Quantity("cosine of the signatures", "1")
+COSINE = Quantity("cosine of the sensitivities", "1")
 _SAMPLE, _RUN, _EFFECT = Quantity("sample", "1"), Quantity("run", ""), Quantity("effect", "")
 
 BAND = 2.0
-"""Half of the noise band in standard deviations: 95 % of the samples of a true model lie inside."""
+"""Half width of the noise band in standard deviations: it contains 95 % of the samples of a true model."""
 
-BASE = "the model as it stands"
+BASE = "the current model"
 MODELS = {"before": "base", "after": "augmented"}
 """Names of the models in tables, by series."""
 
-MOST_RUNS = 3  # beside each other, so that they can be read on a page
-RANKED = 8  # explanations by one effect that are shown, and by more
+MOST_RUNS = 3  # columns that are readable on a page
+RANKED = 8  # explanations shown with one effect, and with several
 
 
 def list_rows(panel: Panel, names: Sequence[str]) -> None:
-    """The `names` down the ordinate of a `panel`, the first on top."""
+    """Label the ordinate of a `panel` with `names`, the first on top."""
     panel.rows(names, range(len(names)))
     panel.axes.set_ylim(len(names) - 0.4, -0.6)
     panel.axes.grid(True, axis="y", alpha=0.5)
@@ -44,7 +44,6 @@ def list_rows(panel: Panel, names: Sequence[str]) -> None:
 
 
 def _moments(before: pd.Series, after: pd.Series) -> list[str]:
-    """What is shown: nothing after where nothing was added."""
     return ["before", "after"] if (before != after).any() else ["before"]
 
 
@@ -63,14 +62,14 @@ def _band(panel: Panel, x: np.ndarray, half: np.ndarray, label: str) -> None:
     "Measured against the model",
     _FIRST,
     ("residuals", "channel_errors"),
-    nothing="no sample could be compared with the model",
+    nothing="no sample to compare with the model",
 )
 def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
-    """One revolution of each channel in the unit of its column: measured, and predicted before and after effects were
-    added. Below each: the residual, with the root mean square of the whole run in the title; grey band: two
-    standard deviations of the noise. Held-out runs come first, three runs at most, then the channel with the
-    largest residual; numbers of all: table channel_errors. A crank angle is shown as its deviation from steady
-    rotation. If nothing was identified, "after" shows the best candidate, if any.
+    """One revolution of each channel in the unit of its column: measured, and predicted before and after adding the
+    effects. Below: the residual; the title gives its root mean square over the run. Grey band: two standard
+    deviations of the noise. At most three runs, held-out ones first; channels by size of the residual. Table
+    channel_errors has all numbers. A crank angle is shown as deviation from steady rotation. If nothing was
+    identified, "after" shows the best candidate, if any.
     """
     samples, errors = tables["residuals"], tables["channel_errors"]
     moments = _moments(samples["base"], samples["augmented"])
@@ -85,7 +84,7 @@ def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
         lowest = None
         for row, channel in enumerate(channels):
             if (key := (run.run, channel, run.held_out)) in series:
-                if lowest is not None:  # the scale stands below the lowest alone
+                if lowest is not None:  # only the lowest panel has a scale
                     _no_scale(lowest)
                 lowest = _pair(sheet, 2 * row, column, series[key], errors.loc[key], moments)
     sheet.legend()
@@ -93,7 +92,7 @@ def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
 
 
 def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.Series, moments: list[str]) -> Panel:
-    """Measured and predicted above measured less predicted, of one channel of one run; the lower panel."""
+    """Draw measured and predicted values of a channel above their difference; return the lower panel."""
     run, channel, held_out = error.name
     angular = samples["crank_angle"].notna().any()
     shown = _one_revolution(samples) if angular else samples
@@ -101,7 +100,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
     x = np.degrees(angle % tau) if angular else shown["sample"].to_numpy(dtype=float)
     words, unit = format_name(channel), format_unit(error["unit"])
     less = angle if channel == "crank_angle" else 0.0
-    name = "less steady rotation" if channel == "crank_angle" else words.split()[-1]
+    name = "minus steady rotation" if channel == "crank_angle" else words.split()[-1]
     names = ["measured", *(MODELS[moment] for moment in moments), "spread"]
     measured, *predicted, spread = (shown[each].to_numpy(dtype=float) / error["si_per_unit"] for each in names)
     title = f"{words}\n{run}, {error['speed'] * 30.0 / pi:.4g} rpm{', held out' if held_out else ''}"
@@ -116,7 +115,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
         style = {"linestyle": (0, (5, 1.5))} if moment == "before" else {}
         above.line(f"model {moment}", x, model - less, moment, linewidth=1.4, **style)
         below.line(f"measured − model {moment}", x, measured - model, moment, linewidth=0.9)
-        below.axes.lines[-1].set_label("")  # its colour says which
+        below.axes.lines[-1].set_label("")  # same colour as above
     _band(below, x, BAND * spread, "95 % of the noise")
     if angular:
         below.over_crank_angle(0.0, 360.0, step=90.0)
@@ -124,7 +123,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
 
 
 def _one_revolution(samples: pd.DataFrame) -> pd.DataFrame:
-    """The last whole revolution, its samples in the order of their angle."""
+    """The last full revolution, sorted by angle."""
     known = samples[samples["crank_angle"].notna()]
     turn = np.floor(known["crank_angle"] / tau)
     count = turn.value_counts()
@@ -137,12 +136,12 @@ def _one_revolution(samples: pd.DataFrame) -> pd.DataFrame:
     "Map of disagreement",
     _WHERE,
     ("map_bins", "map_windows"),
-    nothing="no sample could be compared with the model",
+    nothing="no sample to compare with the model",
 )
 def disagreement(tables: Tables, verdict: Verdict) -> Drawing:
-    """Mean residual of the current model with re-fitted parameters, by channel, run and crank angle, in standard
-    deviations of the noise; red: the measurement is above. Outlined: windows with a significant residual (false-
-    discovery rate 1 %). The colour scale is linear up to 1 and logarithmic beyond.
+    """Mean residual of the current model with re-fitted parameters by channel, run and crank angle, in standard
+    deviations of the noise. Red: measured above predicted. Outlined: windows with a significant residual
+    (false-discovery rate 1 %). The colour scale is linear up to 1 and logarithmic beyond.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import SymLogNorm
@@ -184,9 +183,9 @@ def _record_spans(panel: Panel, series: str, place: int, run: str, spans: pd.Dat
 def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
     from matplotlib.patches import Rectangle
 
-    across = windows["start_deg"] >= windows["end_deg"]  # of dead centre: outlined at both ends
+    across = windows["start_deg"] >= windows["end_deg"]  # across dead centre: outlined at both ends
     ends = windows.assign(end_deg=windows["end_deg"].where(~across, 360.0)), windows[across].assign(start_deg=0.0)
-    series = "window with a disagreement"
+    series = "window with a significant residual"
     for spans in ends:
         for low, high in zip(spans["start_deg"], spans["end_deg"], strict=True):
             frame = Rectangle((low, place - 0.43), high - low, 0.86, fill=False, edgecolor=plot.INK, linewidth=1.3)
@@ -200,13 +199,13 @@ def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
     "Residuals before and after",
     _WHERE,
     ("residuals",),
-    nothing="no sample could be compared with the model",
+    nothing="no sample to compare with the model",
 )
 def residuals(tables: Tables, verdict: Verdict) -> Drawing:
-    """Residual over the standard deviation of noise and numerics, by crank angle: dots are samples, lines their means
-    over 5 deg. Before: no effect added, parameters re-fitted unless nominal ones suffice; after: with the effects
-    of the verdict. A true model keeps 95 % of its samples in the grey band. Large residuals: linear scale inside
-    the band, logarithmic outside.
+    """Residual by crank angle in standard deviations of noise and solver error: dots are samples, lines are means over
+    5 deg. Before: no effect added, parameters re-fitted unless nominal ones suffice. After: with the effects of the
+    verdict. The grey band contains 95 % of the samples of a true model. For large residuals the scale is linear
+    inside the band and logarithmic outside.
     """
     samples = tables["residuals"]
     whitened = {moment: (samples["measured"] - samples[model]) / samples["spread"] for moment, model in MODELS.items()}
@@ -223,7 +222,7 @@ def residuals(tables: Tables, verdict: Verdict) -> Drawing:
         _dots(panel, own.dropna(subset=["crank_angle"]) if angular else own, moments, angular)
         panel.axes.set_ylim(-1.08 * largest[channel], 1.08 * largest[channel])
         if largest[channel] > 12.0:
-            panel.linear_then_logarithmic(BAND, named=False)  # the band of the noise stands there
+            panel.linear_then_logarithmic(BAND, named=False)
             panel.axes.set_ylabel(f"logarithmic beyond {BAND:g}\n{panel.y.label}")
             panel.axes.set_ylim(-1.5 * largest[channel], 1.5 * largest[channel])
         if channel != last[run]:
@@ -236,7 +235,7 @@ def residuals(tables: Tables, verdict: Verdict) -> Drawing:
 
 
 def _dots(panel: Panel, samples: pd.DataFrame, moments: list[str], angular: bool, most: int = 1500) -> None:
-    """Some of the samples, and means of all of them in 72 equal intervals, which are 5 deg."""
+    """Some of the samples, and means of all samples in 72 equal intervals (5 deg)."""
     x = (np.degrees(samples["crank_angle"]) % 360.0 if angular else samples["sample"]).to_numpy(dtype=float)
     few = np.unique(np.linspace(0, len(x) - 1, min(most, len(x))).astype(int))
     edges = np.linspace(x.min(), x.max(), 73)
@@ -244,8 +243,8 @@ def _dots(panel: Panel, samples: pd.DataFrame, moments: list[str], angular: bool
     style = {"marker": ".", "markersize": 2.0, "alpha": 0.3, "markeredgewidth": 0.0, "rasterized": True}
     for moment in moments:
         panel.marks(f"{moment}, samples", x[few], samples[moment].to_numpy()[few], moment, **style)
-        panel.axes.lines[-1].set_label("")  # dots as small as these cannot be seen in a legend
-        means = samples[moment].groupby(place).mean().reindex(range(72))  # NaN where there is none breaks the curve
+        panel.axes.lines[-1].set_label("")  # too small for the legend
+        means = samples[moment].groupby(place).mean().reindex(range(72))  # NaN of an empty interval breaks the curve
         panel.line(f"{moment}, mean", (edges[1:] + edges[:-1]) / 2.0, means, moment, linewidth=1.3, zorder=3)
     _band(panel, np.array([x.min(), x.max()]), np.full(2, BAND), f"noise: {BAND:g} standard deviations")
     if angular:
@@ -258,7 +257,7 @@ _KINDS = {
     "pair": ("two effects", "pair"),
     "formula": ("formula", "formula"),
 }
-_PLACES = {"named": "named", "equivalent": "cannot be told apart", "best_known": "best known, not proven"}
+_PLACES = {"named": "named", "equivalent": "equivalent", "best_known": "best candidate, not confirmed"}
 _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 
 
@@ -267,14 +266,14 @@ _APART = DEFAULT_SETTINGS.decision.min_delta_bic
     "Candidates ranked",
     _WHAT,
     ("ranking",),
-    nothing="no candidate was fitted: nothing is there to be explained",
+    nothing="no candidate was fitted, as there is no significant residual",
 )
 def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     """Each candidate was added to the model and fitted together with all uncertain parameters. Left: its Bayesian
-    information criterion above that of the best (linear up to 10, logarithmic beyond); a difference beyond 10 is
-    very strong evidence. Right: share of the misfit beyond noise that it explains. Diamonds: named, or equivalent.
-    A list always has a best member, even if the true effect is missing: check that only noise is left. All fits,
-    with reasons of failures: table ranking.
+    information criterion (BIC) minus that of the best candidate, linear up to 10, logarithmic beyond; more than 10 is
+    very strong evidence. Right: the explained share of the misfit beyond noise. Diamonds: named or equivalent. The
+    first candidate may be wrong if the list lacks the true effect: check that the residual is noise. Table ranking has
+    all fits and the reasons of failures.
     """
     from matplotlib.ticker import FixedLocator
 
@@ -285,10 +284,10 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     names = [format_name(label).replace(" + ", " +\n") for label in best["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
     shown = {
-        Quantity("evidence against it: BIC above the best", "1"): best["delta_bic"].max() - best["delta_bic"],
-        Quantity("share explained", "1"): best["explained_share"].clip(-0.1, 1.1),
+        Quantity("BIC minus that of the best", "1"): best["delta_bic"].max() - best["delta_bic"],
+        Quantity("explained share", "1"): best["explained_share"].clip(-0.1, 1.1),
     }
-    titles, place = ("behind the best", "misfit explained"), np.arange(len(best))
+    titles, place = ("distance to the best", "explained misfit"), np.arange(len(best))
     for column, (quantity, values) in enumerate(shown.items()):
         panel = sheet.panel((0, column), titles[column], quantity, Quantity("explanation", ""))
         series = {
@@ -303,7 +302,7 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
         list_rows(panel, names)
     behind, share = sheet.panels
     farthest = max(float(best["delta_bic"].max() - best["delta_bic"].min()), _APART)
-    behind.vertical_line("told apart from here on", _APART)
+    behind.vertical_line("very strong evidence from here", _APART)
     behind.axes.set_xscale("symlog", linthresh=_APART, linscale=0.7)
     decades = 10.0 ** np.arange(1, 12)
     plot.label_ticks(behind.axes.xaxis, FixedLocator([0.0, *decades[decades <= 1.5 * farthest]]))
@@ -325,12 +324,12 @@ _COLOURS = ("paper", "after", "network", "second surrogate", "spline", "other", 
     "The missing force",
     _WHAT,
     ("missing_force",),
-    nothing="no force or torque was named, so none is shown",
+    nothing="no force or torque was identified",
 )
 def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
-    """Force on the slider, or torque on the crank, of the named effects along one settled revolution of each fitted
-    run: over velocity, over position (crank angle for a torque), and as colour over both. Effects that are no force
-    (a mass, a length, a clearance, a sensor fault) have none.
+    """Force on the slider, or torque on the crank, of the named effects over one steady-state revolution of each fitted
+    run: over velocity, over position (a torque: over crank angle), and as colour over both. A mass, a length, a
+    clearance or a sensor fault exerts no force.
     """
     samples = tables["missing_force"]
     shown = {name: force for name, force in FORCES.items() if samples[name].abs().max() > 0.0}
@@ -344,7 +343,7 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
             panel = sheet.panel((row, column), f"{force.name} over {quantity.name}", quantity, force)
             for number, run in enumerate(samples["run"].unique()):
                 own = samples["run"] == run
-                style = {"linewidth": 5.0 * 0.5**number + 0.7}  # one curve may lie on the others
+                style = {"linewidth": 5.0 * 0.5**number + 0.7}  # curves may coincide
                 colour = _COLOURS[number % len(_COLOURS)]
                 panel.line(f"run {run}", values[quantity][own], samples[name][own], colour, **style)
             panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
@@ -361,13 +360,13 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-ROLES = {"confirm": "held out: took no part in fitting or choosing", "identify": "used for fitting"}
+ROLES = {"confirm": "held-out data", "identify": "fitted data"}
 
 
-@figure("gaps", "Gap before and after", _BETTER, ("gaps",), nothing="no gap was taken")
+@figure("gaps", "Gap before and after", _BETTER, ("gaps",), nothing="no gap was computed")
 def gaps(tables: Tables, verdict: Verdict) -> Drawing:
-    """Root mean square residual over the standard deviation of the noise, by run and channel, with 90 % bootstrap
-    intervals; 1 is noise. Held-out runs took no part in fitting or choosing; run-specific values (speed, start
+    """Root mean square residual in standard deviations of the noise by run and channel, with 90 % bootstrap intervals;
+    1 is noise. Held-out data were used neither for fitting nor for selection. Run-specific values (speed, start
     angle) were fitted for each run, before and after.
     """
     from matplotlib.ticker import LogLocator
@@ -409,17 +408,17 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     "Optimum before and after",
     _BETTER,
     ("campaign_optimum",),
-    nothing="nothing to optimise: no effect was added to the mechanism, or no joint of it is loose",
+    nothing="no optimum: no effect was added to the mechanism, or all joints are ideal",
 )
 def optimum(tables: Tables, verdict: Verdict) -> Drawing:
-    """Link lengths with the smallest error of the transmission angle, on the current model (before) and on the model
-    with the effects of the verdict (after). Right: RMS error at the original and at the optimal lengths with frozen
-    joint motion, its reduction there, and the reduction when simulated again. A model without a loose joint has no
-    optimum.
+    """Link lengths with the smallest error of the transmission angle, for the current model (before) and with the
+    effects of the verdict (after). Right: RMS error at the original and the optimal lengths, with the reduction.
+    Frozen: estimate with unchanged joint motion. Re-simulated: the result that counts. A model without loose joints
+    has no optimum.
     """
     optima = tables["campaign_optimum"].dropna(subset=["crank_length"])
     if optima.empty:
-        return plot.message_sheet("Optimum before and after", "the model could not be optimised again: see the summary")
+        return plot.message_sheet("Optimum before and after", "the optimisation failed: see the summary")
     series = {model: moment for moment, model in MODELS.items()}
     optima = optima.assign(series=optima["model"].map(series)).sort_values(["source", "model"], ascending=[True, False])
     rows = list(optima.itertuples())
@@ -435,17 +434,18 @@ def optimum(tables: Tables, verdict: Verdict) -> Drawing:
         diamond = {"labels": [row.source], "marker": "D"}
         for panel, length in zip(panels, (row.crank_length, row.rod_length), strict=False):
             panel.marks(row.series, [1e3 * length], [place], row.series, **diamond)
-            _beside(panel, 1e3 * length, place, f"{1e3 * length:.2f} mm{', at a bound' if row.at_edge else ''}")
+            _annotate(panel, 1e3 * length, place, f"{1e3 * length:.2f} mm{', at a bound' if row.at_edge else ''}")
         original, optimal = (1e3 * np.degrees(value) for value in (row.rms_before, row.rms_after))
-        error.line("fall", [original, optimal], [place, place], "limit", linewidth=1.0)
+        error.line("reduction", [original, optimal], [place, place], "limit", linewidth=1.0)
         error.axes.lines[-1].set_label("")
         error.marks("original lengths", [original], [place], "other", labels=[row.source], markerfacecolor="white")
         error.marks("optimal lengths", [optimal], [place], row.series, **diamond)
-        again = "" if pd.isna(row.resimulated) else f", simulated again {percent(-row.resimulated)}"
-        _beside(error, 0.0, place, f"{percent(-row.reduction)}{again}".replace("-", "−"))
+        changes = {"frozen": -row.reduction, "re-simulated": -row.resimulated}
+        texts = [f"{name} {percent(change).replace('-', '−')}" for name, change in changes.items() if pd.notna(change)]
+        _annotate(error, 0.0, place, ", ".join(texts))
     for panel, length in zip(panels, ("crank_length", "rod_length"), strict=False):
         low, high = 1e3 * optima[length].min(), 1e3 * optima[length].max()
-        half = max(0.75 * (high - low), 1e-3 * (low + high))  # a change of a thousandth looks small
+        half = max(0.75 * (high - low), 1e-3 * (low + high))  # so that a change of 0.1 % looks small
         panel.axes.set_xlim((low + high) / 2.0 - half, (low + high) / 2.0 + half)
         panel.axes.locator_params(axis="x", nbins=4)
     error.axes.set_xlim(0.0, 1.08e3 * np.degrees(optima["rms_before"].max()))
@@ -456,18 +456,16 @@ def optimum(tables: Tables, verdict: Verdict) -> Drawing:
     return sheet.drawing()
 
 
-def _beside(panel: Panel, x: float, place: float, text: str) -> None:
+def _annotate(panel: Panel, x: float, place: float, text: str) -> None:
     style = {"ha": "center" if x else "left", "va": "bottom", "fontsize": 8.0}
     panel.axes.annotate(text, (x, place), (0, 5), textcoords="offset points", **style)
 
 
-@figure(
-    "confusability", "Effects that look alike", _PLAN, ("confusability",), nothing="there are no candidates to compare"
-)
+@figure("confusability", "Confusable effects", _PLAN, ("confusability",), nothing="there are no candidates to compare")
 def confusability(tables: Tables, verdict: Verdict) -> Drawing:
-    """Cosine between the changes that two effects make in the measured channels, whitened and after re-fitting
-    uncertain parameters; 1: these runs cannot tell them apart at any size. Outlined: effects that count as one.
-    Known before measuring.
+    """Cosine between the changes of the measured channels that two effects cause, in units of the noise and after
+    re-fitting uncertain parameters. 1: these runs cannot distinguish them at any size. Outlined: effects counted as
+    one. No measured data are used.
     """
     from matplotlib.patches import Rectangle
 
@@ -483,7 +481,7 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
     cosine, count = matrix.loc[labels, labels].to_numpy(), len(labels)
     size = 3.6 + 0.25 * count
     sheet = Sheet(size * 0.95, 1, 1, width=size)
-    panel = sheet.panel((0, 0), "how alike the effects look", _EFFECT, _EFFECT)
+    panel = sheet.panel((0, 0), "similarity of effects", _EFFECT, _EFFECT)
     drawn = panel.axes.imshow(cosine, cmap="Blues", vmin=0, vmax=1)
     y, x = (place.ravel().astype(float) for place in np.indices(cosine.shape))
     shown = {"label": [f"{first} / {second}" for first in labels for second in labels], "value": cosine.ravel()}
@@ -493,7 +491,7 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
             ink, text = "white" if value > 0.6 else "black", f"{value:.2f}".lstrip("0")
             panel.axes.text(column, row, text, ha="center", va="center", color=ink, fontsize=6.0)
     for group in groups:
-        places, series = sorted(map(labels.index, group)), "cannot be told apart here"
+        places, series = sorted(map(labels.index, group)), "indistinguishable in these runs"
         edge = Rectangle((places[0] - 0.5, places[0] - 0.5), len(places), len(places), fill=False, linewidth=1.8)
         edge.set(edgecolor=plot.COLOURS["before"], label=series, zorder=3)
         panel.axes.add_patch(edge)
@@ -510,7 +508,7 @@ def confusability(tables: Tables, verdict: Verdict) -> Drawing:
 
 
 def _order_by_likeness(matrix: pd.DataFrame, groups: list[list[str]]) -> list[str]:
-    """An order in which effects that look alike are neighbours, those of one group without a stranger between them."""
+    """Labels sorted so that similar effects, and those of each group, are neighbours."""
     from scipy.cluster.hierarchy import leaves_list, linkage
     from scipy.spatial.distance import squareform
 
@@ -518,7 +516,7 @@ def _order_by_likeness(matrix: pd.DataFrame, groups: list[list[str]]) -> list[st
         return list(matrix.index)
     distance = 2.0 - matrix
     for group in groups:
-        distance.loc[group, group] = 0.0  # nearer than any other can be
+        distance.loc[group, group] = 0.0  # less than any other distance
     values = distance.to_numpy(copy=True)
     np.fill_diagonal(values, 0.0)
     tree = linkage(squareform(values, checks=False), "average", optimal_ordering=True)
@@ -527,21 +525,22 @@ def _order_by_likeness(matrix: pd.DataFrame, groups: list[list[str]]) -> list[st
 
 @figure("detectable", "Smallest detectable sizes", _PLAN, ("detectable",), nothing="there are no candidates to detect")
 def detectable(tables: Tables, verdict: Verdict) -> Drawing:
-    """Size from which an effect is found in nine of ten such campaigns, over the size at which simulation and
-    measurement differ by 1.5 standard deviations of the noise after re-fitting uncertain parameters; inverted where
-    an effect shrinks as its value grows ("up to"). Its value is at the right. Known before measuring.
+    """Size at which an effect is found in nine of ten such campaigns, relative to the size that causes a gap of 1.5
+    after re-fitting uncertain parameters (gap: root mean square residual in standard deviations of the noise). The
+    ratio is inverted if the effect decreases with its parameter ("up to"). Right: the size itself. No measured data
+    are used.
     """
     effects = tables["detectable"]
     ratio = (effects["smallest_detectable"] / effects["typical"]).abs()
     effects = effects.assign(ratio=ratio.where(~effects["falls"], 1.0 / ratio))
     effects = effects.sort_values("ratio", na_position="last").reset_index(drop=True)
     sheet = Sheet(1.3 + 0.21 * len(effects), 1, 1)
-    quantity = Quantity("smallest detectable size over the size that makes a gap of 1.5", "1")
-    panel = sheet.panel((0, 0), "from which size on this campaign shows an effect", quantity, _EFFECT)
+    quantity = Quantity("smallest detectable size / size that causes a gap of 1.5", "1")
+    panel = sheet.panel((0, 0), "smallest detectable size of each effect", quantity, _EFFECT)
     seen = effects[effects["detectable"].astype(bool)]
     panel.marks("smallest detectable size", seen["ratio"], seen.index, "after", labels=list(seen["label"]))
     list_rows(panel, [format_name(label) for label in effects["label"]])
-    panel.vertical_line("size that makes a gap of 1.5", 1.0)
+    panel.vertical_line("size that causes a gap of 1.5", 1.0)
     panel.axes.set_xscale("log")
     panel.axes.set_xlim(0.7 * np.fmin(seen["ratio"].min(), 0.2), 2.0 * np.fmax(seen["ratio"].max(), 1.0))
     panel.axes.xaxis.set_major_formatter(plot.tick_label)
@@ -556,5 +555,5 @@ def detectable(tables: Tables, verdict: Verdict) -> Drawing:
 def _detectable_size(effect) -> str:
     if pd.notna(effect.failed):
         return "not simulated"
-    size = format_size(effect.smallest_detectable, effect.unit) if effect.detectable else "no size shows"
+    size = format_size(effect.smallest_detectable, effect.unit) if effect.detectable else "not detectable"
     return f"up to {size}" if effect.detectable and effect.falls else size

@@ -1,4 +1,4 @@
-"""Fits and outcomes of identification as tables."""
+"""Tables of fits and outcomes."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -18,26 +18,26 @@ from jointgap.identification.force_law import ForceLawResult
 from jointgap.identification.law_family import FamilyInterval
 from jointgap.identification.noise import NoiseEstimate
 from jointgap.identification.problem import Hypothesis, Problem, label_of
-from jointgap.identification.screening import LinearizedFit, Signature, Signatures
+from jointgap.identification.screening import LinearizedFit, Sensitivities, Sensitivity
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.verdict import Decision, Row
 
 JOINED = " + "
-"""What stands between the labels of effects that are one explanation."""
+"""Separator of the effects of an explanation."""
 
 _ANGLE = "crank_angle"
-_ORIGIN = "origin"  # in place of a parameter's name: residuals at zero size, where these are not the base's
+_ORIGIN = "origin"  # in place of a parameter's name: residuals at zero size, if they are not the base's
 _BETWEEN_TEXTS = "; "
 _SERIES = ["run", "channel"]
 
 
 def clockwise(campaign: Campaign) -> frozenset[str]:
-    """The runs whose crank turns clockwise; in tables and verdicts these are mirrored back."""
+    """Runs with a clockwise crank: simulated mirrored, mirrored back in tables and verdicts."""
     return frozenset(run.id for run in campaign.runs if run.direction == "clockwise")
 
 
 def map_as_read(spans: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
-    """Bins or windows of the map of disagreement, of which those in clockwise `runs` are mirrored back."""
+    """Bins or windows of the map of disagreement; those of clockwise `runs` are mirrored back."""
     turned = spans["run"].isin(runs)
     return spans.assign(
         start_deg=spans["start_deg"].where(~turned, 360.0 - spans["end_deg"]),
@@ -47,7 +47,7 @@ def map_as_read(spans: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
 
 
 def residuals_as_read(residuals: pd.DataFrame, runs: Collection[str]) -> pd.DataFrame:
-    """Table `RESIDUALS`, of which the angles in clockwise `runs` are mirrored back."""
+    """Table `RESIDUALS`; angles of clockwise `runs` are mirrored back."""
     turned = residuals["run"].isin(runs)
     sign = np.where(turned & (residuals["channel"] == _ANGLE), -1.0, 1.0)
     signed = ("measured", "base", "augmented", "whitened_base", "whitened_augmented")
@@ -67,13 +67,13 @@ def nuisances_as_read(fit: Fit, runs: Collection[str] = ()) -> list[tuple[Parame
 
 
 def _frame(table: schema.Table, parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """The parts below each other, with the table's columns even where there is none."""
+    """The concatenated parts with the table's columns, even if empty."""
     filled = [part.reindex(columns=table.names) for part in parts if len(part)]
     return pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=table.names)
 
 
 def _long(matrix: np.ndarray, row: str, column: str, value: str, names: Sequence = (), first: int = 0) -> pd.DataFrame:
-    """A row for each entry; rows are counted from `first`, columns have `names` or numbers."""
+    """A matrix in long form; rows are counted from `first`, columns have `names` or numbers."""
     rows, columns = matrix.shape
     places = {row: np.repeat(np.arange(rows) + first, columns), column: list(names or range(columns)) * rows}
     return pd.DataFrame(places | {value: np.ravel(matrix)})
@@ -97,7 +97,7 @@ def noise_to_frames(noise: Mapping[tuple[str, str], NoiseEstimate]) -> Frames:
 
 
 def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
-    """The noise of every series from the tables of `noise_to_frames`."""
+    """Inverse of `noise_to_frames`."""
     memory, drive = (dict(list(frames[name].groupby(_SERIES, sort=False))) for name in ("noise_memory", "noise_drive"))
     noise = {}
     for key, rows in frames["noise"].groupby(_SERIES, sort=False):
@@ -116,8 +116,8 @@ def noise_from_frames(frames: Frames) -> dict[tuple[str, str], NoiseEstimate]:
     return noise
 
 
-def signatures_to_frames(signatures: Signatures, base: Fit) -> Frames:
-    """Tables `SIGNATURES` and `SIGNATURE_SHAPES`, by name. Of the base too what is not that of its fit."""
+def sensitivities_to_frames(sensitivities: Sensitivities, base: Fit) -> Frames:
+    """Tables `SIGNATURES` and `SIGNATURE_SHAPES` by name; with the base if it differs from its fit."""
     frames, shapes, count = [], [], {}
 
     def add(label: str, start: int, columns: Mapping[str, np.ndarray]) -> None:
@@ -125,33 +125,33 @@ def signatures_to_frames(signatures: Signatures, base: Fit) -> Frames:
             values = {"name": name, "sample": np.arange(column.size), "derivative": column}
             frames.append(pd.DataFrame({"label": label, "start": start} | values))
 
-    if signatures.residual is not base.residual:
-        keys = [p.key for p in signatures.parameters]
-        add(label_of(()), 0, dict(zip(keys, signatures.jacobian.T, strict=True)) | {_ORIGIN: signatures.residual})
-        shapes += [(label_of(()), 0, key, value) for key, value in zip(keys, signatures.values, strict=True)]
-    for signature in signatures.entries:
-        label = signature.candidate.label
+    if sensitivities.residual is not base.residual:
+        keys = [p.key for p in sensitivities.parameters]
+        add(label_of(()), 0, dict(zip(keys, sensitivities.jacobian.T, strict=True)) | {_ORIGIN: sensitivities.residual})
+        shapes += [(label_of(()), 0, key, value) for key, value in zip(keys, sensitivities.values, strict=True)]
+    for sensitivity in sensitivities.entries:
+        label = sensitivity.candidate.label
         start = count[label] = count.get(label, -1) + 1
-        columns = {p.key: column for p, column in zip(signature.amplitudes, signature.columns.T, strict=True)}
-        if signature.origin is not signatures.residual:
-            columns[_ORIGIN] = signature.origin
+        columns = {p.key: column for p, column in zip(sensitivity.amplitudes, sensitivity.columns.T, strict=True)}
+        if sensitivity.origin is not sensitivities.residual:
+            columns[_ORIGIN] = sensitivity.origin
         add(label, start, columns)
-        shapes += [(label, start, name, value) for name, value in signature.shape_parameters.items()]
+        shapes += [(label, start, name, value) for name, value in sensitivity.shape_parameters.items()]
     return {
         "signatures": _frame(schema.SIGNATURES, frames),
         "signature_shapes": pd.DataFrame(shapes, columns=schema.SIGNATURE_SHAPES.names),
     }
 
 
-def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
-    """The signatures of all candidates from their tables."""
+def sensitivities_from_frames(frames: Frames, base: Baseline) -> Sensitivities:
+    """Inverse of `sensitivities_to_frames`."""
     shapes: dict[tuple[str, int], dict[str, float]] = {}
     for row in frames["signature_shapes"].itertuples():
         shapes.setdefault((row.label, row.start), {})[row.name] = row.value
     fit, runs = base.base, base.problem.runs
     values, residual, jacobian = fit.values, fit.residual, fit.jacobian
     by_label = {candidate.label: candidate for candidate in base.problem.model.candidates}
-    signatures, factor = [], base.problem.settings.screening.secant_factor
+    sensitivities, factor = [], base.problem.settings.screening.secant_factor
     for (label, start), rows in frames["signatures"].groupby(["label", "start"], sort=False):
         own = {name: column.to_numpy() for name, column in rows.groupby("name", sort=False)["derivative"]}
         if label == label_of(()):
@@ -163,34 +163,34 @@ def signatures_from_frames(frames: Frames, base: Baseline) -> Signatures:
         sizes = [p.key for p in candidate.coordinates_in(runs) if p.key in candidate.amplitudes] if candidate else []
         if candidate is None or not own.keys() >= set(sizes):
             raise InputError(
-                f"screen/signatures.parquet: holds {label} of another model than the campaign file and its mechanism "
-                "now give; run `jointgap noise` on the campaign file again, and the stages after it"
+                f"screen/signatures.parquet: {label} does not belong to the model of the campaign file and its "
+                "mechanism; repeat `jointgap noise` and the later stages"
             )
         derivatives = np.column_stack([own[key] for key in sizes]) if sizes else np.empty((residual.size, 0))
         origin, own_shapes = own.get(_ORIGIN, residual), shapes.get((label, start), {})
-        signatures.append(Signature(candidate, own_shapes, derivatives, origin, runs, factor))
+        sensitivities.append(Sensitivity(candidate, own_shapes, derivatives, origin, runs, factor))
     failed = frames["screened"].query("kind == 'failed'").set_index("explanation")["reason"].to_dict()
-    return Signatures(fit.parameters, values, jacobian, residual, signatures, failed)
+    return Sensitivities(fit.parameters, values, jacobian, residual, sensitivities, failed)
 
 
-def screened_frame(signatures: Signatures, chosen: Sequence[LinearizedFit]) -> pd.DataFrame:
+def screened_frame(sensitivities: Sensitivities, chosen: Sequence[LinearizedFit]) -> pd.DataFrame:
     """Table `SCREENED`."""
     rows = [(screened.label, kind_of(screened.hypothesis), screened.chi2, screened.bic, None) for screened in chosen]
-    rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in signatures.failed.items()]
+    rows += [(label, "failed", np.nan, np.nan, reason) for label, reason in sensitivities.failed.items()]
     return pd.DataFrame(rows, columns=schema.SCREENED.names)
 
 
 def hypothesis_of(label: str, candidates: Sequence[Candidate]) -> Hypothesis:
-    """The explanation that `label_of` calls so."""
+    """Inverse of `label_of`."""
     by_label = {candidate.label: candidate for candidate in candidates}
     names = [] if label == label_of(()) else label.split(JOINED)
     if unknown := [name for name in names if name not in by_label]:
-        raise InputError(f"explanation '{label}': the model has no candidate {unknown}; run the stages before it again")
+        raise InputError(f"explanation '{label}': the model has no candidate {unknown}; repeat the earlier stages")
     return tuple(by_label[name] for name in names)
 
 
 def kind_of(hypothesis: Hypothesis) -> str:
-    """What the table fits calls it: ``base``, ``single``, ``pair`` or ``formula``."""
+    """``base``, ``single``, ``pair`` or ``formula``."""
     if any(candidate.name.startswith("discovered_") for candidate in hypothesis):
         return "formula"
     return ("base", "single", "pair")[len(hypothesis)]
@@ -201,11 +201,11 @@ _MATRICES = {
     "fit_shifts": ("numerics", "shift"),
     "fit_draws": ("draw", "value"),
 }
-"""Tables of a matrix with a column for each parameter of a fit: what counts its rows, and what its entries are."""
+"""Tables of matrices with a column for each parameter of a fit: name of the row number and of the entries."""
 
 
 def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, whole_jacobian: bool = False) -> Frames:
-    """Fits as tables; those that failed keep their reason and values, and have neither curvature nor residuals."""
+    """Tables of fits; failed fits have neither curvature nor residuals."""
     fits = list(fits)
     durations = [np.nan] * len(fits) if seconds is None else list(seconds)
     parts: dict[str, list] = {name: [] for name in ("fits", "fit_values", "fit_residuals", "fit_states", *_MATRICES)}
@@ -227,17 +227,16 @@ def fits_to_frames(fits: Iterable[Fit], seconds: Iterable[float] | None = None, 
         matrices = jacobian, fit.shifts, fit.draws
         for (table, (count, entry)), matrix in zip(_MATRICES.items(), matrices, strict=True):
             if matrix is not None:
-                first = int(count == "numerics")  # these count from 1
+                first = int(count == "numerics")  # counted from 1
                 parts[table].append(_long(matrix, count, "key", entry, keys, first).assign(**label))
     parts["fits"] = [pd.DataFrame(parts["fits"])]
     return {name: _frame(schema.TABLES[name], own) for name, own in parts.items()}
 
 
 def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate] = ()) -> list[Fit]:
-    """The fits in these tables, in order.
+    """Inverse of `fits_to_frames`.
 
-    Unless they were kept whole, their Jacobians have as many rows as columns and the same inner products, which is all
-    that covariances ask of them.
+    Jacobians that were compressed are square, with the inner products that covariances require.
     """
     families = {f.law.label: f.law for c in problem.model.candidates for f in c.families}
     candidates = (*problem.model.candidates, *families.values(), *more)
@@ -273,7 +272,7 @@ def fits_from_frames(frames: Frames, problem: Problem, more: Sequence[Candidate]
 
 
 def parameter_frame(fits: Iterable[Fit], clockwise: Collection[str] = ()) -> pd.DataFrame:
-    """Table `FIT_PARAMETERS`: nuisances as fitted, effects' parameters as a verdict states them."""
+    """Table `FIT_PARAMETERS`: fitted nuisances, and parameters of effects as in the verdict."""
     rows = []
     for fit in (fit for fit in fits if fit.status != FAILED):
         found = [((p.key, p.name, None, p.run), own, p.unit) for p, own in nuisances_as_read(fit, clockwise)]
@@ -293,12 +292,11 @@ class Outcome(Decision):
 
     @property
     def named(self) -> Fit | None:
-        """The explanation that was added to the model."""
         return self.chosen if self.verdict.startswith("named") else None
 
     @property
     def explanations(self) -> list[Fit]:
-        """All that later stages show of the fits: the one named, those that are as good, or the best known."""
+        """The named, the equivalent or the best known fits."""
         return [fit for fit in (self.named, *self.equivalent, self.best_known) if fit is not None]
 
     @property
@@ -316,9 +314,8 @@ def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
 
 
 def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
-    """The outcome with a force law for what is missing, where one is accepted and has no rival; else with the better
-    one of the law and of what is best known.
-    """
+    """The outcome with the force law named if it is accepted and has no rival; else with the law as best known
+    explanation if it is better."""
     ranking = pd.concat([outcome.ranking, ranking_frame(proposed.ranking)], ignore_index=True)
     law, known = proposed.fit, outcome.best_known
     if proposed.named:
@@ -330,7 +327,7 @@ def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
 
 
 def ranking_frame(ranking: Sequence[Row], seconds: Mapping[str, float] | None = None) -> pd.DataFrame:
-    """Table `RANKING`, with no explanation named."""
+    """Table `RANKING` without its column place."""
     fits = [ranked.fit for ranked in ranking]
     frame = fits_to_frames(fits, [(seconds or {}).get(fit.label, np.nan) for fit in fits])["fits"]
     failed = ~np.isfinite([ranked.delta_bic for ranked in ranking])
@@ -344,16 +341,16 @@ def ranking_frame(ranking: Sequence[Row], seconds: Mapping[str, float] | None = 
 
 
 def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:
-    """Table `LAW_FAMILIES` of what the data leave of `families`."""
+    """Table `LAW_FAMILIES`."""
     return pd.DataFrame([asdict(family) for family in families], columns=schema.LAW_FAMILIES.names)
 
 
 def channel_errors(residuals: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
-    """Root mean square errors by run and channel, held-out samples apart: table `CHANNEL_ERRORS`."""
+    """Table `CHANNEL_ERRORS`: root mean square errors by run, channel and whether held out."""
     speeds, rows = {run.id: run.speed for run in campaign.runs}, []
     for (run, name, held_out), own in residuals.groupby(["run", "channel", "held_out"], sort=False):
-        channel = name.partition(" ")[0]  # a statistic is of the channel that its name begins with
-        # A model of another mechanism may have channels of its own, in SI.
+        channel = name.partition(" ")[0]  # the name of a statistic begins with its channel
+        # a model of another mechanism may have its own channels, in SI
         unit, factor = campaign.shown_unit(channel) if channel in campaign.channels else ("", 1.0)
         row = {"run": run, "speed": speeds[run], "channel": name, "held_out": held_out, "samples": len(own)}
         errors = {"noise": own["spread"], "before": own["measured"] - own["base"]}

@@ -1,6 +1,4 @@
-"""What MLflow is told of a campaign: a run with its verdict and gaps, and under it one for each explanation that was
-fitted.
-"""
+"""MLflow records of a campaign: a run with verdict and gaps, and a nested run for each fitted explanation."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +12,7 @@ from jointgap.campaign.verdict_json import read
 from jointgap.core.publish import Dataset, Record
 from jointgap.core.results_folder import ResultsFolder
 
-DESCRIPTION = "What is missing in the model of a rig"
+DESCRIPTION = "Identification of missing effects"
 
 _MEASURES = ("chi2", "bic", "delta_bic", "explained_share", "parameters", "simulations", "seconds")
 _COSTS = ("simulations", "seconds")
@@ -26,7 +24,7 @@ def records(folder: Path) -> list[Record]:
     metrics = {f"gap/{role}_{when}": value for role, gap in verdict["gap"].items() for when, value in gap.items()}
     metrics |= {"windows": len(verdict["where"]), "equivalent": len(verdict["equivalent"])}
     for effect in verdict["effects"]:
-        own = f"effect/{label_of(effect).replace(':', '_')}"  # not all stores take a colon
+        own = f"effect/{label_of(effect).replace(':', '_')}"  # some stores reject a colon
         metrics[f"{own}_delta_bic"] = effect["delta_bic"]
         for name, estimate in effect["parameters"].items():
             if not isinstance(estimate["value"], str):

@@ -21,10 +21,10 @@ from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.words import format_name, format_unit, joined, percent, reading_unit, rounded_gap
 from jointgap.identification.fit import AT_BOUND
 
-_MOST_WINDOWS = 7  # the largest disagreements; the map shows all
+_MOST_WINDOWS = 7  # with the largest residuals; the map shows all
 _PARAMETER_HEADS = ("parameter", "value", "90 % interval", "")
 _UNLISTED = ("first_angle", "friction_speed", "lasting_damping")  # parameters of every fit
-_BELOW_NOISE = 0.85  # a gap whose whole interval is below is less than noise
+_BELOW_NOISE = 0.85  # if the whole interval of a gap is below, the noise is overestimated
 
 Verdict, Tables = Mapping[str, Any], Mapping[str, pd.DataFrame | None]
 
@@ -37,13 +37,13 @@ def page(verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaig
         "": _answer(verdict),
         "Measured against model": _measured(tables.get("channel_errors"), shown),
         "Gap between simulation and measurement": _gap(verdict, tables.get("gaps"), shown),
-        "Where it shows": _where(verdict["orders"], tables.get("map_windows")),
-        "What else was tried": _tried(verdict, tables.get("missing_force")),
-        "Does it move the optimum?": _optimum(verdict["effects"], tables.get("campaign_optimum")),
-        "Parameters re-fitted within their ranges": _nuisances(verdict["nuisances"]),
-        "How sure, and what these data cannot show": _limits(verdict, tables.get("detectable")),
-        "What to do next": [Bullets(_next_steps(verdict))],
-        "About the data": _data(campaign, tables.get("look"), warnings),
+        "Location of the residual": _where(verdict["orders"], tables.get("map_windows")),
+        "Tested explanations": _tried(verdict, tables.get("missing_force")),
+        "Influence on the optimum": _optimum(verdict["effects"], tables.get("campaign_optimum")),
+        "Re-fitted parameters": _nuisances(verdict["nuisances"]),
+        "Limits of these data": _limits(verdict, tables.get("detectable")),
+        "Next steps": [Bullets(_next_steps(verdict))],
+        "Data": _data(campaign, tables.get("look"), warnings),
     }
     blocks: list[Block] = []
     for heading, own in sections.items():
@@ -53,26 +53,26 @@ def page(verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaig
 
 
 def title(verdict: Verdict) -> str:
-    """The answer in a line, with its number and interval."""
+    """The verdict in a line, with the parameter and its interval."""
     factor = verdict.get("interval_factor", 1.0)
-    wider = f"; the residual exceeds noise, so intervals are {factor:.1f} times as wide" if factor >= 1.1 else ""
+    wider = f"; intervals widened by the factor {factor:.1f}, as the residual exceeds noise" if factor >= 1.1 else ""
     if verdict["effects"]:
         text = say.headline(verdict["effects"]) + wider
         return text[:1].upper() + text[1:]
     if best := verdict["best_known"]:
         share = f" ({own})" if (own := say.share_explained(best)) else ""
-        return f"Something is missing; explained in part{share}: {say.headline(best['effects'])}{wider}"
+        return f"Not confirmed: partly explained{share} by {say.headline(best['effects'])}{wider}"
     return {
-        "no_disagreement": "Nothing is missing that these data could show",
-        "parameters_only": "Nothing is missing: other values of uncertain parameters fit the measurement",
-        "ambiguous": f"Something is missing: {len(verdict['equivalent'])} explanations fit equally well",
-    }.get(verdict["verdict"], "Something is missing that none of the effects tried explains")
+        "no_disagreement": "No missing effect detected",
+        "parameters_only": "No missing effect detected: re-fitted parameters explain the measurement",
+        "ambiguous": f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally well",
+    }.get(verdict["verdict"], "An effect is missing, but no tested effect explains the residual")
 
 
 def frame_block(
     table: schema.Table, frame: pd.DataFrame, names: Iterable[str], caption: str, si: tuple = ("", 1.0)
 ) -> Block:
-    """Columns `names` of a `frame` of a `table` for the eye; those in SI in the unit and by the factor `si`."""
+    """Columns `names` of a `frame` of a `table` in reading units; `si`: unit and factor of columns in SI."""
     heads, columns, align = [], [], ""
     own = {column.name: column for column in table.columns}
     for column in map(own.get, names):
@@ -105,25 +105,25 @@ def _parameters(effects: Sequence[Mapping[str, Any]]) -> list[Block]:
 
 def _answer(verdict: Verdict) -> list[Block]:
     blocks: list[Block] = [
-        Paragraph(text, strong=True) for text in (say.answer(verdict), *say.left_out_in_words(verdict))
+        Paragraph(text, strong=True) for text in (say.answer(verdict), *say.left_out_summary(verdict))
     ]
     if verdict["verdict"] not in (*say.ENOUGH, "named") and (reason := verdict.get("because")):
-        reason = say.without_code_names(reason).rstrip(".")
+        reason = say.names_to_labels(reason).rstrip(".")
         blocks.append(Paragraph(f"{reason[:1].upper()}{reason[1:]}."))
     if best := verdict["best_known"]:
-        blocks += [*_parameters(best["effects"]), Bullets(say.best_known_in_words(verdict))]
+        blocks += [*_parameters(best["effects"]), Bullets(say.best_known_summary(verdict))]
     if verdict["verdict"] == "ambiguous":
-        blocks.append(Bullets(tuple(map(say.explanation_in_words, verdict["equivalent"]))))
+        blocks.append(Bullets(tuple(map(say.format_explanation, verdict["equivalent"]))))
         if advice := verdict.get("separated_by"):
-            blocks.append(Paragraph(say.without_code_names(advice)))
+            blocks.append(Paragraph(say.names_to_labels(advice)))
     blocks += [_figure("measured_against_model"), *_parameters(verdict["effects"])]
     return blocks
 
 
 def _measured(errors: pd.DataFrame | None, shown: Sequence[str]) -> list[Block]:
     caption = (
-        "Root mean square of the residual in the unit of each channel. Before: no effect added, uncertain parameters "
-        "re-fitted. After: with the effects above. Noise: expected from sensor noise and numerics."
+        "Root mean square of the residual in the unit of each channel. Before: uncertain parameters re-fitted, no "
+        "effect added. After: with the effects above. Noise: expected from sensor noise and solver error."
     )
     names = ("run", "speed", "held_out", "channel", "unit", "noise", *shown)
     return [] if errors is None else [frame_block(schema.CHANNEL_ERRORS, errors, names, caption)]
@@ -131,50 +131,47 @@ def _measured(errors: pd.DataFrame | None, shown: Sequence[str]) -> list[Block]:
 
 def _gap(verdict: Verdict, gaps: pd.DataFrame | None, shown: Sequence[str]) -> list[Block]:
     meaning = "The gap is the root mean square residual in standard deviations of the noise; 1 is noise alone."
-    blocks: list[Block] = [Paragraph(f"{meaning} {say.held_out_in_words(verdict)}.")]
+    blocks: list[Block] = [Paragraph(f"{meaning} {say.held_out_summary(verdict)}.")]
     if shared := [run["run"] for run in verdict.get("held_out", ()) if run["part"] == "last_third"]:
-        text = f"The last third of {joined(shared)} is held out; a separate run would be stronger evidence."
-        blocks.append(Paragraph(text))
+        blocks.append(Paragraph(f"The last third of {joined(shared)} is held out; a separate run is better evidence."))
     if gaps is not None:
         runs = gaps[(gaps["run"] != "all") & (gaps["role"] == "confirm")]
         names = ["run", *(f"{when}{end}" for when in shown for end in ("", "_low", "_high"))]
-        caption = "Gap on each held-out run with its 90 % interval (low to high)."
+        caption = "Gap of each held-out run with its 90 % interval (low to high)."
         blocks.append(frame_block(schema.GAPS, runs[runs["channel"] == "all"], names, caption))
         gap, high = (gaps[f"after{end}"].fillna(gaps[f"before{end}"]) for end in ("", "_high"))
         low = gaps.assign(gap=gap)[(high < _BELOW_NOISE) & (gaps["channel"] != "all") & (gaps["run"] != "all")]
         if channels := [f"{format_name(row.channel)} ({row.run} {rounded_gap(row.gap)})" for row in low.itertuples()]:
-            text = (
-                f"The gap of {joined(channels)} is far below 1: the noise is overestimated. State or correct `noise`."
-            )
-            blocks.append(Paragraph(text))
+            text = f"The gap of {joined(channels)} is far below 1: the noise is overestimated."
+            blocks.append(Paragraph(f"{text} State or correct `noise`."))
     return [*blocks, _figure("gaps"), *([_figure("residuals")] if "after" in shown else [])]
 
 
 def _where(orders: Sequence[Mapping[str, Any]], windows: pd.DataFrame | None) -> list[Block]:
     blocks: list[Block] = []
     if windows is not None and len(windows):
-        text = (
-            "Windows of crank angle with the largest residuals before anything is added [standard deviations of noise]."
-        )
+        text = "Crank-angle windows with the largest residuals before effects are added [standard deviations of noise]."
         largest = windows.sort_values("rms", ascending=False).head(_MOST_WINDOWS)
         blocks.append(
             frame_block(schema.MAP_WINDOWS, largest, ("run", "channel", "start_deg", "end_deg", "mean", "rms"), text)
         )
     if orders:
-        text = "Orders of the crank that dominate the residual (drive, gear teeth, motor poles, or a ringing joint)."
+        text = (
+            "Crank orders that dominate the residual. Possible sources: drive, gear teeth, motor poles, joint impacts."
+        )
         names = ("run", "channel", "order", "amplitude", "unit", "share")
         blocks.append(frame_block(schema.MAP_STANDOUT, pd.DataFrame(orders), names, text))
-    return [*(blocks or [Paragraph("No window of crank angle has a significant residual.")]), _figure("disagreement")]
+    return [*(blocks or [Paragraph("No crank-angle window has a significant residual.")]), _figure("disagreement")]
 
 
 def _tried(verdict: Verdict, force: pd.DataFrame | None) -> list[Block]:
     if verdict["verdict"] in say.ENOUGH:
         return []
     named = verdict["effects"]
-    text = "Bayesian information criterion (BIC): fit against number of parameters; 10 is very strong evidence."
+    text = "The Bayesian information criterion (BIC) weighs fit against parameters; 10 is very strong evidence."
     if named:
-        costs = ("not known" if effect["delta_bic"] is None else round(effect["delta_bic"]) for effect in named)
-        gains = joined(f"{cost} for {say.effect_in_words(effect)}" for cost, effect in zip(costs, named, strict=True))
+        costs = ("unknown" if effect["delta_bic"] is None else round(effect["delta_bic"]) for effect in named)
+        gains = joined(f"{cost} for {say.format_effect(effect)}" for cost, effect in zip(costs, named, strict=True))
         text = f"Gain in BIC: {gains}. {text}"
     pushes = (force is None or len(force)) and not all(map(say.is_fault, named))
     return [Paragraph(text), _figure("ranking"), *([_figure("missing_force")] if pushes else [])]
@@ -184,12 +181,12 @@ def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None)
     if optimum is None:
         return []
     if all(map(say.is_fault, effects)):
-        return [Paragraph("Nothing was added to the mechanism, so the optimum stays.")]
+        return [Paragraph("No effect was added to the mechanism, so the optimum does not change.")]
     if optimum.empty:
-        return [Paragraph("No: all joints are ideal, so the transmission angle depends on the lengths alone.")]
-    before = "" if (optimum["model"] == "base").any() else " Before, all joints were ideal."
+        return [Paragraph("None: all joints are ideal, so the transmission angle depends on the lengths only.")]
+    ideal = "" if (optimum["model"] == "base").any() else " Before: all joints ideal, no optimum."
     caption = (
-        f"Smallest RMS error of the transmission angle; reduction with frozen joint motion, and re-simulated.{before}"
+        f"Smallest RMS error of the transmission angle: reduction with frozen joint motion, and re-simulated.{ideal}"
     )
     shown = optimum.assign(model=optimum["model"].map({"base": "before", "augmented": "after"}))
     names = ("model", "source", "crank_length", "rod_length", "reduction", "resimulated", "at_edge", "failed")
@@ -205,51 +202,51 @@ def _nuisances(nuisances: Mapping[str, Mapping[str, Any]]) -> list[Block]:
         if not key.startswith(_UNLISTED):
             if estimate.get("kept") and "@" not in key:
                 remark = "; ".join(filter(None, (remark, "stated value kept")))
-                notes[f"Values that these data do not determine: `{MECHANISM}` keeps those that you stated."] = None
+                notes[f"The data do not determine some values: `{MECHANISM}` keeps the stated ones."] = None
             if estimate.get("remark") == AT_BOUND:
-                notes["Check each value at its bound: the range may be too narrow, or something else is missing."] = (
-                    None
-                )
+                notes["Check each value at its bound: its range may be too narrow, or an effect is missing."] = None
         rows.append((*row, remark))
     return [TableBlock(_PARAMETER_HEADS, tuple(rows)), *map(Paragraph, notes)]
 
 
 def _limits(verdict: Verdict, effects: pd.DataFrame | None) -> list[Block]:
-    """What these data cannot show; `effects` is table `DETECTABLE`."""
+    """Detectability; `effects` is table `DETECTABLE`."""
     preflight = verdict["preflight"]
     rate = percent(verdict["false_alarm_rate"])
-    lines = [f"False alarms: in {rate} of campaigns in which nothing is missing, an effect would be named."]
+    lines = [f"False alarms: an effect is named in {rate} of campaigns without a missing effect."]
     for group in preflight["merged"]:
-        lines.append(f"Cannot be told apart and count as one: {joined(map(say.label_in_words, group))}.")
+        lines.append(f"Indistinguishable, counted as one effect: {joined(map(say.format_label, group))}.")
     explanations = [verdict["effects"], *verdict["equivalent"], (verdict["best_known"] or {}).get("effects", ())]
-    told = {(effect["name"], effect["site"]) for explanation in explanations for effect in explanation}
-    seen = {label for name, site in told for label in (name, f"{name}:{site}")}
+    shown = {(effect["name"], effect["site"]) for explanation in explanations for effect in explanation}
+    seen = {label for name, site in shown for label in (name, f"{name}:{site}")}
     if effects is not None:
         failed = effects[effects["failed"].notna()]
         seen |= set(failed["label"])
         if len(failed):
-            lost = joined(f"{say.label_in_words(row.label)} ({row.failed})" for row in failed.itertuples())
-            lines.append(f"Could not be simulated in the preflight, so detectability is not known: {lost}.")
-        shown = effects[effects["detectable"]].sort_values("label")
-        if verdict["verdict"] in say.ENOUGH and len(shown):
-            sizes = ", ".join(f"{say.label_in_words(row.label)} ({say.shown_size(row)})" for row in shown.itertuples())
+            lost = joined(f"{say.format_label(row.label)} ({row.failed})" for row in failed.itertuples())
+            lines.append(f"Detectability unknown, as the preflight simulation failed: {lost}.")
+        rows = effects[effects["detectable"]].sort_values("label")
+        if verdict["verdict"] in say.ENOUGH and len(rows):
+            sizes = ", ".join(
+                f"{say.format_label(row.label)} ({say.format_detectable(row)})" for row in rows.itertuples()
+            )
             lines.append(f"Smallest detectable sizes: {sizes}.")
         if assumed(effects):
-            lines.append("Detectability rests on assumed noise where the campaign states none (`jointgap preflight`).")
+            lines.append("Detectability uses assumed noise if the campaign file states none (`jointgap preflight`).")
     if absent := [label for label in preflight["undetectable"] if label not in seen]:
-        lines.append(f"Cannot be detected with these runs and channels: {joined(map(say.label_in_words, absent))}.")
+        lines.append(f"Cannot be detected with these runs and channels: {joined(map(say.format_label, absent))}.")
     return [Bullets(tuple(lines))]
 
 
-_SMALLER = "To find smaller effects, measure a further speed or channel: `jointgap preflight` says which helps most."
+_SMALLER = "To find smaller effects, measure a further speed or channel: `jointgap preflight` ranks them."
 _NEXT = {
-    "no_disagreement": ("Use the model as it is, at these speeds and for what these channels show.", _SMALLER),
-    "parameters_only": (f"Use `{MECHANISM}`: it has the parameters that the data determine.", _SMALLER),
-    "ambiguous": ("Measure what separates the explanations, and run the campaign again with the new run added.",),
+    "no_disagreement": ("Use the current model at these speeds and for these channels.", _SMALLER),
+    "parameters_only": (f"Use `{MECHANISM}`: it contains the re-fitted parameters.", _SMALLER),
+    "ambiguous": ("Measure a run that separates the explanations, add it to the campaign file and repeat.",),
     "unexplained": (
-        "See in the map of disagreement and in the residuals where it acts, and what on the rig acts there.",
-        "Add an effect of your own as a formula: `jointgap effects discovered_slider_force` shows how.",
-        "List uncertain masses, lengths and zeros under `nuisance` of the campaign file, and run it again.",
+        "Locate the residual in the map of disagreement, and look for a cause on the rig there.",
+        "Add your own effect as a formula: see `jointgap effects discovered_slider_force`.",
+        "List uncertain masses, lengths and zeros under `nuisance` of the campaign file, and repeat.",
     ),
 }
 
@@ -258,20 +255,20 @@ def _next_steps(verdict: Verdict) -> tuple[str, ...]:
     faults = [effect for effect in verdict["effects"] if say.is_fault(effect)]
     steps = list(_NEXT.get(verdict["verdict"], ()))
     if faults:
-        steps.append(f"Repair the sensor or correct its column: {say.explanation_in_words(faults)}.")
+        steps.append(f"Repair the sensor or correct its column: {say.format_explanation(faults)}.")
     if len(faults) < len(verdict["effects"]):
         steps += [
-            f"Use `{MECHANISM}`, your mechanism with what was found, as `mechanism` of a scenario.",
-            "Change what is named on the rig (oil, load, fit) and measure again: the size should change with it.",
+            f"Use `{MECHANISM}`, your mechanism with the identified effects, as `mechanism` of a scenario.",
+            "Change the cause on the rig (oil, load, fit) and measure again: the parameter should change accordingly.",
         ]
     return tuple(steps)
 
 
-_ROLES = {"identify": "to fit and to choose", "confirm": "held out", "split": "two thirds to fit, last third held out"}
+_ROLES = {"identify": "for fitting", "confirm": "held out", "split": "two thirds for fitting, last third held out"}
 
 
 def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequence[str]) -> list[Block]:
-    """The runs with their files, the channels, and what was noticed."""
+    """The runs with their files, the channels, and remarks."""
     blocks: list[Block] = []
     if campaign is not None:
         sizes = {} if look is None else look.groupby("run")[["samples", "cycles"]].max().astype(str).T.to_dict("list")
@@ -279,20 +276,18 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
             (run.id, f"`{run.file}`", f"{30.0 / pi * run.speed:.4g}", _ROLES[run.role], *sizes.get(run.id, "––"))
             for run in campaign.runs
         )
-        heads = ("run", "file", "crank speed [rpm]", "used", "samples", "whole revolutions")
+        heads = ("run", "file", "crank speed [rpm]", "use", "samples", "full revolutions")
         measured = f" Measured on {words.format_day(campaign.date)}." if campaign.date else ""
         columns = (
             (format_name(name), f"`{one.column}`", format_unit(one.unit)) for name, one in campaign.channels.items()
         )
-        blocks.append(TableBlock(heads, runs, "llrlrr", f"Runs of the campaign.{measured}"))
-        blocks.append(
-            TableBlock(("channel", "column of the files", "unit"), tuple(columns), caption="What was measured.")
-        )
-    return [*blocks, *([Bullets(tuple(map(say.without_code_names, warnings)))] if warnings else [])]
+        blocks.append(TableBlock(heads, runs, "llrlrr", f"Runs.{measured}"))
+        blocks.append(TableBlock(("channel", "column", "unit"), tuple(columns), caption="Measured channels."))
+    return [*blocks, *([Bullets(tuple(map(say.names_to_labels, warnings)))] if warnings else [])]
 
 
 def conclude(state: CampaignState, advise: bool = True) -> dict[str, Any]:
-    """Write ``verdict.json``; its content."""
+    """Write ``verdict.json`` and return its content."""
     folder, outcome, separated = state.folder, state.outcome("verdict"), ""
     if advise and outcome.equivalent and "preflight" not in failures(folder):
         with noted(folder, "advice"):
@@ -303,7 +298,7 @@ def conclude(state: CampaignState, advise: bool = True) -> dict[str, Any]:
             separated = separated_by(folder.read("advice"), explanations, groups)
     tables = folder.read_all(verdict_json.TABLES)
     repeats = not any(series.statistic for series in state.model.series)
-    content = verdict_json.document(outcome, tables, state.campaign, state.doubted_channels, repeats)
+    content = verdict_json.document(outcome, tables, state.campaign, state.inconsistent_channels, repeats)
     content |= {"separated_by": separated, "false_alarm_rate": state.false_alarm_rate}
     content["left_out"] = [{"run": run, "because": why} for run, why in state.model.left_out.items()]
     content["failed"] = failures(folder)
@@ -312,7 +307,7 @@ def conclude(state: CampaignState, advise: bool = True) -> dict[str, Any]:
 
 
 def show(state: CampaignState) -> None:
-    """Draw the figures and write the one-page summary of a verdict that is there."""
+    """Draw the figures and write the one-page summary from ``verdict.json``."""
     from jointgap.core import plot
 
     folder = state.folder
@@ -325,7 +320,7 @@ def show(state: CampaignState) -> None:
             with plot.matplotlib_style():
                 plot.save(plot.message_sheet(spec.title, f"could not be drawn: {why}"), folder.path / "figures" / name)
     content["failed"] = failures(folder)
-    summary = Page(f"Campaign {content['campaign']}: {say.answer(content)}", (Paragraph(f"All else: {VERDICT}"),))
+    summary = Page(f"Campaign {content['campaign']}: {say.answer(content)}", (Paragraph(f"Details: {VERDICT}"),))
     with noted(folder, "page"):
         memory = folder.read("noise_memory", "noise").query("lag == 0")
         noise = [f"Run {row.run}: {text}." for row in memory.itertuples() for text in row.remarks.split("; ") if text]
@@ -339,6 +334,6 @@ def show(state: CampaignState) -> None:
 
 
 def figure_tables(folder: ResultsFolder, names: Iterable[str]) -> dict[str, pd.DataFrame]:
-    """Those of the tables `names`, which figures need, that are in the `folder` of a campaign; by name."""
+    """The tables `names` by name, as far as the `folder` of a campaign contains them."""
     places = {name: (name, "verdict" if name == "ranking" else "") for name in names}  # several stages write a ranking
     return {name: folder.read(*place) for name, place in places.items() if folder.place(*place).is_file()}

@@ -1,9 +1,7 @@
-"""Stage preflight: what a campaign can show and tell apart, from its plan, and what would help most.
+"""Stage preflight: identifiability of a planned campaign.
 
-Of runs whose files are there as many samples and (where the motion is chaotic) revolutions count as these hold; and
-where a motor or a measured angle drives, and all files are there, how the crank turned. Nothing else that was measured
-is looked at. Others are planned as in
-`jointgap.rig.sampling`."""
+Existing files of runs give only the number of samples, the revolutions (chaotic motion) and, if all exist, the crank
+motion (driven by a motor or by a measured angle). Missing ones are planned as in `jointgap.rig.sampling`."""
 
 import math
 import os
@@ -14,7 +12,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from jointgap.campaign.sentences import label_in_words, shown_size, unit_of, without_code_names
+from jointgap.campaign.sentences import format_detectable, format_label, names_to_labels, unit_of
 from jointgap.config.campaign import CHANNELS, Campaign, Channel
 from jointgap.core.candidates import Model
 from jointgap.core.schema import CONFUSABILITY
@@ -26,26 +24,26 @@ from jointgap.rig.read_files import read_measurements
 from jointgap.rig.recording import Measurements, Recording
 
 _FASTER, _SLOWER = 1.5, 0.5
-"""Further speeds that are tried [1, of the fastest and of the slowest]: far enough to change what inertia hides."""
+"""Further speeds that are tried [1, of the fastest and of the slowest]."""
 
 _SEPARATOR, _BETWEEN_TEXTS = " | ", "; "
-_MOST_ADVICE = 3  # lines: the first helps most, and a plan is changed one step at a time
+_MOST_ADVICE = 3  # lines
 
 
 def preflight_tables(
     campaign: Campaign, rate: float, settings: IdentificationSettings = DEFAULT_SETTINGS, advice: bool = False
 ) -> dict[str, pd.DataFrame]:
-    """What the campaign's speeds and channels can show; with `advice` which one further speed or channel helps most."""
+    """Detectability and confusability of effects; with `advice` the gain of one further speed or channel."""
     campaign, recordings = recorded(campaign)
     model, frames = _as_recorded(campaign, recordings), {}
     if advice:
         more = extended(campaign)
-        if (like := recordings.get(campaign.runs[0].id)) is not None:  # a further run is as long, and for fitting
+        if (like := recordings.get(campaign.runs[0].id)) is not None:  # as long as the first run, all for fitting
             for_fitting = replace(like, held_out=np.zeros_like(like.held_out))
             recordings |= {run.id: for_fitting for run in more.runs[len(campaign.runs) :]}
         lengths = revolutions(more, recordings)
         plan, wider = (build_model(each, None, lengths) for each in (campaign, more))
-        wider.candidates = plan.candidates  # faults of sensors that are not there are nothing to look for
+        wider.candidates = plan.candidates  # no faults of the additional sensors
         planned = [series.key for series in plan.series]
         found, changes = advise(wider, planned, None, rate, counts(wider, recordings), settings)
         texts = {name: changes[name].map(", ".join) for name in ("newly_detectable", "separated")}
@@ -54,7 +52,7 @@ def preflight_tables(
         model = model or build_model(campaign, None, revolutions(campaign, recordings))
         found = preflight(model, None, rate, counts(model, recordings), settings)
     effects = found.effects
-    # What varies an effect need not be what states it: units of the latter are in the catalogue.
+    # a stated parameter may differ from the fitted one; its unit is in the catalogue
     units = [row.unit or unit_of(*row.label.partition(":")[::2], row.parameter) for row in effects.itertuples()]
     failed = [found.failed.get(label) for label in effects["label"]]
     frames["detectable"] = effects.assign(unit=units, failed=failed, assumed=_BETWEEN_TEXTS.join(found.assumed))
@@ -65,27 +63,26 @@ def preflight_tables(
 
 
 def confusable_groups(confusability: pd.DataFrame) -> list[list[str]]:
-    """Groups of effects that a campaign cannot tell apart, from table `CONFUSABILITY`."""
+    """Groups of indistinguishable effects, from table `CONFUSABILITY`."""
     merged = confusability[confusability["merged"]].groupby("first", sort=False)["second"]
     return [list(group) for group in dict.fromkeys(tuple(sorted({first, *others})) for first, others in merged)]
 
 
 def undetectable(detectable: pd.DataFrame) -> list[str]:
-    """Effects that no size within their bounds shows, or that cannot be simulated, from table `DETECTABLE`."""
+    """Effects that are not detectable within their bounds or cannot be simulated, from table `DETECTABLE`."""
     seen = detectable.groupby("label", sort=False)["detectable"].any()
     return list(seen.index[~seen])
 
 
 def assumed(detectable: pd.DataFrame) -> list[str]:
-    """Noise that was assumed where none is stated, by run and channel, from table `DETECTABLE`."""
+    """Assumed noise by run and channel, from table `DETECTABLE`."""
     return [text for texts in detectable["assumed"].unique() for text in texts.split(_BETWEEN_TEXTS) if text]
 
 
 def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Model | None:
-    """The model with the motion that was recorded, where that is known and is not that of a plan.
+    """The model with the recorded crank motion; None if that is unknown or constant.
 
-    A plan's crank turns evenly; one that a motor turns, or whose angle was measured, does not, and its inertia tells
-    effects apart that are one at an even speed.
+    Inertia at a varying speed separates effects that are indistinguishable at constant speed.
     """
     runs = [run.id for run in campaign.runs]
     if campaign.drive == "constant_speed" or any(run not in recordings for run in runs):
@@ -94,7 +91,7 @@ def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Mod
 
 
 def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
-    """The campaign without runs that cannot be used, and those of its runs whose files are there."""
+    """The campaign without unusable runs, and the recordings whose files exist."""
     there = tuple(run for run in campaign.runs if os.path.isfile(campaign.folder / run.file))
     measured = read_measurements(campaign.model_copy(update={"runs": there}), compared=False)
     runs = tuple(run for run in campaign.runs if run.id not in measured.left_out)
@@ -102,7 +99,7 @@ def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
 
 
 def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict[str, float]:
-    """How often the crank turns in each recording [revolutions], those without angles at the run's speed."""
+    """Revolutions in each recording; without angles from the run's speed."""
     speeds, turned = {run.id: run.speed for run in campaign.runs}, {}
     for run, recording in recordings.items():
         angle = recording.crank_angle if recording.has_angle else speeds[run] * recording.time
@@ -111,7 +108,7 @@ def revolutions(campaign: Campaign, recordings: Mapping[str, Recording]) -> dict
 
 
 def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str, str], int]:
-    """How many samples for fitting each recording has of each channel; of channels that it lacks, as many as rows."""
+    """Number of fitted samples by recording and channel; the number of rows for a channel that is not recorded."""
     counted = {}
     for run, channel in (series.key for series in model.series if series.run in recordings):
         recording = recordings[run]
@@ -122,7 +119,7 @@ def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str,
 
 
 def extended(campaign: Campaign) -> Campaign:
-    """The campaign with a slower and a faster run and every channel that a rig can have."""
+    """The campaign with a slower and a faster run and all possible channels."""
     speeds, taken = sorted(run.speed for run in campaign.runs), {run.id for run in campaign.runs}
 
     def free(name: str) -> str:
@@ -134,7 +131,7 @@ def extended(campaign: Campaign) -> Campaign:
         )
         for speed in (_SLOWER * speeds[0], _FASTER * speeds[-1])
     ]
-    inputs = ("time", "crank_angle", "crank_speed")  # what the drive prescribes says nothing new
+    inputs = ("time", "crank_angle", "crank_speed")  # prescribed by the drive
     channels = {
         name: Channel(column=f"({name})", unit=unit.replace("^", "**"))
         for name, unit in CHANNELS.items()
@@ -144,39 +141,38 @@ def extended(campaign: Campaign) -> Campaign:
 
 
 def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Iterable[Iterable[str]]) -> str:
-    """Which further experiment would tell explanations apart, in a sentence."""
+    """A sentence: the further measurement that separates `explanations`."""
     first, *others = explanations
     differing = {frozenset((a, b)) for other in others for a in first - other for b in other - first}
     if not any(pair <= set(group) for pair in differing for group in merged):
-        return "Preflight does not count them as alike: a longer record, or one with less noise, should separate them."
+        return "According to the preflight a longer record, or one with less noise, should separate them."
     for row in advice.itertuples():
         separated = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
         if differing & separated:
             return f"A further {row.change} would separate them."
-    return "No single further speed or channel that was tried would separate them: vary a mass or a load between runs."
+    return "No single tested speed or channel would separate them: vary a mass or a load between runs."
 
 
-def preflight_in_words(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame | None) -> str:
-    """What a preflight found, as lines of text."""
-    lines = ["Effects that these runs and channels show, from which size on:"]
+def preflight_summary(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame | None) -> str:
+    lines = ["Smallest detectable size of each effect:"]
     for row in detectable[detectable["detectable"]].itertuples():
-        lines.append(f"  {label_in_words(row.label)}: {shown_size(row)}")
+        lines.append(f"  {format_label(row.label)}: {format_detectable(row)}")
     failed = detectable[detectable["failed"].notna()]
     if absent := [label for label in undetectable(detectable) if label not in set(failed["label"])]:
-        lines.append(f"Not detectable at any size within bounds: {joined(map(label_in_words, absent))}")
+        lines.append(f"Not detectable with these runs: {joined(map(format_label, absent))}")
     for row in failed.itertuples():
-        text = "Could not be simulated, so what size shows is not known"
-        lines.append(f"{text}: {label_in_words(row.label)} ({row.failed})")
+        lines.append(f"Detectability unknown, simulation failed: {format_label(row.label)} ({row.failed})")
     for group in confusable_groups(confusability):
-        lines.append(f"Cannot be told apart: {joined(map(label_in_words, group))}")
+        lines.append(f"Indistinguishable: {joined(map(format_label, group))}")
     for row in () if advice is None else advice.head(_MOST_ADVICE).itertuples():
-        shown = [label_in_words(label) for label in row.newly_detectable.split(", ") if label]
+        shown = [format_label(label) for label in row.newly_detectable.split(", ") if label]
         pairs = [pair.split(_SEPARATOR) for pair in row.separated.split(", ") if pair]
-        gains = [f"shows {joined(shown)}"] if shown else []
-        gains += [f"tells {', '.join(' from '.join(map(label_in_words, pair)) for pair in pairs)}"] if pairs else []
+        gains = [f"detects {joined(shown)}"] if shown else []
+        apart = ", ".join(" from ".join(map(format_label, pair)) for pair in pairs)
+        gains += [f"separates {apart}"] if pairs else []
         if gains:
-            lines.append(f"A further {without_code_names(row.change)} {', and '.join(gains)}")
+            lines.append(f"A further {names_to_labels(row.change)} {' and '.join(gains)}")
     if noise := assumed(detectable):
-        lines.append("Assumed noise, where the campaign states none:")
-        lines += [f"  {without_code_names(text)}" for text in noise]
+        lines.append("Assumed noise (the campaign file states none):")
+        lines += [f"  {names_to_labels(text)}" for text in noise]
     return "\n".join(lines)

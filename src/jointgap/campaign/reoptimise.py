@@ -1,4 +1,4 @@
-"""Stage reoptimise: does what was missing move the optimum? A scenario's stages for the model before and after."""
+"""Stage reoptimise: optimal link lengths with and without the identified effects."""
 
 from collections.abc import Mapping
 
@@ -12,20 +12,16 @@ from jointgap.dynamics.simulation import simulate
 from jointgap.lengths.optimise import optimise
 from jointgap.rig.simulate_run import tolerance_for
 
-_BOX_SHARE = 0.02  # [1] of the lengths, to either side: the question is whether the optimum moves, not where it lies
-_RATIO_MARGIN = 0.02  # [1] by which the largest ratio of the lengths exceeds the mechanism's own
+_BOX_SHARE = 0.02  # [1] half width of the search box relative to the lengths: it shows whether the optimum moves
+_RATIO_MARGIN = 0.02  # [1] by which the limit of the length ratio exceeds the mechanism's own
 _SURROGATE = Surrogate(iterations=300, seeds=(0,))
-_REVOLUTIONS = 3  # the last one is settled
+_REVOLUTIONS = 3  # the last one is in steady state
 _SAMPLES_PER_REVOLUTION = 3600  # as in the shipped scenarios
-_TOLERANCE_M = 1e-10  # or less where clearances are small
+_TOLERANCE_M = 1e-10  # or less for small clearances
 
 
 def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
-    """Simulate, train and optimise each model anew.
-
-    The budget is small: networks of 300 iterations, for the clearance vectors alone, which is what the optimisation
-    takes of them; a box of 2 % around the lengths.
-    """
+    """Simulate each model, train networks of the clearance vectors and optimise the lengths within 2 %."""
     rows = []
     for name, mechanism in models.items():
         if mechanism.applied().loose:
@@ -37,7 +33,7 @@ def reoptimise(models: Mapping[str, Mechanism], speed: float) -> pd.DataFrame:
 
 
 def _optima(mechanism: Mechanism, speed: float) -> list[dict]:
-    """One row for each source of the motion in the joints."""
+    """One row for each source of joint motion."""
     from jointgap.networks.train import train  # PyTorch takes seconds to start
 
     steps = {"revolutions": _REVOLUTIONS, "samples_per_revolution": _SAMPLES_PER_REVOLUTION}

@@ -1,7 +1,6 @@
-"""The stages of a campaign, from measured runs to a verdict, in their order.
+"""The stages of a campaign in order; each takes the state of the campaign and writes its tables.
 
-Each takes the state of the campaign and writes its tables. It imports what it needs when it runs: a job that reads data
-alone does not wait for the compiled dynamics."""
+Imports are inside the stages, as compiled dynamics load slowly."""
 
 import json
 from dataclasses import replace
@@ -18,16 +17,11 @@ if TYPE_CHECKING:
 CAMPAIGN_STAGES = Stages()
 stage = CAMPAIGN_STAGES.stage
 
-Anyway = Annotated[bool, Option("--anyway", is_flag=True, help="Go on where channels contradict each other.")]
-Parts = Annotated[
-    int, Option("--parts", type=1, default=1, show_default=True, help="Into how many parts the fits are divided.")
-]
-Part = Annotated[
-    int, Option("--part", type=0, default=0, show_default=True, help="Which of them to fit, counted from 0.")
-]
+Anyway = Annotated[bool, Option("--anyway", is_flag=True, help="Continue even if channels are inconsistent.")]
+Parts = Annotated[int, Option("--parts", type=1, default=1, show_default=True, help="Number of parts of the fits.")]
+Part = Annotated[int, Option("--part", type=0, default=0, show_default=True, help="Part to fit, counted from 0.")]
 
 PUBLISHED = "track/published.json"
-"""Place of what was published where."""
 
 _IN_DECIDE = {"does": "see decide", "job": "decide"}
 _MEASURED = (schema.MEASURED, schema.REMARKS, schema.CONTRADICTIONS, schema.CONFIG_SNAPSHOT)
@@ -38,13 +32,13 @@ def _of(place: str, written: tuple[schema.Table, ...]) -> tuple[schema.Table, ..
 
 
 def _read(*stages: str) -> tuple[schema.Table, ...]:
-    """The measured data and what `stages` write."""
+    """The tables of the measured data and of `stages`."""
     return (*_MEASURED, *CAMPAIGN_STAGES.written_by(*stages))
 
 
-@stage(writes=(*_MEASURED, schema.LOOK), does="read and look at the data")
+@stage(writes=(*_MEASURED, schema.LOOK), does="read and check the data")
 def measure(state: "CampaignState", pictures: bool = True) -> str:
-    """Read the runs of CAMPAIGN into SI units, check them, and look at them: cycles, gaps, scatter."""
+    """Read the runs of CAMPAIGN into SI units, check them, and plot cycles and scatter."""
     import pandas as pd
 
     from jointgap.campaign.campaign_files import config_snapshot
@@ -56,7 +50,7 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     read = read_measurements(state.campaign)
     odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)]
     state.measurements = replace(read, remarks=(*read.remarks, *odd))
-    if pictures:  # before anything is written: what stops here leaves nothing behind
+    if pictures:  # first, so that an error leaves no files
         from jointgap.core import plot
         from jointgap.rig.inspection import inspect
 
@@ -74,24 +68,23 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     return "\n".join([*remarks, f"figures and tables: {folder.path / 'measure'}"])
 
 
-@stage(writes=(schema.DETECTABLE, schema.CONFUSABILITY, schema.ADVICE), does="what can be detected and told apart")
+@stage(writes=(schema.DETECTABLE, schema.CONFUSABILITY, schema.ADVICE), does="identifiability of effects")
 def preflight(state: "CampaignState", advice: bool = True) -> str:
-    """Say before anything is measured what CAMPAIGN will be able to show.
+    """Analyse identifiability of the planned CAMPAIGN.
 
-    Which effects these speeds and channels can detect, from which size on, which of them they cannot tell apart, and
-    which further speed or channel would help most. The runs' files need not exist; of those that do, the samples are
-    counted.
+    Reports the smallest detectable size of each effect, indistinguishable effects, and the most useful further speed
+    or channel. Data files are not required; if they exist, their number of samples is used.
     """
-    from jointgap.campaign.plan import preflight_in_words, preflight_tables
+    from jointgap.campaign.plan import preflight_summary, preflight_tables
 
     frames = preflight_tables(state.campaign, state.false_alarm_rate, state.settings, advice)
     state.folder.write_all(frames)
-    return preflight_in_words(**frames) if advice else ""
+    return preflight_summary(**frames) if advice else ""
 
 
 @stage(reads=_MEASURED, writes=_of("noise", NOISE_TABLES), does="noise, uncertain parameters", job="recalibrate")
 def noise(state: "CampaignState", anyway: Anyway = False) -> None:
-    """Find the noise of every channel of every run, from what does not repeat."""
+    """Estimate channel noise from cycle-to-cycle variation."""
     from jointgap.campaign.fits_on_disk import noise_to_frames
     from jointgap.identification.noise import noise_of_model
 
@@ -111,13 +104,12 @@ def noise(state: "CampaignState", anyway: Anyway = False) -> None:
     does="see noise",
 )
 def recalibrate(state: "CampaignState") -> None:
-    """Fit the parameters that are not known exactly within their ranges."""
+    """Fit the uncertain parameters within their ranges."""
     from jointgap.campaign.fits_on_disk import noise_to_frames
     from jointgap.identification.baseline import recalibrate as recalibrated
     from jointgap.identification.noise import numerics_noise
 
     baseline = state.baseline = recalibrated(state.model, state.noise, state.settings)
-    # of held-out runs too
     of_all_runs = numerics_noise(
         state.model, baseline.base.mapping, state.noise, state.settings.noise, of_drives_alone=baseline.base.in_windows
     )
@@ -134,20 +126,20 @@ def recalibrate(state: "CampaignState") -> None:
     does="screen the candidates",
 )
 def screen(state: "CampaignState") -> None:
-    """Simulate every effect that could be missing at a small size, and choose what is worth a fit."""
+    """Compute the sensitivity to each effect, and select candidates for the fits."""
     import pandas as pd
 
-    from jointgap.campaign.fits_on_disk import screened_frame, signatures_to_frames
+    from jointgap.campaign.fits_on_disk import screened_frame, sensitivities_to_frames
     from jointgap.identification.model_selection import shortlist_singles
     from jointgap.identification.noise import degrees_of_freedom
     from jointgap.identification.thresholds import screen_candidates
 
     dof = degrees_of_freedom(state.noise)
-    signatures, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
-    state.folder.write_all(signatures_to_frames(signatures, state.baseline.base))
+    sensitivities, limits = state.screening = screen_candidates(state.baseline, state.false_alarm_rate, dof, state.seed)
+    state.folder.write_all(sensitivities_to_frames(sensitivities, state.baseline.base))
     state.folder.write(schema.THRESHOLDS, pd.DataFrame([vars(limits)]))
-    shortlist = shortlist_singles(signatures, limits, state.settings)
-    state.folder.write(schema.SCREENED, screened_frame(signatures, shortlist))
+    shortlist = shortlist_singles(sensitivities, limits, state.settings)
+    state.folder.write(schema.SCREENED, screened_frame(sensitivities, shortlist))
 
 
 _SCREENED = _read("noise", "recalibrate", "screen")
@@ -155,7 +147,7 @@ _SCREENED = _read("noise", "recalibrate", "screen")
 
 @stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES), does="fit candidates, part {part}", minutes=120)
 def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
-    """Fit the chosen effects by forward simulation. Where joints are loose all are fitted by the stage pair."""
+    """Fit the selected effects by forward simulation; with loose joints the stage pair does."""
     from jointgap.identification.hypothesis_fits import fit_singles
 
     fits, seconds = fit_singles(state.baseline, *state.screening, part, parts)
@@ -167,34 +159,34 @@ _FITTED = _read("noise", "recalibrate", "screen", "fit")
 
 @stage(reads=_FITTED, writes=_of("pair/{part}", FIT_TABLES), does="fit pairs, part {part}", minutes=120)
 def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
-    """Fit the pairs of effects that are worth it by forward simulation.
+    """Fit selected pairs of effects by forward simulation.
 
-    Beside the single effects, which as many parts have fitted. Where none of these is enough the first part takes a
-    second look at them all.
+    Requires the same number of parts as the stage fit. If no single effect suffices, the first part repeats the search
+    over all of them.
     """
     from jointgap.identification.hypothesis_fits import fit_pairs
 
-    (alone, _), doubted = state.fits("fit", parts), bool(state.doubted_channels)
-    fits, seconds = fit_pairs(state.baseline, *state.screening, alone, part, parts, doubted)
+    (alone, _), inconsistent = state.fits("fit", parts), bool(state.inconsistent_channels)
+    fits, seconds = fit_pairs(state.baseline, *state.screening, alone, part, parts, inconsistent)
     state.write_fits(fits, f"pair/{part}", seconds)
 
 
 @stage(
     reads=_read("noise", "recalibrate", "screen", "fit", "pair"),
     writes=(*_of("decide", OUTCOME_TABLES), *_of("decide/base", FIT_TABLES), schema.LAW_FAMILIES),
-    does="weigh the fits, map the disagreement, predict the held-out runs, write the augmented mechanism",
+    does="compare the fits, map the residual, predict held-out runs, write the augmented mechanism",
     minutes=90,
 )
 def decide(state: "CampaignState", parts: Parts = 1) -> None:
-    """Weigh the fits: what is missing, or why it cannot be told, and what else of a law's family fits."""
+    """Compare the fits and decide on the missing effects; fit the shapes of law families."""
     from jointgap.campaign.fits_on_disk import family_frame, outcome_of
     from jointgap.identification.law_family import with_families
     from jointgap.identification.model_selection import select_hypothesis
 
     (singles, of_singles), (pairs, seconds) = (state.fits(stage, parts) for stage in ("fit", "pair"))
     seconds = {label: of_singles.get(label, 0.0) + seconds.get(label, 0.0) for label in of_singles | seconds}
-    signatures, limits = state.screening
-    decision = select_hypothesis(state.baseline, signatures, [*singles, *pairs], limits)
+    sensitivities, limits = state.screening
+    decision = select_hypothesis(state.baseline, sensitivities, [*singles, *pairs], limits)
     decision, families = with_families(state.baseline, decision, limits)
     state.folder.write(schema.LAW_FAMILIES, family_frame(families))
     state.verdict_baseline = replace(state.baseline, base=decision.base)
@@ -208,7 +200,7 @@ _MAP = ("bins", "windows", "tests", "orders", "standout", "scaling")
 
 @stage(reads=_DECIDED, writes=tuple(schema.TABLES[f"map_{name}"] for name in _MAP), **_IN_DECIDE)
 def locate(state: "CampaignState") -> None:
-    """Map where the recalibrated model disagrees with the measurement: run, channel, crank angle."""
+    """Map the residual of the re-fitted model by run, channel and crank angle."""
     from jointgap.campaign.fits_on_disk import map_as_read
     from jointgap.identification.disagreement import map_disagreement
 
@@ -221,7 +213,7 @@ def locate(state: "CampaignState") -> None:
 
 @stage(reads=(*_DECIDED, *CAMPAIGN_STAGES.written_by("screen")), writes=_of("regress", OUTCOME_TABLES), **_IN_DECIDE)
 def regress(state: "CampaignState") -> None:
-    """Where no effect explains what is missing: look for a force law as a formula."""
+    """If no effect explains the residual, search a force law as a formula."""
     from jointgap.campaign.fits_on_disk import outcome_with_law
     from jointgap.identification import force_law
     from jointgap.identification.verdict import UNEXPLAINED
@@ -240,17 +232,17 @@ def regress(state: "CampaignState") -> None:
     **_IN_DECIDE,
 )
 def confirm(state: "CampaignState") -> None:
-    """Predict the held-out runs with and without what was found, and come to the final verdict."""
+    """Predict the held-out runs with and without the effects, and decide on the final verdict."""
     from jointgap.campaign.fits_on_disk import channel_errors, residuals_as_read
     from jointgap.identification.confirmation import confirm as confirmed_with
     from jointgap.identification.evidence import final_verdict
 
     outcome = state.outcome("regress")
     proposed = outcome.proposed
-    plain = outcome.base if proposed else outcome.chosen  # nominal values where these are enough
+    plain = outcome.base if proposed else outcome.chosen  # the latter at nominal values if these suffice
     prediction = confirmed_with(state.model, state.noise_with_numerics, plain, proposed, state.seed, state.settings)
-    doubted = state.remaining_doubts(outcome.equivalent or [outcome.chosen])
-    final = final_verdict(outcome, prediction, doubted, state.settings.decision)
+    inconsistent = state.remaining_inconsistencies(outcome.equivalent or [outcome.chosen])
+    final = final_verdict(outcome, prediction, inconsistent, state.settings.decision)
     residuals = residuals_as_read(prediction.residuals, state.clockwise)
     state.folder.write(schema.RESIDUALS, residuals)
     state.folder.write(schema.CHANNEL_ERRORS, channel_errors(residuals, state.campaign))
@@ -263,7 +255,7 @@ _CONFIRMED = _read("noise", "recalibrate", "decide", "confirm")
 
 @stage(reads=_CONFIRMED, writes=(schema.MISSING_FORCE,), files=(MECHANISM,), **_IN_DECIDE)
 def augment(state: "CampaignState") -> None:
-    """Write the mechanism file with what was found, for every other stage."""
+    """Write the mechanism file with the identified effects."""
     from jointgap.campaign.augment import augment as augmented
     from jointgap.config.load import mechanism_as_written
 
@@ -272,19 +264,18 @@ def augment(state: "CampaignState") -> None:
     state.folder.write(schema.MISSING_FORCE, force)
 
 
-@stage(reads=_CONFIRMED, writes=(schema.CAMPAIGN_OPTIMUM,), does="optimise again, before and after", minutes=60)
+@stage(reads=_CONFIRMED, writes=(schema.CAMPAIGN_OPTIMUM,), does="optimise lengths before and after", minutes=60)
 def reoptimise(state: "CampaignState") -> None:
-    """Optimise the link lengths for the model before and after: does the missing effect move the optimum?
+    """Optimise the link lengths for the model with and without the effects, at the speed of the fastest fitted run.
 
-    At the speed of the fastest run for fitting. Where nothing was added to the model, or no joint is loose, there is
-    nothing to compare, and the table has no row.
+    The table is empty if no effect was added or all joints are ideal.
     """
     from jointgap.campaign.augment import mechanisms
     from jointgap.campaign.reoptimise import reoptimise as reoptimised
     from jointgap.config import load_mechanism
 
     models = {}
-    # the transmission angle of ideal joints follows from the lengths alone, whatever acts on the slider
+    # with ideal joints the transmission angle depends on the lengths only
     if any(one.applied().loose for one in (state.campaign.mechanism, load_mechanism(state.folder.path / MECHANISM))):
         outcome = state.outcome("verdict")
         if not all(candidate.sensor for candidate in outcome.chosen.hypothesis):
@@ -316,7 +307,7 @@ def conclude(state: "CampaignState") -> None:
     publishes=True,
 )
 def track_campaign(state: "CampaignState") -> None:
-    """Publish a campaign's verdict, fits and figures to MLflow; nothing twice."""
+    """Publish a campaign's verdict, fits and figures to MLflow; publishing is idempotent."""
     from jointgap.campaign.mlflow_runs import DESCRIPTION, records
     from jointgap.core.publish import publish_records
 

@@ -1,4 +1,4 @@
-"""One campaign on its way to a verdict: what its stages have handed on so far."""
+"""State of a campaign: results of the stages so far."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,14 +31,11 @@ Noise = dict[tuple[str, str], NoiseEstimate]
 """Noise of every series, by run and channel."""
 
 FALSE_ALARM_RATE = 0.01
-"""Share of campaigns with nothing hidden in which something is found nevertheless."""
+"""Share of campaigns without a missing effect in which one is named."""
 
 
 class CampaignState:
-    """A campaign and its results folder.
-
-    What a stage hands on is read from its tables when it is first asked for; a stage that runs in this process sets it.
-    """
+    """A campaign and its results folder; results of stages are set in this process or read from their tables."""
 
     false_alarm_rate = FALSE_ALARM_RATE
     seed = 0
@@ -55,55 +52,55 @@ class CampaignState:
 
     @cached_property
     def measurements(self) -> "Measurements":
-        """What the stage measure read."""
         read = self.folder.read
         files.check_unchanged(self.campaign, read("config_snapshot"))
         found = tuple(Contradiction(**row) for row in read("contradictions").to_dict("records"))
         return from_frame(read("measured"), self.campaign, tuple(read("remarks")["remark"]), found)
 
     @cached_property
-    def doubted_channels(self) -> tuple[str, ...]:
-        """Channels that contradict others, by what the stage measure found."""
+    def inconsistent_channels(self) -> tuple[str, ...]:
+        """Inconsistent channels found by the stage measure."""
         return tuple(dict.fromkeys(found.channel for found in self.measurements.contradictions if found.doubtful))
 
     def check_agreement(self) -> None:
-        """Make sure that channels do not contradict each other before hours of work."""
+        """InputError if channels are inconsistent."""
         if found := [one for one in self.measurements.contradictions if one.stops]:
             raise InputError(
-                f"campaign {self.campaign.name}: channels are not what they are said to be, so nothing was analysed; "
-                "correct the campaign file or the data, or go on all the same: --anyway (in Python anyway=True, in a "
-                "configuration anyway: true)",
+                f"campaign {self.campaign.name}: channels are inconsistent, so nothing was analysed; correct the "
+                "campaign file or the data, or continue with --anyway (Python: anyway=True, configuration: "
+                "anyway: true)",
                 *sentences(found),
             )
 
-    def remaining_doubts(self, explanations: Sequence[Fit]) -> tuple[str, ...]:
-        """Channels that contradict others even once the faults of sensors that `explanations` hold are taken out."""
-        from jointgap.rig.model import remaining_doubts
+    def remaining_inconsistencies(self, explanations: Sequence[Fit]) -> tuple[str, ...]:
+        """Channels that are inconsistent even without the sensor faults of `explanations`."""
+        from jointgap.rig.model import remaining_inconsistencies
 
-        return remaining_doubts(self.model, self.measurements, explanations) if self.doubted_channels else ()
+        return (
+            remaining_inconsistencies(self.model, self.measurements, explanations) if self.inconsistent_channels else ()
+        )
 
     @cached_property
     def model(self) -> Model:
-        """The rig's model with the measured data."""
         from jointgap.rig.model import build_model
 
         return build_model(self.campaign, self.measurements)
 
     @cached_property
     def library(self) -> list[Candidate]:
-        """Terms that a law for a missing force may have."""
+        """Candidate terms of a force law."""
         from jointgap.rig.model import library
 
         return list(library(self.model))
 
     @cached_property
     def noise(self) -> Noise:
-        """Noise of every series, without that of the numerics."""
+        """Noise of every series without solver error."""
         return self._noise("noise")
 
     @cached_property
     def noise_with_numerics(self) -> Noise:
-        """Noise of every series, with that of the numerics."""
+        """Noise of every series with solver error."""
         return self._noise("recalibrate")
 
     def _noise(self, stage: str) -> Noise:
@@ -112,33 +109,33 @@ class CampaignState:
             if series.key not in noise or noise[series.key].sd.shape != series.value.shape:
                 run, channel = series.key
                 raise InputError(
-                    f"campaign {self.campaign.name}: {self.folder.place('noise', stage)} is of other data than channel "
-                    f"{channel} of run '{run}' now holds; run `jointgap {stage}` on it again, and the stages after it"
+                    f"campaign {self.campaign.name}: {self.folder.place('noise', stage)} does not match the data of "
+                    f"channel {channel} of run '{run}'; repeat `jointgap {stage}` and the later stages"
                 )
         return noise
 
     @cached_property
     def baseline(self) -> Baseline:
-        """The recalibrated model that every hypothesis is compared with."""
+        """The model with re-fitted nuisances, the reference of all explanations."""
         problem = Problem(self.model, self.noise_with_numerics, settings=self.settings)
         (nominal,), (base,) = (self._read_fits(f"recalibrate/{which}", problem) for which in ("nominal", "base"))
         return Baseline(problem, differences_at(problem, base), nominal, base)
 
     @cached_property
     def verdict_baseline(self) -> Baseline:
-        """The same with the base that the verdict rests on: a better one may have been found on the way to it."""
+        """The same with the base of the verdict, which may be better."""
         (base,) = self._read_fits("decide/base", self.baseline.problem)
         return replace(self.baseline, base=base)
 
     @cached_property
     def screening(self) -> Screening:
-        """Signatures of all candidates, and thresholds."""
+        """Sensitivities of all candidates, and thresholds."""
         limits = Thresholds(**self.folder.read("thresholds").to_dict("records")[0])
         frames = self.folder.read_all(("signatures", "signature_shapes", "screened"))
-        return Screening(disk.signatures_from_frames(frames, self.baseline), limits)
+        return Screening(disk.sensitivities_from_frames(frames, self.baseline), limits)
 
     def fits(self, stage: str, parts: int) -> tuple[list[Fit], dict[str, float]]:
-        """What the `parts` of the `stage` fit or pair found, and how long each fit took [s], by its label."""
+        """Fits of all `parts` of the `stage` fit or pair, and the duration of each [s] by label."""
         fits, seconds = [], {}
         for part in range(parts):
             fits += self._read_fits(f"{stage}/{part}", self.baseline.problem)
@@ -149,14 +146,14 @@ class CampaignState:
         return disk.fits_from_frames(self.folder.read_all(files.FIT_TABLES, stage), problem, more)
 
     def write_fits(self, fits: Sequence[Fit], stage: str, seconds: Sequence[float] | None = None) -> None:
-        """Write `fits` in full as those of `stage`, with the `seconds` that each took."""
+        """Write `fits` with full Jacobians as those of `stage`, with their durations in `seconds`."""
         self.folder.write_all(disk.fits_to_frames(fits, seconds, whole_jacobian=True), stage)
 
     def outcome(self, stage: str) -> disk.Outcome:
-        """The outcome that the stage decide or regress came to, or the final one: `stage` verdict."""
+        """The outcome of the `stage` decide, regress or verdict (final)."""
         row = self.folder.read("decision", stage).iloc[0]
         verdict, base = row["verdict"], self.verdict_baseline.base
-        # terms of a law are no candidates of the model, but the library is made only where they are needed
+        # terms of a law are in the library, which is slow to make
         formula = (self.folder.read("fits", stage)["kind"] == "formula").any()
         fits = self._read_fits(stage, self.baseline.problem, self.library if formula else ())
         chosen = self.baseline.nominal if row["nuisances"] == "nominal" else base
@@ -168,7 +165,7 @@ class CampaignState:
         return replace(found, equivalent=fits)
 
     def write_outcome(self, outcome: disk.Outcome, stage: str) -> None:
-        """Write what the `stage` decide or regress came to, or the final one, for `outcome` to read."""
+        """Write the outcome of the `stage` decide, regress or verdict (final)."""
         nuisances = "nominal" if outcome.verdict == NO_DISAGREEMENT else "base"
         decision = {"verdict": [outcome.verdict], "because": [outcome.because], "nuisances": [nuisances]}
         plain = [] if outcome.named else [outcome.chosen]

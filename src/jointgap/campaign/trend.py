@@ -1,4 +1,4 @@
-"""Sizes of effects by date over campaigns of one rig, and whether they grow."""
+"""Trend of effect sizes over campaigns of one rig."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from scipy.stats import norm
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import VERDICT, check_unchanged, config_snapshot
 from jointgap.campaign.page import frame_block
-from jointgap.campaign.sentences import label_in_words, label_of, parameter_in_words, unit_of
+from jointgap.campaign.sentences import format_label, format_parameter, label_of, unit_of
 from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import load_campaign
@@ -26,13 +26,13 @@ from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWT
 from jointgap.core.words import format_name, joined, with_unit
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS
 
-_SHOWN_UNITS = {"m": (1e6, "µm")}  # by SI unit, and how many of them that is
+_SHOWN_UNITS = {"m": (1e6, "µm")}  # factor and unit by SI unit
 
 FEWEST_DATES = 3
-"""Different dates: two make a line whatever the errors are, and nothing tells whether these are right."""
+"""Different dates that a growth rate requires: with two the errors cannot be checked."""
 
 _PAGE = "trend.md"
-_CLEARANCE = "_clearance"  # ends the names of effects and nuisances that are clearances
+_CLEARANCE = "_clearance"  # suffix of effects and nuisances that are clearances
 
 
 class Growth(NamedTuple):
@@ -42,12 +42,12 @@ class Growth(NamedTuple):
     low: float  # of its 90 % interval
     high: float
     first_value: float  # on day 0 [SI]
-    p: float  # Probability of as large a rate where nothing grows [1]
+    p: float  # Probability of so large a rate without growth [1]
     error_scale: float  # Factor on the stated errors [1]
 
 
 def fit_growth(days: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Growth:
-    """The straight line through sizes over days."""
+    """Fit a line by weighted least squares; errors are widened if the reduced chi2 exceeds 1."""
     (rate, first), covariance = np.polyfit(days, values, 1, w=1.0 / errors, cov="unscaled")
     chi2 = np.sum(((values - first - rate * days) / errors) ** 2)
     scale = max(1.0, math.sqrt(chi2 / (len(days) - 2)))
@@ -57,7 +57,7 @@ def fit_growth(days: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Grow
 
 
 def trend(files: Sequence[Path], results: Path, folder: Path) -> str:
-    """Write the tables, the figure and the page of a trend."""
+    """Write tables, figure and page of a trend, and return its summary."""
     target = ResultsFolder(folder)
     drawn = (f"figures/trend{suffix}" for suffix in (".svg", ".png", ".parquet"))
     target.check_writable(TREND.path, TREND_GROWTH.path, _PAGE, *drawn)
@@ -65,7 +65,7 @@ def trend(files: Sequence[Path], results: Path, folder: Path) -> str:
     for file in files:
         campaign = load_campaign(file)
         if campaign.date is None:
-            raise InputError(f"{file}: has no date; add the day of the measurement, such as 'date: 2026-03-01'")
+            raise InputError(f"{file}: has no `date`; add the day of the measurement, such as 'date: 2026-03-01'")
         for other in campaigns:
             _check_apart(file, campaign, other)
         campaigns.append(campaign)
@@ -82,17 +82,17 @@ def trend(files: Sequence[Path], results: Path, folder: Path) -> str:
     target.write(TREND_GROWTH, growth)
     save(drawing, folder / "figures/trend")
     write_text(folder / _PAGE, to_markdown(_page(sizes, growth)))
-    return "\n".join(map(growth_in_words, growth.to_dict("records"))) + f"\n{folder / _PAGE}"
+    return "\n".join(map(growth_summary, growth.to_dict("records"))) + f"\n{folder / _PAGE}"
 
 
 def _check_apart(file: Path, campaign: Campaign, other: Campaign) -> None:
-    """InputError where a campaign of the `file` is the `other` one again, or of another mechanism."""
+    """InputError if the campaign of `file` repeats `other` or has another mechanism."""
     if campaign.name == other.name:
-        raise InputError(f"{file}: campaign '{campaign.name}' is given twice; give each once, with a name of its own")
+        raise InputError(f"{file}: campaign '{campaign.name}' is given twice; give each once, with its own name")
     own, others = ({(each.folder / run.file).resolve() for run in each.runs} for each in (campaign, other))
     if shared := sorted(own & others):
         raise InputError(
-            f"{file}: reads {shared[0]}, as campaign '{other.name}' does; give each campaign the data of its own date"
+            f"{file}: reads {shared[0]}, like campaign '{other.name}'; give each campaign the data of its own date"
         )
     mine, its = (
         config_snapshot(each).set_index("key")["value"].filter(like="mechanism.") for each in (campaign, other)
@@ -101,12 +101,12 @@ def _check_apart(file: Path, campaign: Campaign, other: Campaign) -> None:
         if mine.get(key) != its.get(key):
             raise InputError(
                 f"{file}: {key} = {mine.get(key, 'absent')}, but {its.get(key, 'absent')} in campaign '{other.name}' "
-                "(SI); campaigns of a trend are of one mechanism, analyse them with the same file"
+                "(SI); a trend requires the same mechanism, analyse all campaigns with the same file"
             )
 
 
 def _stated(verdict: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The sizes that a campaign states, by label: of what is named or certain, and clearances that were fitted."""
+    """Sizes by label: of named or certain effects, and of fitted clearances."""
     stated = {
         key: {"parameter": key, "unit": "m", "source": "nuisance", "estimate": estimate}
         for key, estimate in verdict["nuisances"].items()
@@ -115,7 +115,7 @@ def _stated(verdict: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     for source, effects in (("named", verdict["effects"]), ("certain", verdict.get("certain", ()))):
         for effect in effects:
             parameter, estimate = next(iter(effect["parameters"].items()), ("", {}))
-            if isinstance(estimate.get("value"), int | float):  # a law that was found has a formula instead
+            if isinstance(estimate.get("value"), int | float):  # not the formula of a law
                 unit = unit_of(effect["name"], effect["site"], parameter)
                 size = {"parameter": parameter, "unit": unit, "source": source, "estimate": estimate}
                 stated[label_of(effect)] = size
@@ -125,28 +125,28 @@ def _stated(verdict: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 def _sizes_of(
     campaigns: Sequence[Campaign], verdicts: Mapping[str, Mapping], folders: Mapping[str, ResultsFolder]
 ) -> pd.DataFrame:
-    """Table `TREND`: every size that can be followed, with a row for each campaign."""
+    """Table `TREND`: a row for each size and campaign."""
     stated = {name: _stated(verdict) for name, verdict in verdicts.items()}
     times = pd.Series([label for each in stated.values() for label in each], dtype=object).value_counts(sort=False)
     followed = [label for label, count in times.items() if label.endswith(_CLEARANCE) or count > 1]
     if not followed:
         raise InputError(
-            f"campaigns {joined(stated)}: no clearance was found in any of them, and no other effect in two; there is "
-            "no size to follow"
+            f"campaigns {joined(stated)}: none identified a clearance, and no two the same effect, so there is no size "
+            "to follow; give campaigns that identified one"
         )
     detectable = {}
     for name, folder in folders.items():
-        if folder.place(DETECTABLE).exists():  # a verdict can be kept without what led to it
+        if folder.place(DETECTABLE).exists():  # a verdict can be kept without its tables
             detectable[name] = folder.read(DETECTABLE).set_index("label")["smallest_detectable"]
     rows = []
     for label in followed:
         like = [each[label] for each in stated.values() if label in each]
-        # an effect states whole sizes under its own name, which the nuisance of a clearance has as its key
+        # a clearance can be an effect in one campaign and a nuisance in another
         known = next((size for size in like if size["source"] != "nuisance"), like[0])
         for campaign in campaigns:
             size = stated[campaign.name].get(label)
             estimate = size["estimate"] if size else {}
-            reason = _why_it_does_not_count(label, size, verdicts[campaign.name])
+            reason = _reason_not_used(label, size, verdicts[campaign.name])
             row = {"label": label, "parameter": known["parameter"], "unit": known["unit"], "campaign": campaign.name}
             row |= {"date": campaign.date.isoformat(), "days": (campaign.date - campaigns[0].date).days}
             row |= {"source": size["source"] if size else "", "counts": not reason, "reason": reason}
@@ -158,23 +158,23 @@ def _sizes_of(
             rows.append(row)
     frame = pd.DataFrame(rows, columns=TREND.names)
     numbers = [column.name for column in TREND.columns if column.kind == "float"]
-    return frame.astype(dict.fromkeys(numbers, float))  # None, of what has no interval, is no number
+    return frame.astype(dict.fromkeys(numbers, float))  # None becomes NaN
 
 
-def _why_it_does_not_count(label: str, size: Mapping[str, Any] | None, verdict: Mapping[str, Any]) -> str:
-    """Why a campaign's size of `label` does not count in the growth; empty where it does."""
+def _reason_not_used(label: str, size: Mapping[str, Any] | None, verdict: Mapping[str, Any]) -> str:
+    """Why a campaign's size of `label` is not used for the growth; empty if it is."""
     if size:
         if size["source"] == "nuisance" and verdict["verdict"] in ("unexplained", "ambiguous"):
-            return "fitted without what else is missing"
+            return "fitted without the missing effect"
         low, high = size["estimate"].get("interval_90") or (None, None)
         bounded = low is not None and high is not None and high > low
         return size["estimate"].get("remark") or ("" if bounded else "has no 90 % interval")
     if any(label == label_of(effect) for explanation in verdict["equivalent"] for effect in explanation):
-        return "not certain: one of several explanations that fit equally well"
+        return "not certain: one of several equivalent explanations"
     if label in map(label_of, (verdict["best_known"] or {}).get("effects", ())):
-        return "not proven, though in the best explanation known"
+        return "not confirmed: only in the best candidate"
     if label in verdict["preflight"]["undetectable"]:
-        return "not found, and not detectable with its runs and channels"
+        return "not found: not detectable with these runs and channels"
     return f"not found; the verdict is {verdict['verdict'].replace('_', ' ')}"
 
 
@@ -194,28 +194,28 @@ def growth_frame(sizes: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=TREND_GROWTH.names)
 
 
-def growth_in_words(growth: Mapping[str, Any]) -> str:
+def growth_summary(growth: Mapping[str, Any]) -> str:
     """A row of table `TREND_GROWTH` in a sentence."""
-    what = label_in_words(growth["label"])
+    what = format_label(growth["label"])
     if growth["growth"] == "too few dates":
-        return f"{what}: too few dates, {growth['dates']} of the {FEWEST_DATES} at least that a growth needs"
+        return f"{what}: too few dates for a growth rate ({growth['dates']} of at least {FEWEST_DATES})"
     factor, unit = _SHOWN_UNITS.get(growth["unit"], (1.0, growth["unit"]))
     sign = -1.0 if growth["growth"] == "shrank" else 1.0
     rates = sorted(sign * factor * growth[key] for key in ("rate_low", "rate", "rate_high"))
     low, rate, high = (_rounded(each, rates[2] - rates[1]) for each in rates)
-    verdict = "no growth that these data show," if growth["growth"] == "no growth" else f"{growth['growth']} by"
+    verdict = "no significant growth:" if growth["growth"] == "no growth" else f"{growth['growth']} by"
     p = "below 1e-10" if growth["p"] < 1e-10 else f"= {growth['p']:.2g}"
     return f"{what}: {verdict} {with_unit(rate, unit)} per day (90 % interval {low} to {high}; p {p})"
 
 
 def _rounded(value: float, error: float) -> str:
-    """A `value` to the second digit of its `error`, with no minus zero."""
+    """A `value` to the second digit of its `error`, without minus zero."""
     decimals = max(0, 1 - math.floor(math.log10(error)))
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
-    """Sizes over dates, a panel for each: 90 % intervals, and the line where one was fitted."""
+    """Sizes over dates with 90 % intervals and the fitted line, one panel for each size."""
     sheet, above = Sheet(0.8 + 2.4 * len(growth), len(growth), 1), None
     sizes = sizes.assign(day=date2num(pd.to_datetime(sizes["date"]).to_numpy()))
     for place, line in enumerate(growth.to_dict("records")):
@@ -226,7 +226,7 @@ def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
         counts, stated = own[own["counts"]], own["value"].notna()
         others = own[stated & ~own["counts"]]
         series = {"size with 90 % interval": (counts, "settled", {})}
-        series["does not count in the line"] = (others, "limit", {"markerfacecolor": "white"})
+        series["not used for the line"] = (others, "limit", {"markerfacecolor": "white"})
         for words, (shown, colour, style) in series.items():
             if len(shown):
                 low, high = (factor * shown[end].fillna(shown["value"]) for end in ("low_90", "high_90"))
@@ -234,10 +234,10 @@ def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
         known = own[~stated].dropna(subset=["smallest_detectable"])
         if len(known):
             smallest = factor * known["smallest_detectable"]
-            panel.marks("not found; would show from here on", known["day"], smallest, "other", marker="v")
+            panel.marks("not found; detectable from this size", known["day"], smallest, "other", marker="v")
         unknown = own.loc[~stated & own["smallest_detectable"].isna(), "day"]
         for order, day in enumerate(unknown):
-            panel.vertical_line("not found; no size known", day, named=order == 0)
+            panel.vertical_line("not found; detectable size unknown", day, named=order == 0)
         if pd.notna(line["rate"]):
             span = np.array([counts["day"].min(), counts["day"].max()])
             ends = line["first_value"] + line["rate"] * (span - own["day"].min())
@@ -254,15 +254,15 @@ def _page(sizes: pd.DataFrame, growth: pd.DataFrame) -> Page:
     blocks = []
     for row in growth.to_dict("records"):
         wider = f" Errors were widened by the factor {row['error_scale']:.2g}." if row["error_scale"] > 1.0 else ""
-        blocks.append(Paragraph(f"{growth_in_words(row)}.{wider}", strong=True))
+        blocks.append(Paragraph(f"{growth_summary(row)}.{wider}", strong=True))
         factor, unit = _SHOWN_UNITS.get(row["unit"], (1.0, row["unit"]))
         own = sizes[(sizes["label"] == row["label"]) & (sizes["parameter"] == row["parameter"])]
         names = ("date", "campaign", "value", "low_90", "high_90", "source", "smallest_detectable", "reason")
-        parameter = parameter_in_words(row["label"].partition(":")[0], row["parameter"])
+        parameter = format_parameter(row["label"].partition(":")[0], row["parameter"])
         blocks.append(frame_block(TREND, own, names, f"By campaign: {parameter}.", (unit, factor)))
     meaning = (
-        "Straight lines by weighted least squares over the days; `trend_growth.parquet` has them, `trend.parquet` the "
-        f"sizes in SI. Grew or shrank: p below {FALSE_ALARM_RATE:g}. A campaign that found nothing does not count; its "
-        "size may be anything below the smallest that shows there."
+        "Lines: weighted least squares over the days (`trend_growth.parquet`; sizes in SI: `trend.parquet`). Grew or "
+        f"shrank: p below {FALSE_ALARM_RATE:g}. A campaign that did not find the effect is not used for the line: the "
+        "size there is below the smallest detectable one."
     )
     return Page("Wear by date", (*blocks, FigureBlock("trend", "Sizes by date"), Paragraph(meaning)))

@@ -1,4 +1,4 @@
-"""verdict.json: what was found, in the form that people script against."""
+"""verdict.json: the verdict for programs."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -19,16 +19,16 @@ from jointgap.identification.fit import Fit, coordinate_estimate, effect_estimat
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
 
-SCHEMA_VERSION = 2  # one more when a key of verdict.json changes its meaning or goes
+SCHEMA_VERSION = 2  # increase when a key of verdict.json changes its meaning or is removed
 
 TABLES = ("detectable", "confusability", "gaps", "map_windows", "map_standout", "law_families")
-"""What it is made from besides the outcome."""
+"""Tables that `document` requires."""
 
 
 def document(
-    outcome: Outcome, tables: Frames, campaign: Campaign, doubted: Sequence[str] = (), repeats: bool = True
+    outcome: Outcome, tables: Frames, campaign: Campaign, inconsistent: Sequence[str] = (), repeats: bool = True
 ) -> dict[str, Any]:
-    """The content of ``verdict.json``; `repeats` where samples are compared, and not statistics over cycles."""
+    """The content of ``verdict.json``; `repeats`: samples are compared, not statistics over cycles."""
     gaps, gains = tables["gaps"], _gains(outcome)
     certain = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
     test = held_out_test(gaps) if outcome.proposed else None
@@ -46,7 +46,7 @@ def document(
         "best_known": _best_known(outcome, gaps, gains),
         "interval_factor": (outcome.proposed or outcome.chosen).scale,
         "held_out_test": test and test.outcome,
-        "doubted_channels": list(doubted),
+        "doubted_channels": list(inconsistent),
         "nuisances": {
             p.key: estimate | ({} if is_taken_over(p, estimate) else {"kept": True})
             for p, estimate in nuisances_as_read(outcome.chosen, clockwise(campaign))
@@ -72,23 +72,22 @@ def document(
 
 
 def text(verdict: Mapping[str, Any]) -> str:
-    """The document as JSON text; what is not a number is null."""
+    """The document as JSON; non-finite numbers are null."""
     return json.dumps(_finite(verdict), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def read(path) -> dict[str, Any]:
-    """The document in a file."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: is no verdict ({error}); run the campaign's stages first") from error
+        raise InputError(f"{path}: not a verdict ({error}); run the campaign's stages first") from error
     if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
-        raise InputError(f"{path}: is no verdict of schema_version {SCHEMA_VERSION}; run the campaign's stages again")
+        raise InputError(f"{path}: not a verdict of schema_version {SCHEMA_VERSION}; repeat the campaign's stages")
     return content
 
 
 def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) -> dict[str, float | None]:
-    """Gap before and after over all channels; None where what was added cannot be simulated."""
+    """Gap before and after over all channels; None if the model with the effects cannot be simulated."""
     row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
     gap = {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
     return gap if added else gap | {"after": gap["before"]}
@@ -104,7 +103,7 @@ def held_out(gaps: pd.DataFrame, roles: Mapping[str, str], added: bool = True) -
 
 
 def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]) -> dict[str, Any] | None:
-    """What is best but not proven, and how far it goes."""
+    """The best explanation that is not confirmed, with its gaps and its rival."""
     best = outcome.best_known
     if best is None:
         return None
@@ -122,7 +121,7 @@ def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]
 
 
 def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None = None) -> list[dict[str, Any]]:
-    """The effects of one explanation; terms of a law are one effect."""
+    """The effects of an explanation; the terms of a law are one effect."""
     laws = [candidate for candidate in fit.hypothesis if candidate.name.startswith("discovered_")]
     entries = [
         _effect(candidate.name, candidate.site, fit, [candidate], gains, effect_estimates(fit, candidate))
@@ -141,14 +140,14 @@ def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None
 def _effect(
     name: str, site: str, fit: Fit, own: Sequence[Candidate], gains: Mapping[str, float], parameters: dict[str, Any]
 ) -> dict[str, Any]:
-    """One effect; its delta_bic is what leaving it out costs; None where the rest cannot be simulated by itself."""
+    """One effect; delta_bic: BIC without it minus BIC; None if the explanation without it was not fitted."""
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
     cost = gains[left] - fit.bic if left in gains else None
     return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
 
 
 def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[dict[str, Any]]:
-    """The effects `named`, each with what the data leave of its families, if it has any."""
+    """The effects `named` with the intervals of their law families."""
     for effect in named:
         for row in families.itertuples():
             if (row.effect if row.fits else row.law) not in (effect["name"], f"{effect['name']}:{effect['site']}"):
@@ -156,14 +155,14 @@ def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[
             law, interval = row.law.partition(":")[0], {"interval_99": [row.low, row.high]}
             left = {"law": law, "shape": row.shape, "value": row.value, **interval, "named": not row.alone}
             effect.setdefault("families", []).append(left)
-            # a shape that is a parameter too has one 99 % interval, that of its family
+            # the 99 % interval of a shape that is also a parameter is that of the family
             if row.shape in effect["parameters"] and law == effect["name"]:
                 effect["parameters"][row.shape] |= interval
     return named
 
 
 def _close(outcome: Outcome) -> list[list[str]]:
-    """Effects of each admissible explanation whose BIC is no farther from the best than those that are equivalent."""
+    """Effects of each admissible explanation whose BIC is at most that of the equivalent ones."""
     if not outcome.equivalent:
         return []
     ranking = outcome.ranking.query("admissible").set_index("explanation")["bic"]
@@ -176,7 +175,7 @@ def _gains(outcome: Outcome) -> dict[str, float]:
 
 
 def _finite(value: Any) -> Any:
-    """`value` with null for numbers that are not finite, and plain numbers for numpy's."""
+    """`value` with None for non-finite numbers and Python numbers for NumPy ones."""
     if isinstance(value, Mapping):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

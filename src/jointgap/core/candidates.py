@@ -1,4 +1,4 @@
-"""Interface of a model for identification: candidates, parameters, families of laws."""
+"""What identification needs of a model: candidates, parameters, families of laws."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,26 +10,26 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fit parameter.
+    """A number that a fit varies.
 
     Attributes
     ----------
     name : str
         Such as ``slider_mass`` or ``force_N``.
     nominal : float
-        Default value; 0 for an effect's size, at which the effect is absent.
+        What it is where nothing says otherwise; of an effect's size: 0, at which the effect is absent.
     low, high : float
-        Hard bounds with a uniform prior; infinite for none.
+        Hard bounds, flat inside; infinite for none.
     step : float
-        A typical change, > 0, of the order of the noise; scale of difference quotients.
+        A typical change, > 0: about what noise could hide. Differences are taken over steps of this order.
     unit : str
         SI unit, ``'1'`` for pure numbers.
     run : str, optional
-        The run that it belongs to, such as for a run's speed; None if common to all runs.
+        The one run that it belongs to, such as a run's speed; None where all runs share it.
     whole : bool
-        Whether it is rounded to an integer: chi2 is piecewise constant in it, so samples around a fit keep it fixed.
+        Counts by the whole number next to it: chi2 is flat but for its steps, so that draws about a fit hold it.
     tried : tuple of float
-        Discrete values for a search, if any.
+        The values that a search tries, where it is not free to choose.
     """
 
     name: str
@@ -44,49 +44,52 @@ class Parameter:
 
     @property
     def key(self) -> str:
-        """``name``, or ``name@run`` for a parameter of one run."""
+        """``name``, or ``name@run`` of a run's own."""
         return self.name if self.run is None else f"{self.name}@{self.run}"
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect that the model may lack, as parametrised for a fit.
+    """An effect that could be missing, as a fit sees it.
 
     Attributes
     ----------
     name, site : str
-        As in a verdict.
+        As a verdict states them.
     coordinates : tuple of Parameter
-        Fit parameters; those with a run belong to that run only, such as a phase. The motion should be approximately
-        linear in the `amplitudes` near 0, so an amplitude with a phase has two coordinates: cosine and sine parts.
+        What a fit varies; those with a run belong to that run alone, such as a phase. Near the effect's absence the
+        motion should depend on the `amplitudes` about linearly, so an amplitude with a phase has two coordinates, its
+        cosine and sine parts.
     amplitudes : tuple of str
-        Keys of the coordinates that are 0 where the effect is absent; the others are shape parameters (an exponent, a
+        Keys of the coordinates that are 0 where the effect is absent; the rest are shape parameters (an exponent, a
         frequency).
     initial_guesses : tuple of mappings
-        Initial values of all shape parameters; one empty mapping without shape parameters. If the motion is nonlinear
-        in a single amplitude near 0, such as the clearance of an ideal joint, guesses include the amplitude, at which
-        fits then start; likewise if the amplitude's value was estimated otherwise.
+        Values of all shape parameters to start from; one empty mapping where there are none. Where the motion is not
+        about linear in an amplitude from 0 on, such as the clearance of a joint that was ideal, guesses hold the
+        amplitude too, if it is the only one: finite amplitudes are then simulated, and fits start there. So do those of
+        an amplitude whose value something else has told.
     parameters : function
-        From values of the coordinates to the parameters of a verdict; by default the identity.
+        From values of the coordinates to the parameters that a verdict states. The coordinates themselves by default.
     replaces : mapping of str to str
-        Nuisances that are this effect's own parameter, with the corresponding amplitude: the nuisance is fixed at
-        nominal in a fit of the effect, and the amplitude is the difference.
+        Nuisances that are this effect's own parameter, and the amplitude that stands for each: a nuisance is held at
+        nominal where the effect is fitted, and the amplitude is what it is beyond that.
     sensor : bool
-        Whether it is a sensor fault, which acts on readings and not on the motion.
+        Whether it is a fault of a sensor: it acts on what is read, not on the motion.
     has_site : bool
-        Whether the effect could be at several sites, so that its label includes the site.
-    steady_counterpart : str
-        Label of the steady effect that this one modulates: in time with the shape parameter ``frequency_Hz``, or with
-        the crank at ``order`` cycles per revolution. Its amplitudes are the cosine and sine parts. Initial frequencies
-        or orders are then searched in the residual.
+        Whether the effect could be at another site too, so that its label needs the site.
+    carrier : str
+        Label of a steady effect that this one is, but for swinging: in time at its shape parameter ``frequency_Hz``, or
+        in step with the crank at ``order``, cycles per revolution. Its amplitudes are the parts with the cosine and
+        with the sine. Frequencies or orders to start from are then searched in the residual.
     is_perturbation : bool
-        Whether its amplitude is the change of a known quantity, such as a clearance, down to a lower bound where that
-        quantity vanishes: the motion is then nonlinear in it. Both bounds are finite.
+        Whether its amplitude is the change of a known quantity, such as a clearance, down to the lower bound where
+        nothing is left of that: small changes then say little of large ones. Both bounds are finite.
     search_range : tuple of two floats
-        For an effect with one amplitude whose chi2 has many local minima: range of a global search, even in the
-        logarithm of the amplitude (of the remaining quantity for a perturbation); () for others.
+        Of an effect with one amplitude on which the motion depends so roughly that a fit converges from near by alone:
+        between which values it is searched, evenly in its logarithm; () of others. Of the perturbation of a known
+        quantity evenly in the logarithm of what is left of that.
     families : tuple of LawFamily
-        Laws of which the effect is a special case.
+        Laws of which the effect is one shape.
     """
 
     name: str
@@ -98,79 +101,79 @@ class Candidate:
     replaces: Mapping[str, str] = field(default_factory=dict)
     sensor: bool = False
     has_site: bool = False
-    steady_counterpart: str = ""
+    carrier: str = ""
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
-        """Reject inconsistent finite amplitudes."""
+        """Refuse finite amplitudes that nothing could be derived from."""
         finite = [*self.search_range]
         finite += [guess[key] for guess in self.initial_guesses for key in self.amplitudes if key in guess]
         least = min(self.search_range, default=np.inf)
         if finite and (len(self.amplitudes) > 1 or 0.0 in finite or least <= self.vanishing_amplitude):
             raise ValueError(
-                f"{self.name}: initial_guesses and search_range require a single amplitude with values other than 0, "
-                f"and a search_range above {self.vanishing_amplitude:g}; got {finite}"
+                f"{self.name}: initial_guesses and search_range hold values of a single amplitude, none of them 0, "
+                f"those of a search_range above {self.vanishing_amplitude:g}; got {finite}"
             )
         if self.is_perturbation and not all(
             np.isfinite((p.low, p.high)).all() for p in self.coordinates if p.name in self.amplitudes
         ):
-            raise ValueError(f"{self.name}: the perturbation of a known quantity requires finite bounds")
+            raise ValueError(f"{self.name}: the perturbation of a known quantity needs finite bounds")
 
     @property
     def label(self) -> str:
-        """``name``, or ``name:site`` with several sites; unique among a model's candidates."""
+        """``name``, or ``name:site`` where there is a choice; unique among a model's candidates."""
         return f"{self.name}:{self.site}" if self.has_site else self.name
 
     @property
     def exclusion_group(self) -> str:
-        """Only one effect of a hypothesis may have the same group: the law's label for a family of faults of one
-        sensor, otherwise the effect's own label."""
+        """What at most one effect of a hypothesis can have: one sensor errs by one fault of a family, so that is the
+        law's label; of other effects it is their own."""
         return self.families[0].law.label if self.sensor and self.families else self.label
 
     @property
     def claims(self) -> frozenset[str]:
-        """Resources that no two effects of a hypothesis share: `exclusion_group` and replaced nuisances."""
+        """What no two effects of a hypothesis share: their `exclusion_group` and the nuisances that they replace."""
         return frozenset((self.exclusion_group, *self.replaces))
 
     @property
-    def is_rough(self) -> bool:
-        """Whether samples are so irregular in it that only a global search finds it, not derivatives; small changes of
-        an existing quantity are found by derivatives too."""
+    def is_nonsmooth(self) -> bool:
+        """Whether samples depend so roughly on it that no slope leads to it: the search alone does. Small changes of
+        what is there are told by slopes too."""
         return bool(self.search_range) and not self.is_perturbation
 
     @property
     def vanishing_amplitude(self) -> float:
-        """First amplitude [SI] at which the changed quantity vanishes: 0, except for a perturbation."""
+        """Where the first amplitude [SI] leaves nothing of what it changes: at 0, but for a perturbation."""
         if not self.is_perturbation:
             return 0.0
         return next(p.low for p in self.coordinates if p.key == self.amplitudes[0])
 
     def coordinates_in(self, runs: Sequence[str]) -> tuple[Parameter, ...]:
-        """The coordinates that apply to `runs`."""
+        """The coordinates that matter to `runs`."""
         return tuple(p for p in self.coordinates if p.run in (None, *runs))
 
 
 @dataclass(frozen=True)
 class LawFamily:
-    """A law of which several effects are special cases; the compatible shapes are determined once one was identified.
+    """A law of which effects of the list are single shapes; which shapes data allow is asked once one of them is found.
 
     Attributes
     ----------
     law : Candidate
-        The law; one of its coordinates, not an amplitude, is the shape. It is not a candidate of the model.
+        The law; one of its coordinates, no amplitude, is the shape. No candidate of the model: never searched.
     shape : str
         Key of that coordinate.
     own : float
-        [1] Shape at which the law equals the effect with this family.
+        [1] The shape at which the law is the effect that has this family.
     in_use : tuple of float
-        [1] Shapes of known laws: the effect is named without alternatives if all but its own are excluded.
+        [1] Shapes of laws in use, listed or not: the effect is named alone where all but its own are excluded.
     values : function
-        From values of the effect's coordinates to the equivalent ones of the law, without the shape.
-    idle_at_own : int
-        Number of other coordinates of the law that have no effect at the shape `own`, such as the position of a
-        variation of zero size. No fit starts there, because it could not change them.
+        From values of the effect's coordinates to those of the law that do the same; the shape is left out.
+    inactive_at_default : int
+        How many other coordinates of the law do nothing at the shape `own`, such as the place of a variation that is
+        none. No fit begins there, since none would move them.
     """
 
     law: Candidate
@@ -178,32 +181,32 @@ class LawFamily:
     own: float
     in_use: tuple[float, ...]
     values: Callable[[Mapping[str, float]], dict[str, float]]
-    idle_at_own: int = 0
+    inactive_at_default: int = 0
 
 
 @dataclass(frozen=True)
 class Series:
-    """One channel of one run for comparison: samples over time, or statistics over the crank angle.
+    """One channel of one run as it is compared: samples over time, or statistics over the crank angle.
 
     Attributes
     ----------
     run, channel, unit : str
         SI unit.
     value : (n,) array
-        As measured; NaN for missing samples (all in a preflight).
+        As measured; NaN where nothing was (and everywhere in a preflight).
     time, angle : (n,) array
-        Of the samples [s], [rad]; NaN if unknown. `angle` is continuous over cycles; without a crank it is any phase.
+        Of the samples [s], [rad]; NaN where not known. `angle` runs on over cycles; without a crank it is any phase.
     held_out : (n,) bool array
-        Samples that are not used for fitting or model selection.
+        Samples that take no part in fitting or choosing.
     stated_noise : (n,) array or None
-        Standard deviation stated by the user (or, for statistics, from the number of cycles) [unit].
+        Standard deviation that the user states (or that follows from the number of cycles, for statistics) [unit].
     resolution : float
-        Quantisation step of the sensor [unit]; 0 if unknown.
+        Step in which the sensor reads [unit], whose rounding is a noise of its own; 0 where it is not known.
     jitter : float or None
-        Standard deviation of the time stamps [s], whose noise is proportional to the channel's rate; None to estimate
-        it.
+        Standard deviation of the time stamps [s], which makes a noise that grows with the channel's rate; None to
+        estimate it.
     statistic : bool
-        Whether values are statistics over cycles, with independent noise of `stated_noise`.
+        Whether values are statistics over cycles: their noise is independent and `stated_noise` is theirs.
     """
 
     run: str
@@ -220,46 +223,49 @@ class Series:
 
     @property
     def rounding(self) -> float:
-        """Standard deviation of the quantisation [unit]."""
+        """Standard deviation of the rounding to the sensor's steps [unit]."""
         return self.resolution / math.sqrt(12.0)
 
     @property
     def key(self) -> tuple[str, str]:
+        """Run and channel."""
         return self.run, self.channel
 
     def variation(self, values: np.ndarray) -> float:
-        """Standard deviation [unit] of `values` (n,); for a continuous angle at most that over one turn."""
+        """Standard deviation [unit] of `values` (n,); of an angle that runs on, no more than over a turn, however long
+        the record.
+        """
         varies = float(np.nanstd(values))
         return min(varies, 2.0 * math.pi / math.sqrt(12.0)) if self.unit == "rad" else varies
 
 
 Effects = Sequence[tuple[Candidate, Mapping[str, float]]]
-"""Acting effects, each with the values of its coordinates by name."""
+"""Effects that act, each with the values of its coordinates by name."""
 
 
 class Model(Protocol):
-    """A simulation, and measured data in comparable form."""
+    """A simulation, and the measured data in the form in which it is compared with them."""
 
-    name: str  # for titles
-    series: Sequence[Series]  # all measurements
-    nuisances: Sequence[Parameter]  # uncertain parameters, fitted with every hypothesis
-    candidates: Sequence[Candidate]  # possible missing effects
-    numerics: Sequence[str]  # labels of equally accurate solver variants; `simulate` counts them from 1
+    name: str  # what it is, for titles
+    series: Sequence[Series]  # all that was measured
+    nuisances: Sequence[Parameter]  # parameters known within bounds only; re-fitted with every explanation
+    candidates: Sequence[Candidate]  # the effects that could be missing
+    numerics: Sequence[str]  # others that are as good as the usual ones, in words; `simulate` takes their index from 1
 
     def simulate(
         self, run: str, values: Mapping[str, float], effects: Effects = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
-        """The simulated readings of a run.
+        """What the sensors of a run would read.
 
         Parameters
         ----------
         run : str
         values : mapping of str to float
-            All nuisances of the run, by name (not key).
+            Every nuisance that the run has, by name (not key).
         effects : sequence
-            Includes sensor faults, which act on the readings.
+            Sensor faults among them are applied to what is read.
         numerics : int
-            0 for the default solver, i for `self.numerics[i - 1]`.
+            0 for the usual numerics, i for `self.numerics[i - 1]`.
 
         Returns
         -------
@@ -269,16 +275,16 @@ class Model(Protocol):
         Raises
         ------
         InputError, SimulationError
-            The simulation failed for these values; the message contains the reason.
+            These values cannot be simulated; the message says why.
         """
 
 
 @runtime_checkable
 class Driven(Protocol):
-    """A model driven by a measured, and therefore inexact, motion."""
+    """A model whose motion follows something that was measured, and so not exactly known."""
 
     def drive_errors(self, run: str, values: Mapping[str, float]) -> Mapping[str, np.ndarray]:
-        """Sensitivity of the readings of a run to errors of its drive.
+        """What the errors of what drives a run change in its readings.
 
         Parameters
         ----------
@@ -289,29 +295,29 @@ class Driven(Protocol):
         Returns
         -------
         mapping of str to (n, k) array
-            By channel [unit of the channel]: response to one standard deviation of each of k independent errors;
-            unaffected channels are omitted.
+            By channel [unit of the channel]: by one standard deviation of each of k independent errors. Channels that
+            are absent do not answer to them.
         """
 
 
 @dataclass(frozen=True)
 class FoundStates:
-    """Window states of a run, estimated by a filter."""
+    """What a filter found of a run in windows."""
 
-    states: Any  # including `slow`, the states of the windows (k, d)
-    deviance: float  # minus twice the log marginal likelihood of the readings, up to a constant
-    readings: float  # number of readings
+    states: Any  # with `slow`, the states of the windows (k, d), and whatever else the model needs
+    deviance: float  # minus twice the logarithm of the marginal likelihood of the readings, but for a constant
+    readings: float  # how many there are
 
 
 class WindowedRun(Protocol):
-    """A run at given parameter values, divided into windows that each have their own state.
+    """A run with values put in, cut in windows of which each has a state of its own.
 
-    A state consists of pairs: an angle [rad] and its rate, scaled to order 1.
+    A state is made of pairs: an angle [rad] and its rate, in units of about 1.
     """
 
-    size: int  # d, numbers per state
-    turns: float  # turns in the record
-    channels: Sequence[str]  # that determine states
+    size: int  # d, how many numbers a state has
+    turns: float  # how many turns the record has
+    channels: Sequence[str]  # that tell states
 
     def find(
         self,
@@ -321,34 +327,34 @@ class WindowedRun(Protocol):
         jump: float,
         turns: float,
     ) -> FoundStates:
-        """Estimate the states of the windows, `per_turn` of them, in the record's first `turns` by a filter.
+        """States of the windows, `per_turn` of them, of the record's first `turns`, by a filter.
 
-        `measured` and `noise`: readings and their standard deviations at the series' samples, NaN where missing;
-        `jump`: standard deviation of a state relative to the end of the previous window.
+        `measured` and `noise`: readings and their standard deviations at the series' samples, NaN where there are none;
+        `jump`: standard deviation of a state beyond where the window before ends.
         """
 
     def known(self, slow: np.ndarray, per_turn: int) -> Any:
-        """Known states (k, d) of `per_turn` windows; None if their number is not k."""
+        """States that are known (k, d), of `per_turn` windows; None where these are not k."""
 
     def settled(self, states: Any) -> Any:
-        """`states` of a motion that began long before the record, without jumps between windows; None if this does
-        not determine them."""
+        """`states` of the motion that began long before the record, so that no window jumps; None where that tells
+        nothing of them."""
 
     def simulate(self, states: Any) -> tuple[Mapping[str, np.ndarray], np.ndarray, Any, np.ndarray]:
-        """Readings in windows from their states by channel (NaN for failed windows), states at the windows' ends (k,
-        d), a tuple of further arrays (k, ...) to pass on, and which windows (k,) were simulated.
+        """What is read in windows from their states, by channel, NaN where a window cannot be simulated; states at the
+        windows' ends (k, d), a tuple of arrays (k, ...) of what else they hand on, and which (k,) were simulated.
         """
 
     def window_of(self, time: np.ndarray, states: Any) -> np.ndarray:
-        """Window index (n,) of each of the times [s] of a series."""
+        """In which window each of the times [s] of a series lies, (n,)."""
 
 
 @runtime_checkable
 class Windowed(Protocol):
-    """A model whose state is not determined by a record, such as that of pins in their bearings."""
+    """A model whose state a record does not tell, such as that of pins in their bearings."""
 
     def windows(self, run: str, values: Mapping[str, float], effects: Effects = ()) -> WindowedRun | None:
-        """A run in windows, `values` and `effects` as in `Model.simulate`; None if its motion has no such state."""
+        """A run in windows, `values` and `effects` as of `Model.simulate`; None where its motion has no such state."""
 
 
 def runs_of(model: Model) -> tuple[str, ...]:

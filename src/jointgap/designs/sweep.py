@@ -17,7 +17,6 @@ from jointgap.core import parquet, plot
 from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.publish import name_and_factor
-from jointgap.core.schema import Column
 from jointgap.core.words import format_name, format_unit, joined, reading_unit
 from jointgap.designs.run import checked_dataset, failures
 from jointgap.designs.sampling import Axis, Designs
@@ -114,11 +113,11 @@ def parameter_panels(axes: Sequence[Axis], quantity: Quantity) -> Sheet:
     return sheet
 
 
-def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measure: Column) -> Drawing:
-    """A `measure` of the designs over each parameter."""
-    shown = designs[np.isfinite(designs[measure.name].to_numpy(dtype=float))]
-    quantity, factor = measure_quantity(measure.name)
-    values = factor * shown[measure.name].to_numpy(dtype=float)
+def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], name: str) -> Drawing:
+    """A measure of the designs over each parameter."""
+    shown = designs[np.isfinite(designs[name].to_numpy(dtype=float))]
+    quantity, factor = (_MAPPED[name], 1.0) if name in _MAPPED else measure_quantity(name)
+    values = factor * shown[name].to_numpy(dtype=float)
     with plot.matplotlib_style():
         sheet = parameter_panels(axes, quantity)
         for panel, axis in zip(sheet.panels, axes, strict=True):
@@ -137,8 +136,8 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], measu
     return sheet.drawing()
 
 
-MAP = "map"
-"""Figure of a sweep on a grid of two or three parameters."""
+MAP, FORCES = "map", "forces"
+"""Figures: of a sweep on a grid of two or three parameters, and of other sweeps."""
 
 _MAPPED = {
     "angle_error_rms": Quantity("RMS error of the transmission angle", "deg"),
@@ -152,19 +151,25 @@ def has_map(designs: Designs) -> bool:
     return designs.sweep.design == "grid" and len(designs.axes) in (2, 3)
 
 
+def _with_largest_force(designs: Designs, dataset: Path) -> pd.DataFrame:
+    """All designs, with the largest force in any joint (NaN without clearance)."""
+    names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
+    frame = parquet.read_columns(dataset, names).to_pandas()
+    return frame.assign(peak_force=frame.filter(like="_peak_force").max(axis=1).astype(float))
+
+
 def draw(designs: Designs, dataset: Path) -> Iterator[tuple[str, Drawing]]:
+    frame = _with_largest_force(designs, dataset)
     if has_map(designs):
-        names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
-        yield MAP, grid_map(parquet.read_columns(dataset, names).to_pandas(), designs.axes)
+        yield MAP, grid_map(frame, designs.axes)
+    elif frame["peak_force"].notna().any():
+        yield FORCES, measure_over_parameters(frame, designs.axes, "peak_force")
 
 
 def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
     """Measures of the designs of a grid over the first two parameters; a column per value of the third."""
     across, up, *third = axes
-    forces = [name for name in designs if name.endswith("_peak_force")]
-    shown = designs.assign(
-        peak_force=designs[forces].max(axis=1), angle_error_rms=np.degrees(designs["angle_error_rms"])
-    )
+    shown = designs.assign(angle_error_rms=np.degrees(designs["angle_error_rms"]))
     columns = {"": shown}
     if third:
         (axis,) = third
@@ -228,15 +233,30 @@ def page(designs: Designs, dataset: Path) -> Page:
     )
     rows = (_row(format_measure(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured)
     heads = ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest")
+    frame = _with_largest_force(designs, dataset)
+    has_force = frame["peak_force"].notna().any()
+    figure = [FigureBlock(MAP, "Map of the grid")] if has_map(designs) else []
+    if not figure and has_force:
+        figure = [FigureBlock(FORCES, "Largest force in the joints", "One point per design; bars: medians.")]
     blocks = (
+        *([Paragraph(_extremes(designs.axes, frame), strong=True)] if has_force else ()),
+        *figure,
         Paragraph(introduction),
         parameter_table(designs.axes, lambda key: _column(dataset, key)),
-        *([FigureBlock(MAP, "Map of the grid")] if has_map(designs) else ()),
         Paragraph(measured),
         TableBlock(heads, tuple(filter(None, rows)), "llrrrrr"),
         Paragraph(files),
     )
     return Page("Sweep", blocks)
+
+
+def _extremes(axes: tuple[Axis, ...], frame: pd.DataFrame) -> str:
+    """Smallest and largest of the largest forces, with their designs."""
+    force, texts = frame["peak_force"], []
+    for row in (frame.loc[force.idxmin()], frame.loc[force.idxmax()]):
+        where = joined(f"{format_parameter(axis.key)} {format_value(axis, row[axis.key])}" for axis in axes)
+        texts.append(f"{row['peak_force']:.4g} N ({where})")
+    return f"The largest force in the joints is {texts[0]} to {texts[1]}."
 
 
 def parameter_table(axes: tuple[Axis, ...], values_of: Callable[[str], pd.Series]) -> TableBlock:

@@ -1,4 +1,4 @@
-"""The catalogue of physical effects; docs/how_to/add_effect.md adds one step by step."""
+"""The catalogue of physical effects; docs/how_to/add_effect.md shows how to add one."""
 
 from functools import reduce
 from operator import or_

@@ -1,4 +1,4 @@
-"""What every effect has: see `Effect`, and docs/how_to/add_effect.md for how to write one."""
+"""Base classes of effects: see `Effect`, and docs/how_to/add_effect.md for how to write one."""
 
 import math
 import re
@@ -24,16 +24,16 @@ CRANK_SIGN = f"sgn w = tanh(w / {CRANK_SIGN_SPEED:g} rad/s)"
 
 FRICTION_SURVEY = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30 (1994) 1083-1138"
 
-#: Share of a quantity that noise could just hide: steps of finite differences are of this order.
+#: Share of a quantity that is barely detectable: scale of the steps of finite differences.
 DETECTABLE_SHARE = 0.02
 
-#: What effects act on, in the order in which a fit tries them.
+#: Groups of effects, in the order in which a fit tries them.
 GROUPS = ("slider", "crank", "bodies", "pins", "clearances")
 
 #: Values of a fit's coordinates by key.
 Values = Mapping[str, float]
 
-#: How a fit varies an effect, one candidate for each site.
+#: Candidates of an effect, one for each site.
 Candidates = Iterable[Candidate]
 
 #: Fields by record of `jointgap.dynamics.parameters.Parameters`; and programs under ``formulas``.
@@ -42,18 +42,18 @@ Records = dict[str, dict[str, Any]]
 
 @dataclass(frozen=True)
 class MotionScale:
-    """Magnitudes of the motion from which the steps of a fit follow.
+    """Magnitudes of the motion that set the steps of a fit.
 
     Attributes
     ----------
     stroke, speed, turning : float
-        Half the stroke [m], slider's speed [m/s] and crank's speed [rad/s], root mean squares.
+        Half the stroke [m], root mean square speed of the slider [m/s] and of the crank [rad/s].
     force : float
-        A force on the slider [N] that noise could just hide.
+        A barely detectable force on the slider [N].
     guide : float
-        The guide's force [N].
+        Guide force [N].
     middle : float
-        Slider's position at mid-stroke [m].
+        Slider position at mid-stroke [m].
     """
 
     stroke: float
@@ -65,7 +65,7 @@ class MotionScale:
 
     @classmethod
     def of(cls, mechanism: Any, turning: float) -> "MotionScale":
-        """Of a `mechanism` (`jointgap.config.Mechanism`) whose crank turns at `turning` [rad/s]."""
+        """For a `mechanism` (`jointgap.config.Mechanism`) with the crank speed `turning` [rad/s]."""
         crank, rod = mechanism.crank.length, mechanism.rod.length
         mass = mechanism.slider.mass + 0.5 * mechanism.rod.mass
         inertia = mass * crank * turning**2 / math.sqrt(2.0)
@@ -75,18 +75,18 @@ class MotionScale:
 
 @dataclass(frozen=True)
 class FitContext:
-    """What an effect needs to know to say how a fit varies it.
+    """Input of `Effect.candidates`.
 
     Attributes
     ----------
     mechanism : jointgap.config.Mechanism
     scale : MotionScale
     nuisances : mapping of str to Parameter
-        Those that all runs share, by name.
+        Nuisances shared by all runs, by name.
     constant_speed : bool
         Whether the crank is driven at a constant speed.
     frequency_Hz : float
-        Of a force that oscillates by itself, before data suggest one.
+        Start value for the frequency of an oscillating force.
     runs : sequence of str
     """
 
@@ -98,7 +98,7 @@ class FitContext:
     runs: Sequence[str]
 
     def replaced(self, amplitudes: Mapping[str, str]) -> dict[str, str]:
-        """Of `amplitudes` by nuisance that is an effect's own parameter: those whose nuisance the campaign has."""
+        """`amplitudes` by the nuisance that they replace, as far as the campaign has it."""
         return {nuisance: key for nuisance, key in amplitudes.items() if nuisance in self.nuisances}
 
 
@@ -111,15 +111,15 @@ class EffectParameter:
     unit : str
         SI, by its pint name; empty for pure numbers.
     meaning : str
-        Its symbol in the law, and what it is.
+        Symbol in the law and description.
     example, default : float
-        A typical value; what it is where an entry leaves it out, if it may.
+        A typical value; the value of an entry without the parameter (default: required).
     compiled : str
-        Field of `jointgap.dynamics.parameters.EffectParameters` that takes it over as it is.
+        Field of `jointgap.dynamics.parameters.EffectParameters` with the same value.
     odd : bool
-        Whether it has the other sign as seen from behind; see `Effect.mirrored`.
+        Whether mirroring changes its sign; see `Effect.mirrored`.
     step : function
-        Of a parameter that a fit varies and that is 0 where the effect is absent: the size that noise could just hide.
+        Barely detectable size, for a fitted parameter that is 0 without the effect.
     gt, ge, lt, le, multiple_of : float
         Limits.
     """
@@ -139,7 +139,7 @@ class EffectParameter:
 
     @property
     def limits(self) -> dict[str, float]:
-        """The limits that it has, by name."""
+        """Limits by name."""
         given = {key: getattr(self, key) for key in ("gt", "ge", "lt", "le", "multiple_of")}
         return {key: limit for key, limit in given.items() if limit is not None}
 
@@ -148,49 +148,48 @@ parameter = EffectParameter
 
 
 def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: float = math.inf) -> Parameter:
-    """A coordinate `name` of a fit that is 0 where its effect is absent; `step`, `low` and `high` in `unit`."""
+    """A coordinate `name` of a fit that is 0 without the effect; `step`, `low` and `high` in `unit`."""
     return Parameter(name, 0.0, low, high, step, unit)
 
 
 class Effect(ConfigModel):
-    """A physical effect beyond contact and friction in the joints; off unless a mechanism file lists it.
+    """A physical effect besides contact and friction in the joints; active if a mechanism file lists it.
 
-    A subclass with the decorator `register_effect` is an effect of the catalogue. Its entry in a mechanism file has
-    the keys ``name`` (that of the class, in snake case), those of `KEYS`, and ``parameters``. In the laws v and x are
-    the slider's velocity and position, w is the crank's speed and theta its angle, t is time.
+    The decorator `register_effect` adds a subclass to the catalogue. Its entry in a mechanism file has the keys
+    ``name`` (the class name in snake case), those of `KEYS`, and ``parameters``. Symbols of the laws: slider velocity
+    v and position x, crank speed w and angle theta, time t.
 
     Attributes
     ----------
     NAME, ORDER, DESCRIBED : str, int, mapping of str to `parameter`
-        Its name, its place in the catalogue and its parameters, from `register_effect`.
+        Name, position in the catalogue and parameters, set by `register_effect`.
     GROUP : str
-        What it acts on, of `GROUPS`; with ``slider`` the compiled force on the slider is switched on.
+        One of `GROUPS`; ``slider`` switches on the compiled force on the slider.
     SITE : str
-        Where it acts; where there is a choice, the entry has the key ``site``.
+        Location; effects with several locations have the key ``site``.
     LAW, REFERENCE : str
-        Its equation in the symbols that the parameters' descriptions name, and where that stands, or ``definition``.
+        Equation with the symbols of the parameters' descriptions; its source, or ``definition``.
     WORDS : str
-        What a verdict calls it; may hold ``{site}``.
+        Name in a verdict; may contain ``{site}``.
     KEYS : mapping of str to (type, Field)
-        Keys of an entry beside ``name`` and ``parameters``.
+        Further keys of an entry besides ``name`` and ``parameters``.
     PARAMETERS : ConfigModel
-        Its parameters, with units in their names, where they are not attributes of the class, each a `parameter`.
+        Parameters, with units in their names, if they are not class attributes (`parameter`).
     ANGLE : str
-        The parameter that is the phase or the direction [rad] of the one that has a ``step``: a fit varies the
-        coordinates ``cosine`` and ``sine``, and no angle has to be guessed.
+        The parameter that is the phase or direction [rad] of the parameter with a ``step``; a fit varies ``cosine``
+        and ``sine`` instead.
     OPTIONAL : bool
-        Whether an entry may leave out ``parameters``, which all have defaults.
+        Whether an entry may omit ``parameters``.
     ADDS_TO : mapping of str to (str, str)
-        Of a `DataEffect`: body and its key in a mechanism file to which each parameter is added.
+        For a `DataEffect`: body and key of the mechanism file to which each parameter is added.
     DRIVE : str
-        The one kind of drive that it goes with; empty for all.
+        The required kind of drive; empty for all.
     MEMBERS : mapping of str to float
-        Of the law of a family, which is no candidate by itself: effects that it is, and the shape [1] at which it is
-        each. The shape is fitted once one of them is found.
+        For the law of a family: its members and the shape [1] of each. The shape is fitted once a member is found.
     SHAPE, IN_USE : str, tuple of float
-        Of such a law: the parameter that is the shape, and the shapes of laws in use.
+        For the law of a family: the shape parameter, and shapes of common laws.
     ACTS_AT_ZERO : bool
-        Whether it changes the mechanism even where its amplitude is 0.
+        Whether it changes the mechanism even with amplitude 0.
     """
 
     model_config = ConfigDict(ignored_types=(EffectParameter,))
@@ -216,36 +215,34 @@ class Effect(ConfigModel):
 
     @classmethod
     def sites(cls) -> tuple[str, ...]:
-        """The sites among which an entry chooses; () where there is no choice."""
+        """Possible values of the key ``site``; () if there is no choice."""
         return get_args(cls.model_fields["site"].annotation) if "site" in cls.model_fields else ()
 
     @property
     def place(self) -> str:
-        """Where it acts: its site, or the one chosen where there is a choice."""
+        """Its site."""
         return getattr(self, "site", self.SITE)
 
     def changes_data(self, mechanism: Any) -> bool:
-        """Whether it is nothing but other data of `mechanism`; see `DataEffect`."""
+        """Whether it only changes data of `mechanism`; see `DataEffect`."""
         return False
 
     def check(self, mechanism: Any) -> None:
-        """ValueError where it cannot act in `mechanism`, in which all effects that are nothing but data are folded."""
+        """ValueError if it cannot act in `mechanism`, to which all data effects were applied."""
 
     def compile_into(self, records: Records) -> None:
-        """Write its numbers into the records of the equations of motion, which hold those of the mechanism without
-        it.
-        """
+        """Write its parameters into the records of the equations of motion."""
         compiled = {key: one.compiled for key, one in self.DESCRIBED.items() if one.compiled}
         records["effects"] |= {field: getattr(self.parameters, key) for key, field in compiled.items()}
         if self.GROUP == "slider":
             records["effects"]["on_slider"] = True
 
     def largest_force(self, stroke: float) -> float:
-        """About the largest force [N] on the slider that it states, over a `stroke` [m]; 0 where it states none."""
+        """Approximate largest force [N] on the slider over a `stroke` [m]; 0 if it has no stated force."""
         return abs(getattr(self.parameters, "force_N", 0.0))
 
     def mirrored(self) -> "Effect":
-        """The effect as seen from behind, where a clockwise crank turns counter-clockwise: the slide is the mirror."""
+        """The effect mirrored at the slide, which makes a clockwise crank turn counter-clockwise."""
         odd = {key: -getattr(self.parameters, key) for key, one in self.DESCRIBED.items() if one.odd}
         return self.with_parameters(**odd) if odd else self
 
@@ -257,17 +254,17 @@ class Effect(ConfigModel):
     def candidate(
         cls, *coordinates: Parameter, site: str = "", amplitudes: tuple[str, ...] = (), **attributes: Any
     ) -> Candidate:
-        """This effect as a fit sees it.
+        """The candidate of this effect.
 
         Parameters
         ----------
         *coordinates : Parameter
-            What a fit varies.
+            Coordinates of a fit.
         site : str
-            Where there is a choice.
+            If there is a choice.
         amplitudes : tuple of str
-            Keys of the coordinates that are 0 where the effect is absent; all by default.
-        **further
+            Keys of the coordinates that are 0 without the effect; all by default.
+        **attributes
             Other attributes of a `Candidate`.
         """
         keys = amplitudes or tuple(coordinate.key for coordinate in coordinates)
@@ -275,7 +272,7 @@ class Effect(ConfigModel):
 
     @classmethod
     def sizes(cls, scale: MotionScale) -> tuple[Parameter, ...]:
-        """The coordinates of a fit that are the parameters with a ``step``, or cosine and sine parts of one."""
+        """Coordinates of the parameters with a ``step``, or of their cosine and sine parts."""
         found = []
         for key, one in cls.DESCRIBED.items():
             if one.step:
@@ -287,7 +284,7 @@ class Effect(ConfigModel):
 
     @classmethod
     def stated(cls, values: Values) -> dict[str, float]:
-        """The parameters that a verdict states, from the values of a fit's coordinates."""
+        """Parameters for the verdict, from the values of a fit's coordinates."""
         if not cls.ANGLE:
             return dict(values)
         cosine, sine = values["cosine"], values["sine"]
@@ -296,80 +293,63 @@ class Effect(ConfigModel):
 
     @classmethod
     def families(cls, context: FitContext) -> tuple[LawFamily, ...]:
-        """Laws of which it is one shape."""
+        """The law families that contain it."""
         return tuple(law.family(cls, context.scale) for law in CATALOGUE if cls.NAME in law.MEMBERS)
 
     @classmethod
     def family(
         cls, member: type["Effect"], scale: MotionScale, sizes=(), others=(), values: Callable = dict, **attributes: Any
     ) -> LawFamily:
-        """This law as the family of a `member`: beside its shape a fit varies `sizes`, those of the law by default, and
-        `others`, which do nothing at the shape that is the member's.
+        """This law as family of a `member`: a fit varies the shape, `sizes` (default: those of the law) and `others`,
+        which are inactive at the member's shape.
         """
         sizes, own, bounds = sizes or cls.sizes(scale), cls.MEMBERS[member.NAME], cls.DESCRIBED[cls.SHAPE]
         shape = Parameter(cls.SHAPE, own, float(bounds.ge), float(bounds.le), 0.1)
         amplitudes = tuple(one.key for one in sizes)
         law = cls.candidate(*sizes, *others, shape, amplitudes=amplitudes, **attributes)
-        return LawFamily(law, cls.SHAPE, own, cls.IN_USE, values, idle_at_own=len(others))
+        return LawFamily(law, cls.SHAPE, own, cls.IN_USE, values, inactive_at_default=len(others))
 
     @classmethod
     def candidates(cls, context: FitContext) -> Candidates:
-        """How a fit varies it where it could be missing: one candidate for each site, none where it cannot act.
-
-        By default its parameters with a ``step``.
-        """
+        """One candidate for each site where it can act; default: the parameters with a ``step``."""
         sizes = () if cls.MEMBERS else cls.sizes(context.scale)
         return [cls.candidate(*sizes, parameters=cls.stated, families=cls.families(context))] if sizes else []
 
     @classmethod
     def simulated(cls, values: Values) -> tuple[Values, float]:
-        """Values of a fit's coordinates that can be simulated in place of `values`, and what share of their effect
-        acts.
-        """
+        """Values that are simulated instead of `values`, and the factor on their effect."""
         return values, 1.0
 
 
 class DataEffect(Effect):
-    """An effect that is nothing but other data of the mechanism."""
+    """An effect that only changes data of the mechanism."""
 
     def changes_data(self, mechanism: Any) -> bool:
         return True
 
     def apply(self, data: dict[str, Any]) -> None:
-        """Fold it into `data`, the content of a mechanism file in SI.
-
-        Raises
-        ------
-        InputError
-            Data that it needs are not there.
-        """
+        """Change `data`, the content of a mechanism file in SI; InputError if required data are missing."""
         for key, (body, datum) in self.ADDS_TO.items():
             data[body][datum] += getattr(self.parameters, key)
 
 
 def joint_data(data: dict[str, Any], effect: str, joint: str) -> dict[str, Any]:
-    """The data of a `joint` in a mechanism file's `data`, which the `effect` changes.
-
-    Raises
-    ------
-    InputError
-        There are none.
-    """
+    """The entry of a `joint` in a mechanism file's `data`; InputError if the joint is only ``ideal``."""
     entry = data["joints"][joint]
     if entry == "ideal":
         raise InputError(
-            f"effects: {effect} needs the data of {joint}; write the joint as a mapping with journal, journal_radius, "
-            "bearing_radius and contact, and 'loose: false' where it is to be ideal otherwise"
+            f"effects: {effect} requires the data of {joint}; write the joint as a mapping with journal, "
+            "journal_radius, bearing_radius and contact, and 'loose: false' for an ideal joint"
         )
     return entry
 
 
-#: Every effect, as they are written one after the other.
+#: All effects, in the order of registration.
 CATALOGUE: list[type[Effect]] = []
 
 
 def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
-    """Make an effect of the catalogue, at the place `order`, of the class that is decorated."""
+    """Add the decorated class to the catalogue at the position `order`."""
 
     def decorate(cls: type[Effect]) -> type[Effect]:
         name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
@@ -390,7 +370,7 @@ def register_effect(order: int) -> Callable[[type[Effect]], type[Effect]]:
         effect = create_model(cls.__name__, __base__=cls, **options, name=(Literal[name], ...), **keys)
         effect.__doc__, effect.NAME, effect.ORDER, effect.DESCRIBED = cls.__doc__, name, order, described
         if cls.PARAMETERS is None:
-            setattr(effect, section.__name__, section)  # where pickle looks for it
+            setattr(effect, section.__name__, section)  # for pickle
             section.__qualname__ = f"{effect.__name__}.{section.__name__}"
         CATALOGUE.append(effect)
         return effect
@@ -416,10 +396,10 @@ class FormulaParameters(ConfigModel):
 
 
 class DiscoveredLaw(Effect):
-    """A law by its formula; its candidates are the single terms of a regression."""
+    """A law given by a formula; its candidates are the single terms of a regression."""
 
     REFERENCE = "by regression, e.g. Brunton, Proctor and Kutz, PNAS 113 (2016) 3932-3937"
-    KEYS = {"label": (str, Field("", description="what to call it in tables and figures"))}
+    KEYS = {"label": (str, Field("", description="name in tables and figures"))}
     PARAMETERS = FormulaParameters
 
     def compile_into(self, records: Records) -> None:
@@ -428,7 +408,7 @@ class DiscoveredLaw(Effect):
         records["formulas"][f"{self.GROUP}_formula"] = program
 
     def mirrored(self) -> Effect:
-        """Position and velocity of the slider and time stay; angle and speed of the crank have the other sign."""
+        """Angle and speed of the crank change their sign."""
         formula = re.sub(r"\b(theta|w)\b", r"(-\1)", self.parameters.formula, flags=re.ASCII)
         return self.with_parameters(formula=formula)
 
@@ -439,12 +419,12 @@ class ParameterDescription(NamedTuple):
     name: str
     unit: str  # "" for text and mappings, "1" for pure numbers
     bounds: str  # such as "0 .. 15"; "" for none
-    default: str  # "" where it has to be given
+    default: str  # "" if required
     meaning: str
 
 
 def parameters_of(effect: type[Effect]) -> list[ParameterDescription]:
-    """The parameters of an effect in the order of its section."""
+    """The parameters of an effect in order."""
     section, rows = effect.model_fields["parameters"].annotation, []
     for name, schema in section.model_json_schema()["properties"].items():
         number = next(iter(schema.get("anyOf", [schema])))
@@ -468,7 +448,7 @@ def _bounds(schema: dict) -> str:
 
 
 def example(effect: type[Effect]) -> dict[str, Any]:
-    """An entry of a mechanism's effects with typical values."""
+    """An example entry of a mechanism file."""
     site = {"site": effect.sites()[0]} if effect.sites() else {}
     fields = effect.model_fields["parameters"].annotation.model_fields
     typical = {name: field.examples[0] for name, field in fields.items() if field.examples[0] is not None}

@@ -1,4 +1,4 @@
-"""Weight of the bodies, masses and lengths other than nominal, and bending of the rod."""
+"""Weight, deviations of masses and lengths, and bending of the rod."""
 
 import math
 from typing import Any
@@ -7,17 +7,17 @@ from jointgap.core.candidates import Parameter
 from jointgap.effects import base
 from jointgap.effects.base import DETECTABLE_SHARE, DataEffect, Effect, amplitude, parameter, register_effect
 
-# The mode sin(pi s / l) of a uniform beam of mass m takes the moment of inertia m b^2 times this from a rod that turns
-# about its mass centre at the distance b from midspan: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi
+# Bending in the mode sin(pi s / l) of a uniform beam of mass m reduces the moment of inertia of a rod whose mass centre
+# is b from midspan by m b^2 times this: 2 k^2 / (1 - 2 k^2) with the mode's mean k = 2 / pi
 _BENDING_COUPLING = 8 / (math.pi**2 - 8)
 
-# Share of rod.inertia that bending has to leave: a rod whose mass centre is farther off is no uniform beam
+# Least remaining share of rod.inertia: with a farther mass centre the rod is no uniform beam
 _LEAST_INERTIA_SHARE = 0.5
 
-# 1 / (2 pi nu)^2 [s^2] of a rod that bends at 3 kHz: one that is stiffer follows its load as a spring does
+# 1 / (2 pi nu)^2 [s^2] of a natural frequency of 3 kHz: a stiffer rod deflects quasi-statically
 _LEAST_COMPLIANCE = 2.8e-9
 
-# Natural frequencies over the crank's speed from which fits start
+# Natural frequencies over the crank speed at which fits start
 _BENDING_ORDERS = (60.0, 25.0, 10.0)
 
 
@@ -31,19 +31,19 @@ class Gravity(Effect):
     WORDS = "the weight of the bodies"
     OPTIONAL = True
     acceleration_m_s2 = parameter(
-        "m/s^2", "g, acceleration of free fall", 9.80665, default=9.80665, ge=0, le=15, step=lambda scale: 0.5
+        "m/s^2", "g, gravitational acceleration", 9.80665, default=9.80665, ge=0, le=15, step=lambda scale: 0.5
     )
 
 
 @register_effect(order=140)
 class AddedSliderMass(DataEffect):
-    """The slider is heavier, or lighter, than its nominal mass."""
+    """Deviation of the slider mass from nominal."""
 
     GROUP, SITE = "bodies", "slider"
     LAW = "slider.mass + m"
-    WORDS = "a slider mass other than nominal"
+    WORDS = "a deviating slider mass"
     ADDS_TO = {"mass_kg": ("slider", "mass")}
-    mass_kg = parameter("kg", "m, mass beyond nominal", 0.05)
+    mass_kg = parameter("kg", "m, deviation from nominal", 0.05)
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -53,13 +53,13 @@ class AddedSliderMass(DataEffect):
 
 @register_effect(order=160)
 class SliderOffset(DataEffect):
-    """The slide lies beside its nominal line."""
+    """Deviation of the slide's offset from nominal."""
 
     GROUP, SITE = "bodies", "guide"
     LAW = "slider.offset + b"
     WORDS = "an offset of the slide"
     ADDS_TO = {"offset_m": ("slider", "offset")}
-    offset_m = parameter("m", "b, offset beyond nominal", 0.01, odd=True)
+    offset_m = parameter("m", "b, deviation from nominal", 0.01, odd=True)
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -70,14 +70,14 @@ class SliderOffset(DataEffect):
 
 @register_effect(order=170)
 class LinkLengthError(DataEffect):
-    """Crank and rod are longer, or shorter, than nominal; mass centres keep their share, masses and inertias stay."""
+    """Deviations of crank and rod length; mass centres scale with the lengths, masses and inertias do not change."""
 
     GROUP, SITE = "bodies", "crank, rod"
     LAW = "crank.length + a, rod.length + b"
-    WORDS = "other lengths of crank and rod"
+    WORDS = "deviating lengths of crank and rod"
     ADDS_TO = {"crank_m": ("crank", "length"), "rod_m": ("rod", "length")}
-    crank_m = parameter("m", "a, crank's length beyond nominal", 0.0005, default=0.0)
-    rod_m = parameter("m", "b, rod's length beyond nominal", -0.001, default=0.0)
+    crank_m = parameter("m", "a, deviation of the crank length", 0.0005, default=0.0)
+    rod_m = parameter("m", "b, deviation of the rod length", -0.001, default=0.0)
 
     def apply(self, data: dict[str, Any]) -> None:
         for key, (body, _) in self.ADDS_TO.items():
@@ -97,7 +97,7 @@ class LinkLengthError(DataEffect):
 
 @register_effect(order=210)
 class RodFlexibility(Effect):
-    """The rod bends across its axis; excited by the inertia of its own mass. Its mass centre is near the middle."""
+    """Bending of the rod, excited by the inertia of its own mass; requires a mass centre near the middle."""
 
     GROUP, SITE = "bodies", "rod"
     LAW = (
@@ -115,9 +115,9 @@ class RodFlexibility(Effect):
         if left < least * rod.inertia:
             farthest = math.sqrt((1 - least) * rod.inertia / (_BENDING_COUPLING * rod.mass))
             raise ValueError(
-                f"effects: rod_flexibility is the law of a uniform beam; with rod.mass_centre {rod.mass_centre:g} m "
-                f"bending leaves {left:.3g} of rod.inertia {rod.inertia:g} kg m^2; put the mass centre within "
-                f"{farthest:.3g} m of {rod.length / 2:g} m, or leave the effect out"
+                f"effects: rod_flexibility models a uniform beam; with rod.mass_centre {rod.mass_centre:g} m bending "
+                f"reduces rod.inertia from {rod.inertia:g} to {left:.3g} kg m^2; put the mass centre within "
+                f"{farthest:.3g} m of {rod.length / 2:g} m, or remove the effect"
             )
 
     def compile_into(self, records: base.Records) -> None:
@@ -134,7 +134,7 @@ class RodFlexibility(Effect):
             return {"frequency_Hz": frequency, "damping_ratio": values["damping_ratio"]}
 
         yield cls.candidate(
-            # The square of the period in place of the frequency: near a rigid rod the deflection is proportional to it.
+            # squared period instead of frequency: for a stiff rod the deflection is proportional to it
             amplitude("compliance_s2", 0.1 * (1.0 / (30.0 * turning) ** 2), "s^2", 0.0, 0.1 / turning**2),
             Parameter("damping_ratio", 0.02, 0.0, 0.9, 0.01),
             amplitudes=("compliance_s2",),

@@ -11,34 +11,30 @@ from jointgap.core.section import ConfigModel
 from jointgap.core.units import FrictionCoefficient, quantity
 from jointgap.effects.base import Candidates, DataEffect, FitContext, Values, amplitude, joint_data, register_effect
 
-#: [m] Far less is lost in the rounding of the radii too.
+#: [m] Smaller clearances are lost in the rounding of the radii.
 LEAST_CLEARANCE = 1e-9
 
-# [m] and coefficients of friction of a joint that was ideal, from which fits start: where it slides and where it is
-# stuck depends on friction so much that it is tried beside each size
+# Start values [m] and [1] of fits for a joint that was ideal; sticking depends strongly on friction
 _FIRST_CLEARANCE, _FIRST_FRICTIONS = 5e-5, (0.03, 0.1, 0.2)
 
-# [m] of a joint that was ideal, between which it is searched: from a fit's play to a rattle
+# Search range [m] for a joint that was ideal
 _CLEARANCES = (2e-6, 2e-3)
 
-# [1, of the nominal clearance] of a loose joint, between which it is searched: what a gauge misread, and long wear
+# Search range [1, of the nominal clearance] for a loose joint: from a measurement error to wear
 _LOOSER = (0.5, 3.0)
 
-#: What the contact of a joint may have that was taken as ideal: nobody measured it. Steel on bronze or steel, dry to
-#: greased.
+#: Bounds for the contact of a joint that was ideal: steel on bronze or steel, dry to greased.
 RESTITUTIONS, FRICTIONS = (0.3, 0.9), (0.0, 0.3)
 
-#: By what factor its stiffness may differ from what the file says of its contact, either way, and the damping of a
-#: contact that lasts: lengths of bearings and their alignment are not in Hertz's formula; and the sliding speed over
-#: which its friction rises: where a journal sticks, what is read depends on it by many times the noise.
+#: Largest factor, either way, on contact stiffness and on damping of steady contact (bearing length and alignment are
+#: not in Hertz's formula), and on the friction transition speed, to which readings of a sticking journal are sensitive.
 STIFFNESS_FACTOR, DAMPING_FACTOR, FRICTION_SPEED_FACTOR = 3.0, 4.0, 4.0
 
 
 def _none_or_more_than_atoms(clearance: float) -> float:
     if 0 < clearance < LEAST_CLEARANCE:
         raise ValueError(
-            f"is less than {LEAST_CLEARANCE:g} m, a few atoms; give 0 for an ideal joint, or {LEAST_CLEARANCE:g} m or "
-            "more"
+            f"is less than {LEAST_CLEARANCE:g} m; give 0 for an ideal joint, or at least {LEAST_CLEARANCE:g} m"
         )
     return clearance
 
@@ -47,29 +43,29 @@ class ClearanceParameters(ConfigModel):
     """Parameters of the effects ``crank_pivot_clearance``, ``crank_pin_clearance`` and ``piston_pin_clearance``."""
 
     clearance_m: Annotated[quantity("m", ge=0), AfterValidator(_none_or_more_than_atoms)] = Field(
-        description="c, whole radial clearance, not beyond nominal; 0 or 1e-9 m and more", examples=[0.0002]
+        description="c, total radial clearance; 0, or at least 1e-9 m", examples=[0.0002]
     )
     restitution: quantity("", ge=1e-3, lt=1) | None = Field(
-        None, description="coefficient of restitution of the joint's contact; null: as its contact says", examples=[0.6]
+        None, description="coefficient of restitution; null: that of the joint's contact", examples=[0.6]
     )
     friction: FrictionCoefficient | None = Field(
-        None, description="coefficient of friction of the joint's contact; null: as its contact says", examples=[0.1]
+        None, description="coefficient of friction; null: that of the joint's contact", examples=[0.1]
     )
     stiffness_factor: quantity("", gt=0) = Field(
         1.0, description="factor on the stiffness of the joint's contact", examples=[2.0]
     )
     damping_factor: quantity("", gt=0) = Field(
         1.0,
-        description="factor on the damping of a contact that lasts, which needs one whose memory fades",
+        description="factor on the damping of steady contact; requires a contact with `memory: fading`",
         examples=[0.5],
     )
     friction_speed_factor: quantity("", gt=0) = Field(
-        1.0, description="factor on the sliding speed over which the contact's friction rises", examples=[2.0]
+        1.0, description="factor on the contact's `friction_speed`", examples=[2.0]
     )
 
 
 class Clearance(DataEffect):
-    """A joint that is loose, or looser."""
+    """Clearance of a joint."""
 
     GROUP = "clearances"
     REFERENCE = "Erkaya and Uzmay (2009), equation 1"
@@ -83,10 +79,10 @@ class Clearance(DataEffect):
         joint["contact"] |= self._contact(joint["contact"])
 
     def _contact(self, contact: dict[str, Any]) -> dict[str, Any]:
-        """What is other than `contact`, the content of the joint's in a mechanism file, says."""
+        """The changed keys of `contact`."""
         own = self.parameters
         changed = {key: getattr(own, key) for key in ("restitution", "friction") if getattr(own, key) is not None}
-        if own.stiffness_factor != 1.0:  # Hertz's stiffness is in proportion to the modulus
+        if own.stiffness_factor != 1.0:  # Hertz's stiffness is proportional to the modulus
             key = "youngs_modulus" if contact["stiffness"] is None else "stiffness"
             changed[key] = own.stiffness_factor * contact[key]
         if own.damping_factor != 1.0:
@@ -106,7 +102,7 @@ class Clearance(DataEffect):
                 parameters=lambda values: {"clearance_m": nominal + values["change_m"]},
                 is_perturbation=True,
                 search_range=tuple(min((part - 1.0) * nominal, longest) for part in _LOOSER),
-                # the nuisance of a pin's clearance has the effect's name
+                # the nuisance has the effect's name
                 replaces=context.replaced({cls.NAME: "change_m"}),
             )
         elif joint is not None:
@@ -114,7 +110,7 @@ class Clearance(DataEffect):
 
     @classmethod
     def _of_ideal_joint(cls, contact: Any, longest: float) -> Candidate:
-        """The candidate of a joint without clearance, up to the `longest` [m], whose `contact` nobody measured."""
+        """The candidate of an ideal joint, with clearances up to `longest` [m] and unknown `contact`."""
         shapes = [Parameter("contact_friction", contact.friction, *FRICTIONS, step=0.02)]
         if contact.restitution is not None:
             shapes.insert(0, Parameter("contact_restitution", contact.restitution, *RESTITUTIONS, step=0.05))
@@ -147,7 +143,7 @@ class Clearance(DataEffect):
 
 @register_effect(order=180)
 class CrankPivotClearance(Clearance):
-    """The crank pivot is loose, or looser; needs the joint's data (a mapping, not the word ideal)."""
+    """Clearance of the crank pivot; requires the joint as a mapping (not ``ideal``)."""
 
     SITE = "crank_pivot"
     LAW = "crank pivot loose with the radial clearance c; c = 0: ideal"
@@ -156,7 +152,7 @@ class CrankPivotClearance(Clearance):
 
 @register_effect(order=190)
 class CrankPinClearance(Clearance):
-    """The crank pin is loose, or looser; needs the joint's data (a mapping, not the word ideal)."""
+    """Clearance of the crank pin; requires the joint as a mapping (not ``ideal``)."""
 
     SITE = "crank_pin"
     LAW = "crank pin loose with the radial clearance c; c = 0: ideal"
@@ -165,7 +161,7 @@ class CrankPinClearance(Clearance):
 
 @register_effect(order=200)
 class PistonPinClearance(Clearance):
-    """The piston pin is loose, or looser; needs the joint's data (a mapping, not the word ideal)."""
+    """Clearance of the piston pin; requires the joint as a mapping (not ``ideal``)."""
 
     SITE = "piston_pin"
     LAW = "piston pin loose with the radial clearance c; c = 0: ideal"

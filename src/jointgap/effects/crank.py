@@ -1,4 +1,4 @@
-"""Torques on the crank, its unbalance, and a drive whose speed fluctuates."""
+"""Torques on the crank, its unbalance, and speed fluctuation of the drive."""
 
 import math
 from collections.abc import Sequence
@@ -8,15 +8,14 @@ from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.effects import base
 from jointgap.effects.base import CRANK_SIGN, FRICTION_SURVEY, DiscoveredLaw, Effect, parameter, register_effect
 
-# Angles [rad] of most friction from which fits begin: each within 60 degrees of any other
+# Angles [rad] of largest friction at which fits start
 _TIGHTEST = (0.0, -2.0 * math.pi / 3.0, 2.0 * math.pi / 3.0)
 
-# Whole orders [cycles per revolution] of a torque that a fit tries. Masses, weight and steady forces on the slider make
-# torques of orders one and two: there the usual causes are offered, not a torque by itself. Poles, slots and teeth of
-# drives lie below the highest one, and few encoders resolve more
+# Integer orders [cycles per revolution] of a fitted torque. Orders one and two are those of masses, weight and slider
+# forces, which are candidates themselves. Poles, slots and teeth of drives are below the highest
 _FITTED_ORDERS = range(3, 25)
 
-# Orders [1] that a preflight tries, before there is a residual in which to look for them
+# Orders [1] of a preflight, which has no residual
 _USUAL_ORDERS = (3, 4, 6, 8, 12)
 
 
@@ -33,46 +32,42 @@ def _unbalance(scale: base.MotionScale) -> float:
 
 
 class CrankEffect(Effect):
-    """A moment on the crank, counter-clockwise."""
+    """A counter-clockwise torque on the crank."""
 
     GROUP, SITE = "crank", "crank_pivot"
 
 
 @register_effect(order=110)
 class CrankCoulombFriction(CrankEffect):
-    """Dry friction of the crank's bearings and seals, whatever their load."""
+    """Dry friction of the crank's bearings and seals, independent of load."""
 
     LAW = f"M = -m sgn w, {CRANK_SIGN}"
     REFERENCE = FRICTION_SURVEY
     WORDS = "Coulomb friction of the crank"
-    torque_N_m = parameter("N*m", "m, moment of friction", 0.3, ge=0, compiled="crank_coulomb", step=_torque)
+    torque_N_m = parameter("N*m", "m, friction torque", 0.3, ge=0, compiled="crank_coulomb", step=_torque)
 
 
 @register_effect(order=115)
 class CrankAngleFriction(CrankEffect):
-    """Dry friction of the crank of which a share varies with its angle: the family of Coulomb friction.
+    """Angle-dependent dry friction of the crank, such as of an eccentric seal or a bent shaft: a family of Coulomb
+    friction.
 
-    The least that an eccentric seal or a bent shaft does: one wave over the revolution. No candidate by itself: the
-    share is fitted once Coulomb friction is found.
+    Not a candidate itself: the share is fitted once Coulomb friction is found.
     """
 
     LAW = f"M = -m [1 - s + s (1 + cos(theta - a)) / 2] sgn w, {CRANK_SIGN}"
-    WORDS = "dry friction of the crank that varies with its angle"
+    WORDS = "angle-dependent dry friction of the crank"
     MEMBERS = {"crank_coulomb_friction": 0.0}
     SHAPE = "varying_share"
-    torque_N_m = parameter(
-        "N*m", "m, moment of friction where it is largest", 0.3, ge=0, compiled="angle_friction", step=_torque
-    )
+    torque_N_m = parameter("N*m", "m, largest friction torque", 0.3, ge=0, compiled="angle_friction", step=_torque)
     tightest_angle_rad = parameter(
-        "rad", "a, angle of the crank where friction is largest", 0.5, 0.0, "angle_friction_tightest", odd=True
+        "rad", "a, crank angle of the largest friction", 0.5, 0.0, "angle_friction_tightest", odd=True
     )
-    varying_share = parameter(
-        "", "s, share of the moment that varies", 0.5, ge=0, le=1, compiled="angle_friction_share"
-    )
+    varying_share = parameter("", "s, varying share of the torque", 0.5, ge=0, le=1, compiled="angle_friction_share")
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
-        # A revolution to either side of 0, so that no angle is a bound of what is periodic.
+        # one revolution to either side, so that no angle is a bound
         angle = Parameter("tightest_angle_rad", 0.0, -2.0 * math.pi, 2.0 * math.pi, 0.1, "rad")
         guesses = tuple({angle.name: tightest} for tightest in _TIGHTEST)
         return super().family(member, scale, others=(angle,), initial_guesses=guesses)
@@ -80,23 +75,24 @@ class CrankAngleFriction(CrankEffect):
 
 @register_effect(order=120)
 class CrankViscousFriction(CrankEffect):
-    """Friction of the crank's bearings in their lubricant."""
+    """Viscous friction of the crank's bearings."""
 
     LAW = "M = -c w"
     REFERENCE = FRICTION_SURVEY
     WORDS = "viscous friction of the crank"
-    damping_N_m_s = parameter("N*m*s", "c, moment per speed", 0.01, ge=0, compiled="crank_viscous", step=_damping)
+    damping_N_m_s = parameter("N*m*s", "c, torque per speed", 0.01, ge=0, compiled="crank_viscous", step=_damping)
 
 
 class PeriodicEffect(CrankEffect):
-    """An effect in step with the crank: its parameter ``order`` is a number of cycles per revolution."""
+    """An effect with ``order`` cycles per revolution."""
 
     ANGLE = "phase_rad"
 
     @classmethod
-    def in_step(cls, context: base.FitContext, whole: range, first: Sequence[int], **attributes: Any) -> Candidate:
-        """The candidate whose ``order`` is one of the `whole` numbers, or of the halves between them where there is one
-        run alone, as in which of two turns a run began nobody knows; fits begin at the orders `first`.
+    def phase_locked(cls, context: base.FitContext, whole: range, first: Sequence[int], **attributes: Any) -> Candidate:
+        """The candidate with an integer ``order`` out of `whole`; fits start at the orders `first`.
+
+        With one run half-integer orders are tried too; with several runs their phase is ambiguous.
         """
         orders = [float(order) for order in whole]
         if len(context.runs) == 1:
@@ -109,16 +105,16 @@ class PeriodicEffect(CrankEffect):
 
     @classmethod
     def stated(cls, values: base.Values) -> dict[str, float]:
-        """The order is the whole or half one next to the fitted value."""
+        """The order is rounded to an integer or half-integer."""
         doubled = round(2.0 * values["order"])
         return super().stated(values) | {"order": doubled // 2 if doubled % 2 == 0 else doubled / 2.0}
 
 
 @register_effect(order=127)
 class CrankPeriodicTorque(PeriodicEffect):
-    """A torque locked to the crank's angle, as cogging, teeth of a gear or poles of a motor make it.
+    """A torque locked to the crank angle, such as cogging or gear meshing.
 
-    At a constant speed the drive has to make up for it, so that it stands in the crank's torque and nowhere else.
+    At constant speed the drive compensates it, so that only the crank torque shows it.
     """
 
     LAW = "M = a cos(k theta - phase)"
@@ -139,15 +135,14 @@ class CrankPeriodicTorque(PeriodicEffect):
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        yield cls.in_step(context, _FITTED_ORDERS, _USUAL_ORDERS, steady_counterpart=CrankCoulombFriction.NAME)
+        yield cls.phase_locked(context, _FITTED_ORDERS, _USUAL_ORDERS, carrier=CrankCoulombFriction.NAME)
 
 
 @register_effect(order=130)
 class CrankUnbalance(CrankEffect):
-    """A mass on the crank beyond nominal.
+    """An additional mass on the crank, at the distance crank.length from the pivot.
 
-    It sits at the crank's length from the pivot, so that U / crank.length is its mass and U crank.length its inertia.
-    Frame forces, gravity and a motor's drive show it.
+    Its mass is U / crank.length, its inertia U crank.length. Frame forces, gravity and a motor drive show it.
     """
 
     SITE = "crank"
@@ -156,7 +151,7 @@ class CrankUnbalance(CrankEffect):
     WORDS = "an unbalance of the crank"
     ANGLE = "angle_rad"
     unbalance_kg_m = parameter("kg*m", "U, mass times distance from the pivot", 0.005, ge=0, step=_unbalance)
-    angle_rad = parameter("rad", "its direction, from the crank's own", 1.0, default=0.0, odd=True)
+    angle_rad = parameter("rad", "direction relative to the crank", 1.0, default=0.0, odd=True)
 
     def compile_into(self, records: base.Records) -> None:
         bodies, unbalance, angle = records["bodies"], self.parameters.unbalance_kg_m, self.parameters.angle_rad
@@ -168,11 +163,11 @@ class CrankUnbalance(CrankEffect):
 
 @register_effect(order=150)
 class SpeedFluctuation(PeriodicEffect):
-    """The drive's speed depends on the crank angle; for the constant drive alone, of which simulate.speed is w0."""
+    """A speed that depends on the crank angle; only for the constant-speed drive, with w0 = simulate.speed."""
 
     SITE = "drive"
     LAW = "w = w0 (1 + a cos(k theta - phase))"
-    WORDS = "a drive whose speed fluctuates"
+    WORDS = "a fluctuating drive speed"
     DRIVE = "constant"
     ratio = parameter("", "a, amplitude over the mean", 0.02, ge=0, le=0.3, step=lambda scale: 1e-3)
     order = parameter("", "k, cycles per revolution", 2, ge=0.5, le=12, multiple_of=0.5)
@@ -184,16 +179,16 @@ class SpeedFluctuation(PeriodicEffect):
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
-        return [cls.in_step(context, range(1, 13), ())] if context.constant_speed else []
+        return [cls.phase_locked(context, range(1, 13), ())] if context.constant_speed else []
 
 
 @register_effect(order=240)
 class DiscoveredCrankTorque(DiscoveredLaw):
-    """A moment on the crank, counter-clockwise [N m]."""
+    """A counter-clockwise torque on the crank [N m], given by a formula."""
 
     GROUP, SITE = "crank", "crank"
     LAW = "M = formula of v, x, w, theta, t"
-    WORDS = "a torque on the crank that follows a formula found by regression"
+    WORDS = "a crank torque with a formula found by regression"
 
     def mirrored(self) -> Effect:
         seen = super().mirrored()

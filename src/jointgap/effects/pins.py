@@ -1,4 +1,4 @@
-"""Friction, restitution and lubrication of the pins at the ends of the rod."""
+"""Friction, restitution and lubrication of crank pin and piston pin."""
 
 from typing import Any, ClassVar, Literal
 
@@ -9,10 +9,10 @@ from jointgap.core.joints import PINS
 from jointgap.effects import base
 from jointgap.effects.base import CRANK_SIGN, DataEffect, Effect, amplitude, joint_data, parameter, register_effect
 
-# Largest share of the clearance at which asperities may touch; beyond it there is no bearing to speak of
+# Largest least_film_m over clearance
 _LARGEST_FILM_SHARE = 0.5
 
-# [Pa s] of light and heavy oils, from which fits start: the least film carries the pin already
+# Start values [Pa s] of fits: light and heavy oil
 _VISCOSITIES = (0.03, 0.2)
 
 
@@ -20,11 +20,11 @@ _ONE_PIN = {"site": (Literal["crank_pin", "piston_pin"], Field(description="the 
 
 
 class ContactCoefficient(DataEffect):
-    """A coefficient of the contact of one pin, its `site`, or of all loose pins."""
+    """A contact coefficient of one pin (`site`) or of all loose pins."""
 
     GROUP, SITE = "pins", "loose pins"
-    ACTS_AT_ZERO = True  # it stands for its pins' even where that is nominal
-    IN_CONTACT: ClassVar[str]  # Key of the coefficient in a contact, and the nuisance that all pins share
+    ACTS_AT_ZERO = True  # it replaces the nominal coefficient
+    IN_CONTACT: ClassVar[str]  # Key of the coefficient in a contact, and the nuisance shared by all pins
     NUISANCE: ClassVar[str]
 
     def apply(self, data: dict[str, Any]) -> None:
@@ -33,8 +33,8 @@ class ContactCoefficient(DataEffect):
             joint_data(data, self.NAME, pin)["contact"] |= {self.IN_CONTACT: self.parameters.coefficient}
 
     @classmethod
-    def beyond(cls, nominal: float, step: float, *shared: Parameter, **attributes: Any) -> Candidate:
-        """The candidate whose amplitude is the change of a `nominal` coefficient."""
+    def deviation_from(cls, nominal: float, step: float, *shared: Parameter, **attributes: Any) -> Candidate:
+        """The candidate whose amplitude is the deviation from a `nominal` coefficient."""
         low, high = cls.DESCRIBED["coefficient"].ge, cls.DESCRIBED["coefficient"].le
         return cls.candidate(
             amplitude("change", step, "1", low - nominal, high - nominal),
@@ -48,20 +48,20 @@ class ContactCoefficient(DataEffect):
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
         shared = context.nuisances.get(cls.NUISANCE)
-        if shared is not None and set(PINS) <= set(context.mechanism.loose):  # of one pin it is that pin's
-            yield cls.beyond(shared.nominal, shared.step, replaces={cls.NUISANCE: "change"})
+        if shared is not None and set(PINS) <= set(context.mechanism.loose):
+            yield cls.deviation_from(shared.nominal, shared.step, replaces={cls.NUISANCE: "change"})
 
 
 class Friction(ContactCoefficient):
-    """A coefficient of friction in place of the contacts' own."""
+    """A coefficient of friction that replaces that of the contacts."""
 
     IN_CONTACT, NUISANCE = "friction", "joint_friction"
-    coefficient = parameter("", "k, whole coefficient of friction", 0.1, ge=0, le=0.6)
+    coefficient = parameter("", "k, coefficient of friction", 0.1, ge=0, le=0.6)
 
 
 @register_effect(order=100)
 class PinFriction(Friction):
-    """Friction in a pin: in a loose one it replaces its contact's coefficient, in an ideal one it is a moment."""
+    """Friction in a pin: replaces the contact's coefficient in a loose pin, adds a friction moment in an ideal one."""
 
     SITE = "crank_pin or piston_pin"
     LAW = (
@@ -73,17 +73,15 @@ class PinFriction(Friction):
     KEYS = _ONE_PIN
 
     def changes_data(self, mechanism: Any) -> bool:
-        """In a loose pin it is the contact's coefficient; a clearance that is listed too decides whether it is
-        loose.
-        """
+        """True for a loose pin; a listed clearance effect determines whether it is loose."""
         clearance = mechanism.effect(f"{self.site}_clearance")
         return self.site in mechanism.loose if clearance is None else clearance.clearance_m > 0
 
     def check(self, mechanism: Any) -> None:
         if mechanism.joint(self.site) is None:
             raise ValueError(
-                f"effects: pin_friction at {self.site} needs the joint's journal_radius; write the joint as a mapping, "
-                "with 'loose: false' to stay ideal"
+                f"effects: pin_friction at {self.site} requires the joint's journal_radius; write the joint as a "
+                "mapping, with 'loose: false' for an ideal joint"
             )
 
     def compile_into(self, records: base.Records) -> None:
@@ -98,35 +96,35 @@ class PinFriction(Friction):
             own = {f"joint_friction_{pin}": "change", "joint_friction": "change"} if joint.loose else {}
             replaces, shared = context.replaced(own), []
             if "joint_friction" in replaces and set(context.mechanism.loose) - {pin, "crank_pivot"}:
-                # The effect takes this pin out of what both share: what is left is the other pin's.
+                # the shared nuisance then belongs to the other pin
                 shared = [context.nuisances["joint_friction"]]
             nominal, guesses = joint.contact.friction if joint.loose else 0.0, {one.name: one.nominal for one in shared}
-            yield cls.beyond(nominal, 0.02, *shared, site=pin, initial_guesses=(guesses,), replaces=replaces)
+            yield cls.deviation_from(nominal, 0.02, *shared, site=pin, initial_guesses=(guesses,), replaces=replaces)
 
 
 @register_effect(order=102)
 class CommonPinFriction(Friction):
-    """All loose pins have this coefficient of friction, in place of their contacts' own."""
+    """A common coefficient of friction of all loose pins."""
 
     LAW = "contact.friction = k of every loose pin"
-    WORDS = "friction of both pins other than stated"
+    WORDS = "deviating friction of both pins"
 
 
 class Restitution(ContactCoefficient):
-    """A coefficient of restitution in place of the contacts' own."""
+    """A coefficient of restitution that replaces that of the contacts."""
 
     REFERENCE = "Lankarani and Nikravesh, J. Mech. Des. 112 (1990) 369-376"
     IN_CONTACT, NUISANCE = "restitution", "restitution"
-    coefficient = parameter("", "e, whole coefficient of restitution", 0.3, ge=1e-3, le=0.999)
+    coefficient = parameter("", "e, coefficient of restitution", 0.3, ge=1e-3, le=0.999)
 
 
 @register_effect(order=104)
 class PinRestitution(Restitution):
-    """A loose pin has this coefficient of restitution, in place of its contact's own."""
+    """The coefficient of restitution of a loose pin."""
 
     SITE = "crank_pin or piston_pin"
     LAW = "contact.restitution = e of the loose pin"
-    WORDS = "a restitution of the {site} other than stated"
+    WORDS = "deviating restitution of the {site}"
     KEYS = _ONE_PIN
 
     @classmethod
@@ -135,20 +133,20 @@ class PinRestitution(Restitution):
         for pin in cls.sites():
             shared = context.nuisances.get("restitution") if loose == [pin] else None
             if nuisance := context.nuisances.get(f"restitution_{pin}", shared):
-                yield cls.beyond(nuisance.nominal, nuisance.step, site=pin, replaces={nuisance.name: "change"})
+                yield cls.deviation_from(nuisance.nominal, nuisance.step, site=pin, replaces={nuisance.name: "change"})
 
 
 @register_effect(order=106)
 class CommonPinRestitution(Restitution):
-    """All loose pins have this coefficient of restitution, in place of their contacts' own."""
+    """A common coefficient of restitution of all loose pins."""
 
     LAW = "contact.restitution = e of every loose pin"
-    WORDS = "a restitution of both pins other than stated"
+    WORDS = "deviating restitution of both pins"
 
 
 @register_effect(order=220)
 class LubricatedJoint(Effect):
-    """A film of lubricant in a loose pin, squeeze included; dry contact begins where the film is thinner than h_min."""
+    """A lubricant film in a loose pin with squeeze effect; dry contact if the film is thinner than h_min."""
 
     GROUP, SITE = "pins", "crank_pin or piston_pin"
     LAW = (
@@ -156,22 +154,16 @@ class LubricatedJoint(Effect):
         "dry contact where h < h_min"
     )
     REFERENCE = "DuBois and Ocvirk, NACA report 1157 (1953)"
-    WORDS = "a film of lubricant in the {site}"
+    WORDS = "a lubricant film in the {site}"
     KEYS = _ONE_PIN
     viscosity_Pa_s = parameter("Pa*s", "mu, dynamic viscosity", 0.05, gt=0)
-    length_m = parameter("m", "L, length of the bearing along its axis", 0.012, gt=0)
-    least_film_m = parameter(
-        "m",
-        "h_min, film thickness at which asperities of ground surfaces begin to touch: dry contact",
-        1e-6,
-        1e-6,
-        gt=0,
-    )
+    length_m = parameter("m", "L, axial length of the bearing", 0.012, gt=0)
+    least_film_m = parameter("m", "h_min, film thickness at which asperities touch: dry contact", 1e-6, 1e-6, gt=0)
 
     def check(self, mechanism: Any) -> None:
         where = f"effects: lubricated_joint at {self.site}"
         if self.site not in mechanism.loose:
-            raise ValueError(f"{where} needs a loose joint, for a film needs a clearance; make it loose")
+            raise ValueError(f"{where} requires a clearance; make the joint loose")
         thinnest, clearance = self.parameters.least_film_m, mechanism.clearance(self.site)
         if thinnest > _LARGEST_FILM_SHARE * clearance:
             raise ValueError(

@@ -17,15 +17,14 @@ from jointgap.effects.base import (
 
 _SIGN = f"sgn v = tanh(v / {SLIDER_SIGN_SPEED:g} m/s)"
 
-# Stribeck speed [of the slider's speed, root mean square] from which a fit begins, and its bounds. The slider is slower
-# than a tenth for 4.5 % of the time: of what falls more steeply so few samples tell that nearly any share would do.
-# What falls over more than a half looks like viscous friction of the other sign
+# Start value and bounds of the Stribeck speed [1, of the root mean square slider speed]. Lower speeds have too few
+# samples (the slider is slower than a tenth for 4.5 % of the time); higher ones resemble negative viscous friction
 _STRIBECK_SPEED, _SLOWEST, _FASTEST = 0.2, 0.1, 0.5
 
-# Positions [half strokes from mid-stroke] of most friction from which fits begin: each within a third of any other
+# Positions of largest friction [half strokes from mid-stroke] at which fits start
 _TIGHTEST = (0.0, -2.0 / 3.0, 2.0 / 3.0)
 
-# How far from mid-stroke a spring may rest [strokes]: farther away it is a constant force, to a sixth of it
+# Largest distance of a spring's rest position from mid-stroke [strokes]: beyond, the force is nearly constant
 _FARTHEST_STROKES = 3.0
 
 
@@ -53,19 +52,19 @@ class SliderEffect(Effect):
 
 @register_effect(order=20)
 class SliderCoulombFriction(SliderEffect):
-    """Dry friction of the slider that does not depend on the load of its guide, as that of piston rings."""
+    """Dry friction of the slider independent of the guide's load, such as of piston rings."""
 
     LAW = f"F = -f sgn v, {_SIGN}"
     REFERENCE = "Coulomb, Théorie des machines simples (1785)"
     WORDS = "Coulomb friction of the slider"
-    force_N = parameter("N", "f, force of friction", 20.0, ge=0, compiled="coulomb", step=_force)
+    force_N = parameter("N", "f, friction force", 20.0, ge=0, compiled="coulomb", step=_force)
 
 
 @register_effect(order=45)
 class SliderPowerDrag(SliderEffect):
-    """Drag of the slider with any power of its speed: the family of dry friction, viscous friction and quadratic drag.
+    """Drag with any power of the slider speed: the family of dry friction, viscous friction and quadratic drag.
 
-    No candidate by itself: its exponent is fitted once a member of the family is found.
+    Not a candidate itself: the exponent is fitted once a member of the family is found.
     """
 
     LAW = f"F = -f |v/v0|^p sgn v, {_SIGN}"
@@ -79,11 +78,11 @@ class SliderPowerDrag(SliderEffect):
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
-        """The one parameter of a `member` is its force over a power of the speed."""
         speed, (key,) = scale.speed, member.DESCRIBED
         return super().family(
             member,
             scale,
+            # the parameter of a member is force over a power of the speed
             values=lambda values: {"force_N": values[key] * speed ** cls.MEMBERS[member.NAME]},
             parameters=lambda values: {**values, "speed_m_s": speed},
         )
@@ -91,9 +90,9 @@ class SliderPowerDrag(SliderEffect):
 
 @register_effect(order=25)
 class SliderStribeckFriction(SliderEffect):
-    """Dry friction of the slider of which a share falls with its speed: a family of Coulomb friction.
+    """Dry friction of the slider that decreases with speed: a family of Coulomb friction.
 
-    No candidate by itself: the share is fitted once Coulomb friction is found.
+    Not a candidate itself: the share is fitted once Coulomb friction is found.
     """
 
     LAW = f"F = -f (1 - s + s exp(-|v|/v_s)) sgn v, {_SIGN}"
@@ -101,12 +100,10 @@ class SliderStribeckFriction(SliderEffect):
     WORDS = "dry friction of the slider"
     MEMBERS = {"slider_coulomb_friction": 0.0}
     SHAPE = "stribeck_share"
-    force_N = parameter("N", "f, force of friction at the least speed", 20.0, ge=0, compiled="stribeck", step=_force)
-    stribeck_speed_m_s = parameter(
-        "m/s", "v_s, Stribeck speed, over which friction falls", 0.3, gt=0, compiled="stribeck_speed"
-    )
+    force_N = parameter("N", "f, friction force at low speed", 20.0, ge=0, compiled="stribeck", step=_force)
+    stribeck_speed_m_s = parameter("m/s", "v_s, Stribeck speed", 0.3, gt=0, compiled="stribeck_speed")
     stribeck_share = parameter(
-        "", "s, share of the force that falls with speed", 0.5, ge=0, le=1, compiled="stribeck_share"
+        "", "s, share of the force that decreases with speed", 0.5, ge=0, le=1, compiled="stribeck_share"
     )
 
     @classmethod
@@ -118,33 +115,27 @@ class SliderStribeckFriction(SliderEffect):
 
 @register_effect(order=27)
 class SliderPositionFriction(SliderEffect):
-    """Dry friction of the slider of which a share varies along its stroke: a family of Coulomb friction.
+    """Position-dependent dry friction of the slider, such as in a locally tight or worn bore: a family of Coulomb
+    friction.
 
-    The least that a bore which is tight in one place, or worn in the other, does: one wave over the stroke. No
-    candidate by itself: the share is fitted once Coulomb friction is found.
+    Not a candidate itself: the share is fitted once Coulomb friction is found.
     """
 
     LAW = f"F = -f [1 - s + s (1 + cos(2 pi (x - x_t) / l)) / 2] sgn v, {_SIGN}"
-    WORDS = "dry friction that varies along the stroke"
+    WORDS = "position-dependent dry friction of the slider"
     MEMBERS = {"slider_coulomb_friction": 0.0}
     SHAPE = "varying_share"
-    force_N = parameter(
-        "N", "f, force of friction where it is largest", 20.0, ge=0, compiled="position_friction", step=_force
-    )
+    force_N = parameter("N", "f, largest friction force", 20.0, ge=0, compiled="position_friction", step=_force)
     tightest_position_m = parameter(
-        "m", "x_t, position of the slider where friction is largest", 0.56, compiled="position_friction_tightest"
+        "m", "x_t, slider position of the largest friction", 0.56, compiled="position_friction_tightest"
     )
-    length_m = parameter(
-        "m", "l, distance after which friction is the same again", 0.3, gt=0, compiled="position_friction_length"
-    )
-    varying_share = parameter(
-        "", "s, share of the force that varies", 0.5, ge=0, le=1, compiled="position_friction_share"
-    )
+    length_m = parameter("m", "l, period along the stroke", 0.3, gt=0, compiled="position_friction_length")
+    varying_share = parameter("", "s, varying share of the force", 0.5, ge=0, le=1, compiled="position_friction_share")
 
     @classmethod
     def family(cls, member: type[Effect], scale: base.MotionScale) -> LawFamily:
         middle, half = scale.middle, scale.stroke
-        # A stroke to either side of mid-stroke, so that no place on the stroke is a bound of what is periodic.
+        # one period to either side of mid-stroke, so that no position of the stroke is a bound
         place = Parameter("tightest_position_m", middle, middle - 2.0 * half, middle + 2.0 * half, 0.1 * half, "m")
         guesses = tuple({place.name: middle + share * half} for share in _TIGHTEST)
         length = {"length_m": 2.0 * half}
@@ -155,7 +146,7 @@ class SliderPositionFriction(SliderEffect):
 
 @register_effect(order=30)
 class SliderViscousFriction(SliderEffect):
-    """Friction of the slider in a film of lubricant."""
+    """Viscous friction of the slider."""
 
     LAW = "F = -c v"
     REFERENCE = FRICTION_SURVEY
@@ -165,7 +156,7 @@ class SliderViscousFriction(SliderEffect):
 
 @register_effect(order=40)
 class SliderQuadraticDrag(SliderEffect):
-    """Drag of a fluid that the slider pushes aside or through an orifice."""
+    """Drag of a fluid displaced by the slider or forced through an orifice."""
 
     LAW = "F = -d v |v|"
     REFERENCE = "Newton, Principia (1687), book II, section II"
@@ -177,12 +168,12 @@ class SliderQuadraticDrag(SliderEffect):
 
 @register_effect(order=50)
 class SliderLoadFriction(SliderEffect):
-    """Dry friction between slider and guide in proportion to the guide's normal force N."""
+    """Dry friction between slider and guide, proportional to the guide's normal force N."""
 
     SITE = "guide"
     LAW = f"F = -k |N| sgn v, {_SIGN}, N: normal force of the guide"
     REFERENCE = "Amontons, Mém. Acad. R. Sci. (1699) 206-222"
-    WORDS = "friction of the slider in proportion to the load of its guide"
+    WORDS = "load-dependent friction of the slider guide"
     coefficient = parameter(
         "", "k, coefficient of friction", 0.1, ge=0, le=1, compiled="load_friction", step=_coefficient
     )
@@ -190,7 +181,7 @@ class SliderLoadFriction(SliderEffect):
 
 @register_effect(order=60)
 class SliderConstantForce(SliderEffect):
-    """A constant force, such as a load or a difference of pressures."""
+    """A constant force, such as a load or a pressure difference."""
 
     LAW = "F = f"
     WORDS = "a constant force on the slider"
@@ -205,7 +196,7 @@ class SliderSpring(SliderEffect):
     REFERENCE = "Hooke, De potentia restitutiva (1678)"
     WORDS = "a linear spring on the slider"
     stiffness_N_m = parameter("N/m", "k, force per length", 2000.0, ge=0, compiled="spring_stiffness")
-    rest_position_m = parameter("m", "x0, position of the slider without force", 0.56, compiled="spring_rest")
+    rest_position_m = parameter("m", "x0, slider position without force", 0.56, compiled="spring_rest")
 
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
@@ -215,9 +206,9 @@ class SliderSpring(SliderEffect):
 
 @register_effect(order=75)
 class SliderNonlinearSpring(SliderEffect):
-    """A spring between frame and slider that softens or hardens with its stretch: the family of the linear spring.
+    """A softening or hardening spring between frame and slider: the family of the linear spring.
 
-    No candidate by itself: the share of its cubic part is fitted once a linear spring is found.
+    Not a candidate itself: the share of the cubic part is fitted once a linear spring is found.
     """
 
     LAW = "F = -k [(1 - c) (x - x0) + c (x - x0)^3 / h^2]"
@@ -228,13 +219,13 @@ class SliderNonlinearSpring(SliderEffect):
     stiffness_N_m = parameter(
         "N/m", "k, force per length at the distance h from x0", 2000.0, ge=0, compiled="nonlinear_spring"
     )
-    rest_position_m = parameter("m", "x0, position of the slider without force", 0.56, compiled="nonlinear_spring_rest")
+    rest_position_m = parameter("m", "x0, slider position without force", 0.56, compiled="nonlinear_spring_rest")
     length_m = parameter(
         "m", "h, distance from x0 at which the force is k h", 0.15, gt=0, compiled="nonlinear_spring_length"
     )
-    # at -1/2 the stiffness falls to nothing at the distance h from rest, at 1 it does so at rest
+    # the stiffness vanishes at the distance h from rest for -1/2, and at rest for 1
     cubic_share = parameter(
-        "", "c, share of the cubic part, below 0 softening", 1.0, ge=-0.5, le=1.0, compiled="nonlinear_spring_share"
+        "", "c, share of the cubic part; negative: softening", 1.0, ge=-0.5, le=1.0, compiled="nonlinear_spring_share"
     )
 
     @classmethod
@@ -246,15 +237,13 @@ class SliderNonlinearSpring(SliderEffect):
 
 
 def _two_springs(scale: base.MotionScale) -> tuple[Parameter, ...]:
-    """Stiffnesses of springs that rest at either end of where one may rest: they do what any one between them does, and
-    the motion depends on both linearly.
-    """
+    """Stiffnesses of two springs at the extreme rest positions: equivalent to one between them, and linear."""
     step = scale.force / (_FARTHEST_STROKES * 2.0 * scale.stroke)
     return tuple(amplitude(key, step, "N/m", 0.0) for key in ("farthest_out_N_m", "farthest_in_N_m"))
 
 
 def _one_spring(scale: base.MotionScale, values: base.Values) -> dict[str, float]:
-    """The spring that does what two of `_two_springs` do."""
+    """The spring equivalent to `_two_springs`."""
     outer, inner = values["farthest_out_N_m"], values["farthest_in_N_m"]
     stiffness = outer + inner
     share = (outer - inner) / stiffness if stiffness > 0.0 else 0.0
@@ -264,8 +253,8 @@ def _one_spring(scale: base.MotionScale, values: base.Values) -> dict[str, float
 
 @register_effect(order=80)
 class GasPressure(SliderEffect):
-    """A closed gas spring beyond the slider: compressed and expanded without loss. What a cylinder with valves or
-    combustion does is a `slider_force_table`.
+    """A closed gas spring beyond the slider without loss. For a cylinder with valves or combustion use
+    `slider_force_table`.
     """
 
     LAW = "F = -f (h / (h + x_out - x))^n, closed cycle, x_out: farthest-out position"
@@ -273,7 +262,7 @@ class GasPressure(SliderEffect):
     WORDS = "the pressure of a closed gas volume on the slider"
     force_N = parameter("N", "f, force with the slider farthest out", 100.0, ge=0, compiled="gas_force", step=_force)
     dead_length_m = parameter(
-        "m", "h, length of the cylinder beyond the farthest-out position", 0.05, gt=0, compiled="gas_length"
+        "m", "h, cylinder length beyond the farthest-out position", 0.05, gt=0, compiled="gas_length"
     )
     exponent = parameter(
         "", "n, polytropic exponent: 1 isothermal, 1.4 adiabatic for air", 1.3, ge=1, le=1.4, compiled="gas_exponent"
@@ -298,12 +287,12 @@ class GasPressure(SliderEffect):
 
 @register_effect(order=90)
 class HarmonicForce(SliderEffect):
-    """A force that swings at a frequency of its own, not locked to the crank."""
+    """A harmonic force that is not locked to the crank."""
 
     LAW = "F = f cos(2 pi nu t + phase), not locked to the crank"
-    WORDS = "a force on the slider that swings at a frequency of its own"
+    WORDS = "a harmonic force on the slider"
     force_N = parameter("N", "f, amplitude", 10.0, ge=0, compiled="harmonic")
-    frequency_Hz = parameter("Hz", "nu, cycles per second", 37.0)
+    frequency_Hz = parameter("Hz", "nu, frequency", 37.0)
     phase_rad = parameter("rad", "phase at t = 0", 0.0, default=0.0, compiled="harmonic_phase")
 
     def compile_into(self, records: base.Records) -> None:
@@ -313,7 +302,7 @@ class HarmonicForce(SliderEffect):
     @classmethod
     def candidates(cls, context: base.FitContext) -> base.Candidates:
         frequency, step = context.frequency_Hz, context.scale.force
-        # Runs are recorded one after the other: each has a phase of its own.
+        # runs are recorded at different times: each has its own phase
         names = [(part, run) for run in context.runs for part in ("cosine", "sine")]
         parts = [Parameter(part, 0.0, step=step, unit="N", run=run) for part, run in names]
         yield cls.candidate(
@@ -322,7 +311,7 @@ class HarmonicForce(SliderEffect):
             amplitudes=tuple(part.key for part in parts),
             initial_guesses=({"frequency_Hz": frequency},),
             parameters=_amplitude_and_phase,
-            steady_counterpart="slider_constant_force",
+            carrier="slider_constant_force",
         )
 
 
@@ -341,8 +330,8 @@ def _amplitude_and_phase(values: base.Values) -> dict[str, float]:
 
 @register_effect(order=230)
 class DiscoveredSliderForce(DiscoveredLaw):
-    """A force on the slider, along +x [N]."""
+    """A force on the slider along +x [N], given by a formula."""
 
     GROUP, SITE = "slider", "slider"
     LAW = "F = formula of v, x, w, theta, t"
-    WORDS = "a force on the slider that follows a formula found by regression"
+    WORDS = "a slider force with a formula found by regression"

@@ -1,4 +1,4 @@
-"""A load on the slider that was measured: force or pressure over the crank angle or over time."""
+"""A measured load on the slider: force or pressure over crank angle or time."""
 
 import math
 from functools import lru_cache
@@ -14,12 +14,12 @@ from jointgap.core.section import ConfigModel
 from jointgap.core.units import Angle, PositiveLength, quantity, unit_factor
 from jointgap.effects.base import Effect, Records, register_effect
 
-#: Of a table: 0.2 deg apart over 720 deg are 3600.
+#: Of a table (0.2 deg over 720 deg: 3600).
 MOST_ROWS = 4096
 
 _LEAST_ROWS = 8
-_CLOSED = 0.02  # [1, of the range] by which the end of a table may miss its begin
-_GAP = 3.0  # [1, of the usual step] that may lie between the last row and the first of the next period
+_CLOSED = 0.02  # [1, of the range] largest difference between begin and end of a table
+_GAP = 3.0  # [1, of the median step] largest gap between the last row and the next period
 _SI = {"angle": "rad", "time": "s", "force": "N", "pressure": "Pa"}
 
 
@@ -27,7 +27,7 @@ class TableColumn(ConfigModel):
     """A column of a table of loads."""
 
     column: str = Field(min_length=1, description="heading of the column")
-    unit: str = Field(description="its unit, such as deg, s, N, kN, bar or MPa")
+    unit: str = Field(description="unit, such as deg, s, N, kN, bar or MPa")
 
 
 class ForceTableParameters(ConfigModel):
@@ -35,16 +35,16 @@ class ForceTableParameters(ConfigModel):
 
     file: str = Field(
         min_length=1,
-        description="CSV or Parquet file of one period, from the folder of the file that lists the effect",
+        description="CSV or Parquet file of one period; path relative to the file with the effect",
         examples=["examples/compressor_indicator.csv"],
     )
     angle: TableColumn | None = Field(
         None,
-        description="crank angle, 0 with the slider farthest out; 360 or 720 deg of it are the period",
+        description="crank angle, 0 with the slider farthest out; the period is 360 or 720 deg",
         examples=[{"column": "angle", "unit": "deg"}],
     )
     time: TableColumn | None = Field(
-        None, description="time, instead of the angle: that of a simulation or of the runs' records", examples=[None]
+        None, description="time of the simulation or of the runs' records, instead of the angle", examples=[None]
     )
     force: TableColumn | None = Field(
         None, description="force on the slider along +x, towards the farthest-out position", examples=[None]
@@ -61,11 +61,11 @@ class ForceTableParameters(ConfigModel):
     zero: Angle = Field(0.0, description="crank angle at which the table's angle is 0", examples=["0 deg"])
     reversed: bool = Field(
         False,
-        description="whether the table's angles grow clockwise: degrees after dead centre of a clockwise crank",
+        description="whether the table's angle increases clockwise",
         examples=[False],
     )
     period: quantity("s", gt=0) | None = Field(
-        None, description="of a table over time whose last row does not repeat the first", examples=[None]
+        None, description="period of a table over time whose last row does not repeat the first", examples=[None]
     )
 
     @field_validator(*_SI)
@@ -82,17 +82,17 @@ class ForceTableParameters(ConfigModel):
     def _says_one_load(self):
         for one, other in (("angle", "time"), ("force", "pressure")):
             if (getattr(self, one) is None) == (getattr(self, other) is None):
-                raise ValueError(f"needs {one} or {other}, one of them, such as {one}: {{column: a, unit: {_SI[one]}}}")
+                raise ValueError(f"requires either {one} or {other}, e.g. {one}: {{column: a, unit: {_SI[one]}}}")
         if (self.pressure is None) != (self.bore is None):
-            raise ValueError("pressure and bore go together; give both, or the force")
+            raise ValueError("pressure and bore require each other; give both, or the force")
         if self.period is not None and self.time is None:
-            raise ValueError("period is of a table over time; over the angle it is 360 or 720 deg; remove it")
+            raise ValueError("period is only for a table over time (over the angle: 360 or 720 deg); remove it")
         return self
 
 
 @register_effect(order=85)
 class SliderForceTable(Effect):
-    """A known load, such as an engine's or a compressor's indicator diagram; smooth between the rows, and periodic."""
+    """A known periodic load, such as an indicator diagram, interpolated by a cubic spline."""
 
     GROUP, SITE = "slider", "slider"
     LAW = "F = table(theta) or table(t), periodic cubic spline; of a pressure F = -(p - p_ambient) pi bore^2 / 4"
@@ -100,7 +100,7 @@ class SliderForceTable(Effect):
     PARAMETERS = ForceTableParameters
 
     def check(self, mechanism: Any) -> None:
-        if Path(self.parameters.file).is_file():  # where it is not, a simulation says so
+        if Path(self.parameters.file).is_file():  # otherwise the simulation raises the error
             _table(self.parameters)
 
     def compile_into(self, records: Records) -> None:
@@ -113,7 +113,7 @@ class SliderForceTable(Effect):
         records["tables"]["slider_table"] = pieces
 
     def largest_force(self, stroke: float) -> float:
-        there = Path(self.parameters.file).is_file()  # where it is not, a simulation says so
+        there = Path(self.parameters.file).is_file()  # otherwise the simulation raises the error
         return float(np.abs(_table(self.parameters)[0][:, -1]).max()) if there else 0.0
 
     def mirrored(self) -> Effect:
@@ -121,9 +121,8 @@ class SliderForceTable(Effect):
 
 
 def _table(given: ForceTableParameters) -> tuple[np.ndarray, float, float]:
-    """Pieces (k, 5) of the force [N] over one period: begin and cubic polynomial of what is since, highest power first;
-    where the first begins, and the period [rad or s].
-    """
+    """Pieces (k, 5) of the force [N] over one period (begin and cubic polynomial, highest power first), begin of the
+    first and period [rad or s]."""
     try:
         changed = Path(given.file).stat().st_mtime_ns
     except OSError as error:
@@ -148,28 +147,28 @@ def _read_table(given: ForceTableParameters, _changed: int) -> tuple[np.ndarray,
         return InputError(f"{path}, column {stated[key].column}{text}")
 
     if not _LEAST_ROWS <= place.size <= MOST_ROWS:
-        raise wrong(over, f": {place.size} rows; give {_LEAST_ROWS} to {MOST_ROWS}, of one period")
+        raise wrong(over, f": {place.size} rows; give {_LEAST_ROWS} to {MOST_ROWS} rows of one period")
     if (falls := np.flatnonzero(np.diff(place) <= 0.0)).size:
-        raise wrong(over, f", row {rows[falls[0] + 1]}: does not rise; give one period, rows in rising order")
+        raise wrong(over, f", row {rows[falls[0] + 1]}: not increasing; give one period in increasing order")
     if load == "pressure":
         if given.ambient_pressure > 0.0 and (below := np.flatnonzero(value < 0.0)).size:
-            text = "an absolute pressure is not below zero; give 'ambient_pressure: 0' for gauge pressures"
+            text = "negative absolute pressure; give 'ambient_pressure: 0' for gauge pressures"
             raise wrong(load, f", row {rows[below[0]]}: {text}")
         value = (given.ambient_pressure - value) * 0.25 * math.pi * given.bore**2
     span, step = place[-1] - place[0], float(np.median(np.diff(place)))
     periods = (math.tau, 2.0 * math.tau) if given.time is None else (given.period or span,)
     fitting = [one for one in periods if one * (1.0 - 1e-6) - _GAP * step <= span <= one * (1.0 + 1e-6)]
     if not fitting and given.time is not None:
-        raise wrong(over, f": the rows span {span:.6g} s, not the period of {periods[0]:.6g} s; correct either")
+        raise wrong(over, f": the rows span {span:.6g} s, but the period is {periods[0]:.6g} s; correct one of them")
     if not fitting:
         text = f": the rows span {math.degrees(span):.6g} deg in steps of {math.degrees(step):.3g}, neither 360 nor 720"
-        raise wrong(over, f"{text} deg; give one whole period, or correct the unit of the angle")
+        raise wrong(over, f"{text} deg; give one full period, or correct the unit of the angle")
     period = float(fitting[0])
     apart, most = abs(value[-1] - value[0]), _CLOSED * np.ptp(value)
     repeats = span > (1.0 - 1e-6) * period  # the last row is the first one of the next period
     if apart > (most if repeats else max(most, _GAP * np.abs(np.diff(value)).max())):
-        text = f": the period does not close: begin and end are {apart:.4g} N apart on the slider, the range is"
-        raise wrong(load, f"{text} {np.ptp(value):.4g} N; give one whole period, averaged over cycles")
+        text = f": not periodic: begin and end differ by {apart:.4g} N on the slider, the range is"
+        raise wrong(load, f"{text} {np.ptp(value):.4g} N; give one full period, averaged over cycles")
     if repeats:
         place, value = place[:-1], value[:-1]
     spline = CubicSpline(np.append(place - place[0], period), np.append(value, value[0]), bc_type="periodic")

@@ -1,4 +1,4 @@
-"""Where a simulation and measured data disagree, which effect is missing, and whether adding it closes the gap.
+"""Identification of missing effects: residuals, fits of candidates, decision, confirmation on held-out data.
 
-The modules know no mechanism: `protocol` says what they ask of a model.
+The modules are independent of the mechanism: `jointgap.core.candidates` defines the interface of a model.
 """

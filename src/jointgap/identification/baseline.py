@@ -1,4 +1,4 @@
-"""Fit of the model as it stands."""
+"""Fit of the current model."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,33 +31,34 @@ from jointgap.identification.settings import (
 
 @dataclass(frozen=True)
 class _Scatter:
-    """Modes (n, m) of what realisations differ by, orthonormal, and their variances (m,) [1, of that of noise]."""
+    """Scatter of realisations: orthonormal modes (n, m) and variances (m,) [1, of that of noise]."""
 
     modes: np.ndarray
     variances: np.ndarray
 
     @classmethod
     def of(cls, left: np.ndarray, degrees_of_freedom: int, settings: EnsembleSettings) -> "_Scatter":
-        """Of what a regression leaves of realisations (members, n)."""
+        """From the residuals (members, n) of a regression."""
         try:
             _, singular_values, right = np.linalg.svd(left, full_matrices=False)
-        except np.linalg.LinAlgError:  # divide and conquer gives up now and then; what is slower does not
+        except np.linalg.LinAlgError:  # divide and conquer may fail to converge
             _, singular_values, right = scipy.linalg.svd(left, full_matrices=False, lapack_driver="gesvd")
         variances = singular_values**2 / degrees_of_freedom
         counted = variances > settings.least_variance
         return cls(right[counted].T, variances[counted])
 
     def whiten(self, values: np.ndarray) -> np.ndarray:
-        """Values (n,) or (n, k) that are whitened for noise, for noise and scatter."""
+        """Whiten values (n,) or (n, k), already whitened for noise, for the scatter too."""
         removed = 1.0 - 1.0 / np.sqrt(1.0 + self.variances)
         return values - (self.modes * removed) @ (self.modes.T @ values)
 
 
 def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> tuple[Fit, list[Fit]]:
-    """The base and the fits, those that lead regressed over ensembles: chi2 of a single realisation scatters by more
-    than explanations differ. The base too, from the nuisances of the best fit as well: it must not lose by having
-    worse ones. All others that are better than the base leave the mean of as many realisations, so that all are
-    measured alike.
+    """The base and the fits, the leading ones regressed over ensembles, as chi2 of a single realisation scatters by
+    more than the differences of explanations.
+
+    The base is also regressed from the nuisances of the best fit, so that it does not lose by worse ones. Other fits
+    that are better than the base get the mean residual of as many realisations.
     """
     settings = problem.settings.ensemble
     single = base if base.draws is None else _with_single_residual(problem, base)
@@ -78,14 +79,14 @@ def leading_over_ensembles(problem: Problem, base: Fit, fits: Sequence[Fit]) -> 
     )
     best = min((fit for fit in fits if fit.status != FAILED), key=lambda fit: fit.bic)
     if due and best.bic < base.bic:
-        # an effect that replaces a nuisance goes beyond its bounds, the base does not
+        # an effect that replaces a nuisance may exceed its bounds, the base may not
         values = np.clip(list(with_nuisances_of(problem, base, best).values()), *bounds_of(base.parameters))
         base = min(base, regressed_over_ensemble(problem, replace(base, values=values)), key=lambda fit: fit.chi2)
     return base, fits
 
 
 def _with_single_residual(problem: Problem, fit: Fit) -> Fit:
-    """The fit with the residual of one realisation; as it was where that cannot be simulated."""
+    """The fit with the residual of one realisation; unchanged if that cannot be simulated."""
     try:
         return replace(fit, residual=problem.residual(fit.mapping, fit.hypothesis))
     except (InputError, SimulationError):
@@ -93,21 +94,21 @@ def _with_single_residual(problem: Problem, fit: Fit) -> Fit:
 
 
 def _with_mean_residual(problem: Problem, fit: Fit) -> Fit:
-    """The fit with the mean of some realisations as its residual; as it was where none can be simulated."""
+    """The fit with the mean residual of some realisations; unchanged if none can be simulated."""
     live = _drawn_parameters(fit)
     left = _mean_realisation(problem, fit, live, fit.values[live])
     return fit if left is None else replace(fit, residual=left)
 
 
 def _drawn_parameters(fit: Fit) -> np.ndarray:
-    """Which parameters (k,) are drawn: not those that change nothing, have no width or are whole numbers."""
+    """Mask (k,) of drawn parameters: not inactive, fixed or integer ones."""
     low, high = bounds_of(fit.parameters)
     whole = np.array([p.whole for p in fit.parameters], dtype=bool)
     return np.asarray(fit.active, dtype=bool) & (high > low) & ~whole
 
 
 def fit_over_ensembles(problem: Problem, fit: Fit, sufficient_chi2: float) -> Fit:
-    """The fit after as many regressions, each from the minimum of the one before, as make it markedly better."""
+    """The fit after repeated regressions, while each improves it markedly."""
     for _ in range(problem.settings.ensemble.passes):
         if fit.chi2 <= sufficient_chi2:
             break
@@ -120,7 +121,7 @@ def fit_over_ensembles(problem: Problem, fit: Fit, sufficient_chi2: float) -> Fi
 
 
 def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
-    """The fit where the regression has its minimum, if that leaves less than its own values, with draws."""
+    """The fit at the minimum of a regression over an ensemble, if that is better, with draws."""
     settings, generator = problem.settings.ensemble, np.random.default_rng(0)
     (low, high), live = bounds_of(fit.parameters), _drawn_parameters(fit)
     if not live.any():
@@ -148,7 +149,7 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
         before, centre = centre, np.clip(middle + step, *bounds)
         white = scatter.whiten(coefficients[0] + plain @ (centre - middle))
         slope, inflation = slopes.T @ white, max(1.0, float(white @ white) / max(white.size - centre.size, 1))
-        # how far an ensemble still moves the minimum tells what its slopes leave open
+        # the last change of the minimum is an error of the regression
         moved, first = (centre - before)[None, :], known is None
         known = bounded_normal(slopes, slope, inflation, centre, *bounds, moved)
         if not first and np.all(np.square(moved[0]) <= settings.settled_share * np.diag(known.covariance)):
@@ -161,7 +162,7 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
         centre, left = fit.values[live], own
         known = bounded_normal(slopes, slope, inflation, centre, *bounds, moved)
     values, jacobian = fit.values.copy(), np.zeros((problem.size, live.size))
-    jacobian[: len(fit.jacobian)] = fit.jacobian  # in fewer rows where the fit comes from files
+    jacobian[: len(fit.jacobian)] = fit.jacobian  # fewer rows if read from files
     values[live], jacobian[:, live] = centre, plain
     draws = np.tile(values, (settings.draws, 1))
     draws[:, live] = _ensemble_regression_drawn(known, centre, bounds, settings.draws, generator)
@@ -169,11 +170,11 @@ def regressed_over_ensemble(problem: Problem, fit: Fit) -> Fit:
 
 
 def _mean_realisation(problem: Problem, fit: Fit, live: np.ndarray, centre: np.ndarray) -> np.ndarray | None:
-    """Residuals (n,) at values (k,) of the live parameters, as the mean of some realisations; None if there is none."""
+    """Mean residuals (n,) of some realisations at values (k,) of the live parameters; None if none can be simulated."""
     steps = problem.settings.differences.probe_step * np.array([p.step for p in fit.parameters])[live]
     low, high = (bound[live] for bound in bounds_of(fit.parameters))
     counts = np.arange(problem.settings.ensemble.realisations)[:, None]
-    inwards = np.where(centre + counts[-1] * steps > high, -steps, steps)  # at a bound all would be the same point
+    inwards = np.where(centre + counts[-1] * steps > high, -steps, steps)
     realisations = _simulated(problem, fit, live, np.clip(centre + counts * inwards, low, high))[1]
     return realisations.mean(axis=0) if len(realisations) else None
 
@@ -185,7 +186,7 @@ def _ensemble_regression_drawn(
     count: int,
     generator: np.random.Generator,
 ) -> np.ndarray:
-    """Points (count, k) of what is `known` of the parameters about the `centre` (k,)."""
+    """Points (count, k) from the distribution `known` of the parameters about the `centre` (k,)."""
     if known.draws is not None:
         return known.draws[generator.choice(len(known.draws), count, replace=len(known.draws) < count)]
     errors = np.sqrt(np.diag(known.covariance))
@@ -197,7 +198,7 @@ def _ensemble_regression_drawn(
 
 
 def _simulated(problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Those of the `points` (m, k) of the live parameters that can be simulated, and their residuals (m, n)."""
+    """The `points` (m, k) of the live parameters that can be simulated, and their residuals (m, n)."""
     keys = [p.key for p, own in zip(fit.parameters, live, strict=True) if own]
     kept, residuals = [], []
     for point in points:
@@ -212,19 +213,19 @@ def _simulated(problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray)
 
 @dataclass(frozen=True)
 class Baseline:
-    """The model as it stands, that every hypothesis is compared with."""
+    """The current model, the reference of all hypotheses."""
 
-    problem: Problem  # With the noise of the numerics in it, unless the base is in windows
+    problem: Problem  # Its noise includes solver error, unless the base is in windows
     differences: FiniteDifferences
-    nominal: Fit  # All shared nuisances at nominal; only what belongs to single runs (speed, first angle) is fitted
+    nominal: Fit  # Shared nuisances at nominal; only run-specific values (speed, first angle) are fitted
     base: Fit  # All nuisances fitted
 
 
 def recalibrate(
     model: Model, noise: Mapping[tuple[str, str], Noise], settings: IdentificationSettings = DEFAULT_SETTINGS
 ) -> Baseline:
-    """Fit the nuisances; then count in what equally good numerics would predict, and fit again. In windows of the
-    record numerics do not count, and the fit is one."""
+    """Fit the nuisances, add solver error to the noise, and fit again; a single fit in windows, without solver
+    error."""
     first = Problem(model, noise, settings=settings)
     nominal_values = {p.key: p.nominal for p in first.nuisances}
     if has_windows(first, (), {}):
@@ -232,8 +233,8 @@ def recalibrate(
         problem = Problem(model, counted, settings=settings)
         base = fitted(problem)
         if base.status == FAILED:
-            raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
-        nominal = replace(base, status=FAILED, reason="not fitted, as the model leaves much at any values", states=None)
+            raise SimulationError(f"{model.name}: the current model cannot be simulated: {base.reason}")
+        nominal = replace(base, status=FAILED, reason="not fitted, as the re-fitted model exceeds noise", states=None)
         if base.chi2 <= settings.decision.max_gap_of_noise**2 * problem.size:
             nominal = fitted(problem, vary=[p for p in problem.nuisances if p.run is not None])
         return Baseline(problem, differences_at(problem, base), nominal, base)
@@ -241,7 +242,7 @@ def recalibrate(
     start = fit_hypothesis(first, differences=differences)
     start = deepest_base(first, start, differences, _enough(first, start))
     if start.status == FAILED:
-        raise SimulationError(f"{model.name}: cannot be simulated as it stands: {start.reason}")
+        raise SimulationError(f"{model.name}: the current model cannot be simulated: {start.reason}")
     problem = Problem(model, numerics_noise(model, start.mapping, noise, settings.noise), settings=settings)
     differences = probed_differences(problem, start.mapping)
     nominal = fit_hypothesis(
@@ -253,15 +254,14 @@ def recalibrate(
     base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
     if problem.has_statistics:
         base = fit_over_ensembles(problem, base, _enough(problem, base))
-    # differences probed anew, as they are when a later stage reads the fits from files
+    # probed again, as a later stage does that reads the fits from files
     return Baseline(problem, differences_at(problem, base), nominal, base)
 
 
 def deepest_base(problem: Problem, base: Fit, differences: FiniteDifferences, enough: float) -> Fit:
-    """The `base` or, if better, its best fit from drawn values of the nuisances that runs share.
+    """The `base` or, if better, a fit from random start values of the shared nuisances (local minima).
 
-    A fit may be caught in a valley that is not the deepest. One that leaves less than `enough` ends the search, so does
-    one that ended in the same minimum as the best before it, as far as chi2 says and its numerical noise lets it.
+    The search ends below the chi2 `enough`, or if a fit ends in the same minimum as the best one (by chi2).
     """
     if base.status == FAILED or base.chi2 < enough:
         return base
@@ -281,38 +281,37 @@ def deepest_base(problem: Problem, base: Fit, differences: FiniteDifferences, en
 
 
 def _enough(problem: Problem, fit: Fit) -> float:
-    """chi2 that noise alone leaves of a fit."""
+    """Upper limit of chi2 for noise."""
     dof = max(problem.size - len(fit.parameters), 1)
     return dof + problem.settings.baseline.noise_sigmas * float(np.sqrt(2.0 * dof))
 
 
 def differences_at(problem: Problem, fit: Fit) -> FiniteDifferences:
-    """Finite differences that know the numerical noise at a fit; in windows there is none."""
+    """Finite differences with the numerical noise at a fit (none in windows)."""
     return FiniteDifferences(problem) if fit.in_windows else probed_differences(problem, fit.mapping)
 
 
 def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteDifferences:
-    """Finite differences that know the numerical noise at `values` (by key [SI]), if `problem` can be simulated."""
+    """Finite differences with the numerical noise at `values` (by key [SI]), if `problem` can be simulated."""
     differences = FiniteDifferences(problem)
     try:
         differences.probe(problem.nuisances, values, problem.residual(values))
     except (InputError, SimulationError):
-        pass  # the fit that starts there says why
+        pass  # reported by the fit that starts there
     return differences
 
 
 def with_intervals(problem: Problem, fit: Fit) -> Fit:
-    """A fit to the `problem` that knows what its intervals ask for: draws of chaotic motion's parameters, or shifts.
+    """The fit with draws (chaotic motion) or shifts for its intervals.
 
-    Intervals count what other numerics, another start among them, change in the values: it is projected onto the
-    parameters as the data and the widths of the bounds determine them. Of chaotic motion the values are those of
-    the regression, and what is left is as it was. A fit that failed, that has draws, that cannot be regressed, or that
-    cannot be simulated by other numerics, is left as it is.
+    Shifts are the changes of the values between solver variants (including another start), projected onto the
+    parameters with the widths of their bounds. For chaotic motion the values are those of the regression; the residual
+    is kept. The fit is unchanged if this fails.
     """
     if fit.status == FAILED or fit.draws is not None or fit.in_windows:
         return fit
     if problem.has_statistics:
-        # what is left stays as it is: by that explanations were compared
+        # explanations were compared by this residual
         return replace(regressed_over_ensemble(problem, fit), residual=fit.residual)
     try:
         changes = other_numerics(problem, fit)
@@ -328,9 +327,9 @@ def with_intervals(problem: Problem, fit: Fit) -> Fit:
 
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:
-    """What other numerics change in the whitened residuals of the fit `base` to `problem`: (number of numerics, n)."""
+    """Change (number of variants, n) of the whitened residuals of the fit `base` between solver variants."""
     changes: list[np.ndarray] = []
-    # states that are estimated make up for numerics
+    # estimated states compensate for solver variants
     for i in range(0 if base.in_windows else len(problem.model.numerics)):
         changes.append(problem.residual(base.mapping, base.hypothesis, numerics=i + 1) - base.residual)
     return np.array(changes).reshape(len(changes), problem.size)

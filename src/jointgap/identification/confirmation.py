@@ -1,4 +1,4 @@
-"""How far the gap shrinks on data that took no part in fitting or in choosing an explanation."""
+"""Gaps on held-out data."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from jointgap.identification.verdict import (
     share_closed,
 )
 
-_ENDS = (0.05, 0.95)  # [1] quantiles between which a 90 % interval lies
+_ENDS = (0.05, 0.95)  # [1] quantiles of a 90 % interval
 
 
 @dataclass(frozen=True)
@@ -33,34 +33,37 @@ class Confirmed:
 
     residuals: pd.DataFrame  # Table `RESIDUALS`
     gaps: pd.DataFrame  # Table `GAPS`
-    variation: Mapping[tuple[str, str], float]  # What each series varies by, as of `Series.variation` [unit]
+    variation: Mapping[tuple[str, str], float]  # `Series.variation` of each series [unit]
 
     @property
     def test(self) -> HeldOutTest:
-        """What the held-out data say of the effects."""
+        """The test of the effects on held-out data."""
         return held_out_test(self.gaps)
 
     @property
     def held_out(self) -> HeldOut:
-        """What a verdict asks of it."""
-        worst = (max(self.rests(role), key=lambda rest: rest[0], default=(0.0, "")) for role in ("identify", "confirm"))
+        """Input of the verdict."""
+        worst = (
+            max(self.channel_gaps(role), key=lambda each: each[0], default=(0.0, ""))
+            for role in ("identify", "confirm")
+        )
         return HeldOut(self.test, self.gap("confirm"), *worst, self.largest_noise)
 
     @property
     def largest_noise(self) -> tuple[float, str]:
-        """The largest part [1] that noise is of what a channel varies by in a run, and which channel."""
+        """The largest share [1] of noise in the variation of a channel, and the channel."""
         series = self.residuals.groupby(["run", "channel"], sort=False)["spread"]
         shares = [(root_mean_square(own) / (self.variation[key] or np.inf), key[1]) for key, own in series]
         share, channel = max(shares, key=lambda each: each[0])
         return share, channel.replace("_", " ")
 
     def gap(self, role: str) -> float:
-        """Gap [1] with the effects over all runs of a role, ``identify`` or ``confirm``, that can be simulated."""
+        """Gap [1] with the effects over all simulated runs of a role (``identify`` or ``confirm``)."""
         rows = self.gaps.query("role == @role and channel != 'all'")["after"].dropna()
         return root_mean_square(rows) if len(rows) else np.nan
 
-    def rests(self, role: str) -> list[tuple[float, str]]:
-        """The gap [1] that the effects leave in each channel of the runs of a role that can be simulated."""
+    def channel_gaps(self, role: str) -> list[tuple[float, str]]:
+        """Gap [1] with the effects of each channel over the simulated runs of a role."""
         own = self.residuals[self.residuals["held_out"] == (role == "confirm")].dropna(subset=["augmented"])
         gaps = own.groupby(["channel", "run"], sort=False)["whitened_augmented"].apply(root_mean_square)
         by_channel = gaps.groupby("channel", sort=False)
@@ -68,16 +71,14 @@ class Confirmed:
 
 
 def root_mean_square(values: Sequence[float]) -> float:
-    """The root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def held_out_test(gaps: pd.DataFrame) -> HeldOutTest:
-    """What the held-out data say of the effects of a verdict.
+    """The test of the effects on held-out data.
 
-    If the effects are true, the squared gap falls by the mean square of what they change there (`fall_expected`): the
-    residual before is that change, and noise. Where a run cannot be simulated the others count, each by itself: one
-    that contradicts the effects outweighs those that do not.
+    If the effects are true, the squared gap falls by the mean square of the change that they cause (`fall_expected`).
+    If some runs cannot be simulated, the others are tested one by one, and the worst result counts.
     """
     held_out = gaps.query("role == 'confirm' and channel == 'all'")
     if held_out.empty:
@@ -102,10 +103,9 @@ def confirm(
 ) -> Confirmed:
     """Predict every run with and without the effects of the verdict.
 
-    What a held-out run has for itself (its speed, its first angle) is fitted to it, for the base as well as for the
-    named effects. What all runs share stays as found on the runs for fitting. A held-out run that cannot be simulated
-    with the named effects has no prediction and no gap after, with the reason as a remark of its gaps; all runs
-    together have none either.
+    Run-specific values (speed, first angle) of a held-out run are fitted to it, for the base and for the named effects;
+    shared values are those of the fitted runs. If a held-out run cannot be simulated with the named effects, the gap
+    after of that run and of all runs together is NaN, with the reason as remark.
     """
     named = base if named is None else named
     used, frames, remarks = Problem(model, noise, settings=settings), [], {}
@@ -126,7 +126,7 @@ def confirm(
 
 
 class _Alone:
-    """One run of a model, as a model: what belongs to it is fitted, and fails, without the others."""
+    """A model with one run of another model."""
 
     def __init__(self, model: Model, run: str):
         self._model = model
@@ -137,10 +137,7 @@ class _Alone:
 
 
 def fit_run_parameters(problem: Problem, fit: Fit) -> dict[str, float]:
-    """Values [SI] of a fit by key, with those that a held-out run has for itself fitted to that run.
-
-    These are nominal where the run cannot be simulated.
-    """
+    """Values [SI] of a fit by key, with the run-specific values of a held-out run fitted (nominal if that fails)."""
     own = _not_fitted(problem, fit)
     if not own:
         return fit.mapping
@@ -148,13 +145,13 @@ def fit_run_parameters(problem: Problem, fit: Fit) -> dict[str, float]:
 
 
 def _not_fitted(problem: Problem, fit: Fit) -> list[Parameter]:
-    """What the runs of a problem have for themselves that the fit did not vary."""
+    """Run-specific parameters of a problem that the fit did not vary."""
     fitted = {p.key for p in fit.parameters}
     return [p for p in problem.parameters(fit.hypothesis) if p.run is not None and p.key not in fitted]
 
 
 def _predicted(problem: Problem, fit: Fit) -> Prediction:
-    """A held-out run with what it has for itself fitted to it; of a fit in windows its states too."""
+    """The prediction of a held-out run with its run-specific values (and states, in windows) fitted."""
     if fit.in_windows and has_windows(problem, fit.hypothesis, fit.mapping):
         return predicted(problem, fit.hypothesis, fit.mapping, _not_fitted(problem, fit))
     values = fit_run_parameters(problem, fit)
@@ -163,7 +160,7 @@ def _predicted(problem: Problem, fit: Fit) -> Prediction:
 
 
 def _compared(problem: Problem, before: Prediction, after: Prediction) -> pd.DataFrame:
-    """Rows of the table residuals, run by run."""
+    """Rows of the table residuals."""
     frames = []
     for run in problem.runs:
         for part in (part for part in problem.parts if part.series.run == run):
@@ -188,7 +185,7 @@ def _compared(problem: Problem, before: Prediction, after: Prediction) -> pd.Dat
 def _gaps(
     residuals: pd.DataFrame, remarks: Mapping[str, str], random: np.random.Generator, settings: ConfirmationSettings
 ) -> pd.DataFrame:
-    """Rows of the table gaps: each run and channel, each run, and all, by role; remarks by held-out run."""
+    """Rows of the table gaps: by run and channel, by run, and for all, each by role; remarks by held-out run."""
     rows = []
     for held_out, of_role in residuals.groupby("held_out", sort=False):
         by_series = of_role.groupby(["run", "channel"], sort=False)
@@ -206,8 +203,8 @@ def _gaps(
 class _Squares(NamedTuple):
     """Mean squared whitened residuals of a series."""
 
-    mean: np.ndarray  # Before, after, and of what lies between the two
-    drawn: np.ndarray  # Before and after, of bootstrap samples (draws, 2)
+    mean: np.ndarray  # Before, after, and of their difference
+    drawn: np.ndarray  # Before and after, for bootstrap samples (draws, 2)
     samples: int
 
 
@@ -222,7 +219,7 @@ def _squares(series: pd.DataFrame, random: np.random.Generator, settings: Confir
 
 
 def _gap(parts: Sequence[_Squares]) -> dict[str, float]:
-    """The columns of the table gaps for some series together."""
+    """Columns of the table gaps for several series together."""
     before, after, between = np.mean([part.mean for part in parts], axis=0) ** [0.5, 0.5, 1.0]
     drawn = np.mean([part.drawn for part in parts], axis=0)
     names = [f"{name}_{end}" for end in ("low", "high") for name in ("before", "after", "fall")]

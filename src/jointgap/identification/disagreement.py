@@ -1,4 +1,4 @@
-"""What kind of disagreement it is: its spectrum over orders of the crank, and how it grows with speed."""
+"""Map of the residual: significant windows of crank angle, crank orders, scaling with speed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,9 +14,7 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, DisagreementSetti
 
 
 def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
-    """Amplitudes of the whitened residual over orders, cycles per turn of the crank; whole ones keep in step with
-    it.
-    """
+    """Amplitudes of the whitened residual over crank orders [cycles per revolution]."""
     tables = []
     for part in problem.parts:
         angle, white = part.series.angle[part.used], residual[part.place]
@@ -25,10 +23,10 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
         turns = np.ptp(angle) / (2 * np.pi)
         step = 1.0 / max(1, round(turns))
         highest = min(problem.settings.disagreement.highest_order, np.pi / np.median(np.abs(np.diff(angle))))
-        count = int(highest / step + 1e-9)  # what falls short of a whole number by rounding is one
+        count = int(highest / step + 1e-9)
         order = step * np.arange(1, count + 1)
         rotation, rotated, sums = np.exp(-1j * step * angle), white - white.mean(), []
-        for _ in order:  # one order after the other, as the whole table of phases need not fit in memory
+        for _ in order:  # a table of all phases may not fit in memory
             rotated = rotated * rotation
             sums.append(abs(rotated.sum()))
         amplitude = 2.0 / angle.size * np.array(sums)
@@ -47,11 +45,11 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True) if tables else empty
 
 
-def standout_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.DataFrame:
-    """Whole orders of the crank that hold most of what a channel of a run misses, such as a motor's cogging."""
+def dominant_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.DataFrame:
+    """Integer crank orders that dominate the residual of a channel in a run, such as a motor's cogging."""
     settings, rows = problem.settings.disagreement, []
     spectrum = order_spectrum(problem, residual)
-    lowest = settings.lowest_standout_order
+    lowest = settings.lowest_dominant_order
     order = spectrum["order"].to_numpy()
     whole = spectrum[np.isclose(order, np.round(order), rtol=0.0, atol=1e-6) & (order > lowest - 0.5)]
     for part in problem.parts:
@@ -62,7 +60,7 @@ def standout_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.D
             continue
         line = own.loc[own["amplitude"].idxmax()]
         share = 0.5 * white.size * line["amplitude"] ** 2 / excess
-        if line["p"] * len(own) < rate and share > settings.standout_share:
+        if line["p"] * len(own) < rate and share > settings.dominant_share:
             amplitude = _amplitude(part, white, float(line["order"]))
             rows.append(
                 {
@@ -79,24 +77,22 @@ def standout_orders(problem: Problem, residual: np.ndarray, rate: float) -> pd.D
 
 
 def _amplitude(part: Part, white: np.ndarray, order: float) -> float:
-    """Amplitude [unit] of one order in what a series misses, fitted beside a constant."""
+    """Amplitude [unit] of one order in the residual of a series, fitted with a constant."""
     angle = part.series.angle[part.used]
     columns = np.column_stack([np.ones(angle.size), np.cos(order * angle), np.sin(order * angle)])
-    _, cosine, sine = np.linalg.lstsq(columns, _missed(part, white), rcond=None)[0]
+    _, cosine, sine = np.linalg.lstsq(columns, _unwhitened(part, white), rcond=None)[0]
     return float(np.hypot(cosine, sine))
 
 
-def _missed(part: Part, white: np.ndarray) -> np.ndarray:
-    """Residual [unit] of the samples that count, from the whitened one."""
+def _unwhitened(part: Part, white: np.ndarray) -> np.ndarray:
+    """Residual [unit] of the used samples from the whitened one."""
     whole = np.full(part.used.size, np.nan)
     whole[part.used] = white
     return (unwhiten(whole, part.noise) * part.noise.spread)[part.used]
 
 
 def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
-    """The power of the speed with which the disagreement of each channel grows: 0 for a constant force, 2 for
-    inertia.
-    """
+    """Exponent of the growth of each channel's residual with speed: 0 for a constant force, 2 for inertia."""
     rows = []
     for channel in dict.fromkeys(part.series.channel for part in problem.parts):
         excesses = [
@@ -111,7 +107,7 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
         x = x - np.average(x, weights=weight)
         exponent = np.sum(weight * x * y) / np.sum(weight * x**2)
         deviation = y - np.average(y, weights=weight) - exponent * x
-        # Where runs scatter more than noise lets them, the interval is as wide as their scatter says.
+        # the interval is widened if runs scatter more than noise
         variance = max(1.0, np.sum(weight * deviation**2) / max(x.size - 2, 1)) / np.sum(weight * x**2)
         half_width = HALF_WIDTHS[90] * np.sqrt(variance)
         rows.append(
@@ -127,16 +123,15 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
 
 
 def _excess(part: Part, residual: np.ndarray, sigmas: float) -> tuple[float, float, float] | None:
-    """Mean speed [rad/s], root mean square of the disagreement beyond noise [unit], and its relative standard deviation
-    [1].
+    """Mean speed [rad/s], root mean square residual beyond noise [unit], and its relative standard deviation [1].
 
-    None where it exceeds noise by fewer than `sigmas` standard deviations, or the run has no angles and times.
+    None if it exceeds noise by fewer than `sigmas` standard deviations, or if the run has no angles and times.
     """
     angle, time = part.series.angle[part.used], part.series.time[part.used]
     if angle.size < 2 or not (np.isfinite(angle).all() and np.isfinite(time).all()):
         return None
     speed = (angle[-1] - angle[0]) / (time[-1] - time[0])
-    square = _missed(part, residual) ** 2
+    square = _unwhitened(part, residual) ** 2
     noise = float(np.mean(part.noise.spread[part.used] ** 2))
     excess = float(square.mean()) - noise
     sd = noise * np.sqrt(2.0 / square.size) + 2.0 * np.sqrt(noise * max(excess, 0.0) / square.size)
@@ -145,28 +140,27 @@ def _excess(part: Part, residual: np.ndarray, sigmas: float) -> tuple[float, flo
 
 @dataclass(frozen=True)
 class DisagreementMap:
-    """Where the residual is more than noise."""
+    """Map of significant residuals."""
 
-    chi2: float  # [1] Sum of the squared whitened residuals of all samples, and its probability by noise alone
-    p: float  # [1] Sum of the squared whitened residuals of all samples, and its probability by noise alone
+    chi2: float  # [1] Sum of squared whitened residuals
+    p: float  # [1] Probability of such a chi2 by noise
     samples: int
-    tests: pd.DataFrame  # Per run and channel
-    bins: pd.DataFrame  # Per run, channel and bin of the crank angle
-    windows: pd.DataFrame  # Neighbouring flagged bins as one
-    orders: pd.DataFrame  # Spectrum of the whitened residual over orders of the crank
-    standout: pd.DataFrame  # Whole orders of the crank that hold most of what a channel of a run misses
-    scaling: pd.DataFrame  # Per channel, how the disagreement grows with speed
-    remark: str = ""  # Of which runs and channels there is no map, since no phase is known of them
+    tests: pd.DataFrame  # By run and channel
+    bins: pd.DataFrame  # By run, channel and bin of the crank angle
+    windows: pd.DataFrame  # Merged neighbouring flagged bins
+    orders: pd.DataFrame  # Spectrum over crank orders
+    standout: pd.DataFrame  # Dominant integer crank orders
+    scaling: pd.DataFrame  # Growth with speed, by channel
+    remark: str = ""  # Runs and channels without a map
 
 
 def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: float = 0.01) -> DisagreementMap:
-    """Test the residual run by run, channel by channel, bin by bin of the crank angle.
+    """Test the residual by run, channel and bin of the crank angle.
 
-    What is small over many bins is sure only for these together. So spans of several widths are tested, each by all its
-    bins (Fisher's sum of logarithms, to which none of them adds more than a certain amount), and within the sure ones
-    bins are flagged that disagree together with their neighbours; such a window begins and ends with bins that do so by
-    themselves. It has to be sure itself, too: where much disagrees, spans that overlap are many, and the share of false
-    ones among them says little of windows.
+    Spans of several widths are tested by Fisher's combined probability (with a limited contribution of each bin), as a
+    small residual may be significant only over many bins. Within significant spans, bins are flagged that are likely
+    together with their neighbours; a window begins and ends with bins that are likely alone, and must be significant
+    itself.
     """
     settings = problem.settings.disagreement
     tests = pd.DataFrame([_test(part, residual[part.place], settings.ljung_box_lags) for part in problem.parts])
@@ -186,7 +180,7 @@ def map_disagreement(problem: Problem, residual: np.ndarray, false_discovery: fl
         bins.drop(columns="size"),
         windows,
         order_spectrum(problem, residual),
-        standout_orders(problem, residual, false_discovery),
+        dominant_orders(problem, residual, false_discovery),
         speed_scaling(problem, residual),
         _remark(problem, bins),
     )
@@ -201,9 +195,7 @@ def _remark(problem: Problem, bins: pd.DataFrame) -> str:
     ]
     if not without:
         return ""
-    return (
-        f"No map of {', '.join(without)}: no phase is known there. The tests by run and channel say how far it is off."
-    )
+    return f"No map of {', '.join(without)}, as the phase is unknown; see the tests by run and channel."
 
 
 def _test(part: Part, residual: np.ndarray, lags: int) -> dict:
@@ -221,7 +213,7 @@ def _test(part: Part, residual: np.ndarray, lags: int) -> dict:
 def ljung_box(
     residual: np.ndarray, index: np.ndarray, lags: int = DEFAULT_SETTINGS.disagreement.ljung_box_lags
 ) -> float:
-    """Probability that independent numbers are as correlated over the first lags (Ljung and Box 1978)."""
+    """Probability of such autocorrelations of independent numbers (Ljung and Box 1978)."""
     lags = min(lags, residual.size // 5)
     if lags < 1:
         return float("nan")
@@ -240,8 +232,7 @@ def _bins(part: Part, residual: np.ndarray, count: int) -> list[dict]:
     series, used = part.series, part.used
     if not np.isfinite(series.angle[used]).all():
         return []
-    # Correlated noise carries a disagreement on: the sample after a window is compared with those in it and would be
-    # flagged too. So each passage through a bin is whitened by itself.
+    # each passage through a bin is whitened separately: otherwise the sample after a window would be flagged too
     white = np.full(used.size, np.nan)
     white[used] = residual
     scaled = unwhiten(white, part.noise)
@@ -274,20 +265,20 @@ def _bins(part: Part, residual: np.ndarray, count: int) -> list[dict]:
 
 
 def _whiten_passages(columns: np.ndarray, bin_of: np.ndarray, autocorrelation: tuple[float, ...]) -> np.ndarray:
-    """Columns (n, m) whitened as if nothing were measured before each passage through a bin."""
+    """Columns (n, m), each passage through a bin whitened separately."""
     if not autocorrelation:
         return columns
     entered = np.concatenate(([0], np.cumsum(np.diff(bin_of) != 0)))
-    row = np.arange(bin_of.size) + entered  # a gap before every passage
+    row = np.arange(bin_of.size) + entered  # with a gap before every passage
     spaced = np.full((row[-1] + 1, columns.shape[1]), np.nan)
     spaced[row] = columns
     return whiten(spaced, Noise(np.ones(spaced.shape[0]), autocorrelation))[row]
 
 
 def _disagreement(white: np.ndarray, basis: np.ndarray) -> tuple[float, float]:
-    """Probability of a bin by noise alone, and how large its disagreement is estimated to be.
+    """Probability of a bin by noise, and the estimated size of its residual.
 
-    Two questions: is there a constant or a slope common to all cycles, and do the residuals scatter more than noise?
+    Two tests: a constant and slope common to all cycles, and the scatter of the residuals.
     """
     left, sizes, right = np.linalg.svd(basis, full_matrices=False)
     kept = sizes > 1e-6 * sizes[0]  # a bin of one sample has no slope
@@ -305,7 +296,7 @@ def flag_bins(
     sure: float,
     correlations: Mapping[tuple[str, str], np.ndarray] | None = None,
 ) -> pd.DataFrame:
-    """Which bins disagree: within a sure span, likely beside their neighbours, and in a window that is sure itself."""
+    """Flag bins: in a significant span, likely with their neighbours, and in a window that is significant itself."""
     bins = bins.reset_index(drop=True)
     groups = list(bins.groupby(["run", "channel"], sort=False))
     circles = [
@@ -329,7 +320,7 @@ def flag_bins(
 
 
 class _ChannelBins:
-    """The bins of one channel of one run, and spans of them."""
+    """The bins of one channel in one run, and their spans."""
 
     def __init__(self, p: np.ndarray, settings: DisagreementSettings, correlations: np.ndarray):
         self.p, self._least, self._squares = p, settings.least_of_one, np.square(correlations)
@@ -340,14 +331,14 @@ class _ChannelBins:
         self.around = np.roll(self._combined(around), settings.neighbours // 2)
 
     def _spans_of(self, width: int) -> np.ndarray:
-        """All spans (m, m) of a width, by where they begin."""
+        """Masks (m, m) of all spans of a width by their begin."""
         return np.array([np.roll(np.arange(self.p.size) < width, begin) for begin in range(self.p.size)])
 
     def _combined(self, held: np.ndarray) -> np.ndarray:
-        """Probability by noise alone of the bins together that each of some spans (k, m) of one width holds.
+        """Combined probability by noise of the bins in each of the spans `held` (k, m) of one width.
 
-        Fisher's sum of logarithms. Noise with a memory makes neighbours alike, so that they count for fewer (Brown,
-        Biometrics 31 (1975) 987-992): squares of normal numbers correlate by the square of their correlation.
+        Fisher's sum of logarithms, corrected for correlated noise (Brown, Biometrics 31 (1975) 987-992): squares of
+        normal numbers correlate by the square of their correlation.
         """
         width = int(held[0].sum())
         squares = self._squares[: width - 1]
@@ -357,20 +348,19 @@ class _ChannelBins:
         return chdtrc(2.0 * width / alike, held @ logarithms / alike)
 
     def together(self, window: np.ndarray) -> float:
-        """Probability by noise alone of a window, the places of its bins: of its surest one, or of all together."""
+        """Probability of a window (indices of its bins) by noise: the smallest of one bin or of all together."""
         held = np.isin(np.arange(self.p.size), window)[None]
         return min(float(self.p[window].min()), float(self._combined(held)[0]))
 
 
 def bin_correlations(part: Part, count: int) -> np.ndarray:
-    """Correlations (count - 1,) of the means of a part's noise in bins 1, 2, ... apart [1].
-
-    None (0,) of white noise, or where no angle is known.
+    """Correlations (count - 1,) [1] of the mean noise in bins at distances 1, 2, ...; empty for white noise or without
+    angles.
     """
     if not part.noise.autocorrelation:
         return np.empty(0)
     turned = np.abs(np.diff(part.series.angle[part.used]))
-    turned = turned[turned > 0.0]  # not those that are not known
+    turned = turned[turned > 0.0]
     if not turned.size:
         return np.empty(0)
     samples = max(round(2 * np.pi / count / float(np.median(turned))), 1)
@@ -386,7 +376,7 @@ def bin_correlations(part: Part, count: int) -> np.ndarray:
 
 
 def _trimmed(flagged: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
-    """Places of the bins of each run of flagged ones on a circle, from the first to the last that may be at an end."""
+    """Indices of the bins of each flagged span on the circle, trimmed to bins that may be at an end."""
     windows = []
     for begin, length in circular_spans(flagged):
         chosen = (begin + np.arange(length)) % flagged.size
@@ -397,7 +387,7 @@ def _trimmed(flagged: np.ndarray, ends: np.ndarray) -> list[np.ndarray]:
 
 
 def _windows(bins: pd.DataFrame) -> pd.DataFrame:
-    """Neighbouring flagged bins as one."""
+    """Merge neighbouring flagged bins."""
     rows = []
     for (run, channel), rows_here in bins.groupby(["run", "channel"], sort=False):
         for begin, length in circular_spans(rows_here["flagged"].to_numpy(bool)):
@@ -419,7 +409,7 @@ def _windows(bins: pd.DataFrame) -> pd.DataFrame:
 
 
 def circular_spans(flagged: np.ndarray) -> list[tuple[int, int]]:
-    """First index and length of every run of True on a circle; a full circle begins at 0."""
+    """First index and length of every span of True on a circle; a full circle begins at 0."""
     if flagged.all():
         return [(0, flagged.size)]
     begins = np.flatnonzero(flagged & ~np.roll(flagged, 1))

@@ -1,4 +1,4 @@
-"""The table of evidence that a verdict rests on, made of fits and of the prediction of all runs."""
+"""The table of evidence for the verdict, from fits and predictions."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
@@ -13,13 +13,13 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
 from jointgap.identification.verdict import Decision, Evidence, Row, Thresholds, verdict, weigh
 
 Bounds = Mapping[str, tuple[float, float, float]]
-"""Nominal value, lower and upper bound of each nuisance, by name."""
+"""Nominal value, lower and upper bound of nuisances by name."""
 
 _Decided = TypeVar("_Decided", bound=Decision)
 
 
 def reduced_chi2(fit: Fit) -> float:
-    """chi2 over its degrees of freedom; infinite where the fit failed."""
+    """Reduced chi2; infinite if the fit failed."""
     return fit.chi2 / max(fit.residual.size - len(fit.parameters), 1)
 
 
@@ -27,13 +27,13 @@ def row_of(
     fit: Fit,
     bounds: Bounds | None = None,
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
-    order_in_words: Callable[[float], str] = lambda _: "",
+    order_label: Callable[[float], str] = lambda _: "",
     similarity: float = 0.0,
 ) -> Row:
-    """A fit in the table, with what speaks against its effects where the `bounds` of nuisances are given."""
+    """A fit as a row; with the `bounds` of nuisances, its objection too."""
     objection = (fit.reason or fit.status) if fit.status == FAILED else ""
     if bounds is not None and not objection:
-        objection = _objection(fit, bounds, settings, order_in_words)
+        objection = _objection(fit, bounds, settings, order_label)
     active = zip(fit.parameters, fit.values, fit.active, strict=True)
     shared = [(p, value) for p, value, moves in active if moves and p.run is None and "." not in p.name]
     return Row(
@@ -47,12 +47,12 @@ def row_of(
         reason=fit.reason,
         similarity=similarity,
         at_bounds=tuple(p.name for p, value in shared if not p.low < value < p.high),
-        is_rough=any(candidate.is_rough for candidate in fit.hypothesis),
+        is_nonsmooth=any(candidate.is_nonsmooth for candidate in fit.hypothesis),
     )
 
 
 def weigh_fit(base: Fit, fit: Fit, limits: Thresholds, bounds: Bounds | None = None) -> Row:
-    """A fit beside the base; with `bounds` of nuisances, whether it is admissible too."""
+    """A fit relative to the base; with the `bounds` of nuisances, whether it is admissible too."""
     settings = fit.settings.decision
     return weigh(row_of(base), row_of(fit, bounds, settings), limits, settings)
 
@@ -60,14 +60,15 @@ def weigh_fit(base: Fit, fit: Fit, limits: Thresholds, bounds: Bounds | None = N
 def final_verdict(
     decision: _Decided,
     confirmed: Confirmed,
-    doubted_channels: Collection[str] = (),
+    inconsistent_channels: Collection[str] = (),
     settings: DecisionSettings = DEFAULT_SETTINGS.decision,
 ) -> _Decided:
-    """The verdict with the held-out data heard, and channels that contradict others; its fits know the gap that they
-    leave there (`Fit.gap_left`)."""
+    """The verdict including held-out data and inconsistent channels; sets `Fit.gap_left` of its fits."""
     base, limits, gap = row_of(decision.base), Thresholds(0.0, 0.0, 0.0), confirmed.gap("confirm")
     rows = [row_of(fit) for fit in (decision.proposed,) if fit]
-    heard = Evidence(base, base, rows, limits, by_fits=decision, held_out=confirmed.held_out, doubted=doubted_channels)
+    heard = Evidence(
+        base, base, rows, limits, by_fits=decision, held_out=confirmed.held_out, inconsistent=inconsistent_channels
+    )
     found = verdict(heard, settings)
     if not gap > 1.0:
         return found
@@ -78,7 +79,7 @@ def final_verdict(
 
 
 def certain_effects(equivalent: Sequence[Fit], close: Collection[Collection[str]] = ()) -> list[Candidate]:
-    """Effects that all of several explanations hold, in the order of the first; those that are as `close` too."""
+    """Effects common to all explanations, `equivalent` and `close`, in the order of the first."""
     if not equivalent:
         return []
     explanations = [{candidate.label for candidate in fit.hypothesis} for fit in equivalent]
@@ -86,35 +87,36 @@ def certain_effects(equivalent: Sequence[Fit], close: Collection[Collection[str]
     return [candidate for candidate in equivalent[0].hypothesis if candidate.label in shared]
 
 
-def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_in_words: Callable[[float], str]) -> str:
-    """Why an explanation claims an effect that is not there, or is none; empty where it does not."""
+def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_label: Callable[[float], str]) -> str:
+    """Why an effect of an explanation is zero or no effect; empty if there is no objection."""
     values = fit.mapping
-    for candidate in (one for one in fit.hypothesis if one.steady_counterpart):
+    for candidate in (one for one in fit.hypothesis if one.carrier):
         frequency = values.get(f"{candidate.label}.frequency_Hz")
-        if frequency is not None and (order := order_in_words(frequency)):
-            return f"{candidate.label} swings at {frequency:.4g} Hz, which is {order}"
+        if frequency is not None and (order := order_label(frequency)):
+            return f"{candidate.label} oscillates at {frequency:.4g} Hz, which is {order}"
     for candidate in fit.hypothesis:
         own = [p for p in fit.parameters if p.key.startswith(f"{candidate.label}.")]
         sizes = [p for p in own if p.key.removeprefix(f"{candidate.label}.") in candidate.amplitudes]
         if not any(values[p.key] for p in sizes):
-            return f"{candidate.label} is fitted with no size"
+            return f"{candidate.label} was fitted with size 0"
         for p in sizes:
-            # at the lower bound of a change of something known nothing is left of that: a size like others
+            # the lower bound of a change of a known value is a valid size
             at_low = values[p.key] <= p.low and not candidate.is_perturbation
             if values[p.key] != 0.0 and (at_low or values[p.key] >= p.high):
                 key = p.key.removeprefix(f"{candidate.label}.")
-                return f"{candidate.label} is drawn to the bound of {key}: what it explains is something else"
+                return f"{candidate.label} is at the bound of {key}, so the cause is another one"
         if _is_within_range(fit, candidate, bounds):
-            return f"{candidate.label} is {' and '.join(candidate.replaces)} within its range: a parameter, no effect"
+            replaced = " and ".join(candidate.replaces)
+            return f"{candidate.label} is equivalent to {replaced} within its range: a parameter, no effect"
     for candidate in fit.hypothesis:
         if chance(fit, candidate) > settings.max_chance_of_size:
-            return f"{candidate.label} may as well be absent: the interval of its size holds 0"
+            return f"{candidate.label} is not significant: the interval of its size contains 0"
     return ""
 
 
 def _is_within_range(fit: Fit, candidate: Candidate, bounds: Bounds) -> bool:
-    """Whether an effect is no more than nuisances that it replaces, within their ranges."""
-    # Where it leaves the rest of a shared nuisance to be fitted, the effect is that the two differ.
+    """Whether an effect only replaces nuisances within their ranges."""
+    # if it keeps a shared nuisance, the effect is the difference of the two
     if not candidate.replaces or candidate.replaces.keys() & {p.name for p in candidate.coordinates}:
         return False
     replaced = {f"{candidate.label}.{key}": bounds[name] for name, key in candidate.replaces.items()}
@@ -124,6 +126,6 @@ def _is_within_range(fit: Fit, candidate: Candidate, bounds: Bounds) -> bool:
             nominal, low, high = replaced[p.key]
             if not low <= nominal + value <= high:
                 return False
-        elif p.key in sizes and abs(value) > 2.0 * error:  # 95 %: a sign of it
+        elif p.key in sizes and abs(value) > 2.0 * error:
             return False
     return True

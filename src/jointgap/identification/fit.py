@@ -1,4 +1,4 @@
-"""Fitting parameters by Gauss-Newton."""
+"""Gauss-Newton fits, parameter distributions and estimates."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,8 +26,8 @@ from jointgap.identification.settings import (
 class BoundedNormal:
     """A normal distribution of k parameters within bounds."""
 
-    covariance: np.ndarray  # [SI] Within the bounds; zero rows of parameters of which nothing is known
-    draws: np.ndarray | None = None  # Drawn from the distribution [SI]
+    covariance: np.ndarray  # [SI] Within the bounds; zero rows of undetermined parameters
+    draws: np.ndarray | None = None  # [SI]
 
 
 def bounded_normal(
@@ -40,7 +40,7 @@ def bounded_normal(
     shifts: np.ndarray,
     settings: IntervalSettings = DEFAULT_SETTINGS.intervals,
 ) -> BoundedNormal:
-    """The distribution around the minimum of ``|residual|^2`` within bounds, of residuals that are linear there."""
+    """The distribution around the minimum of ``|residual|^2`` within bounds, for linear residuals."""
     length, width = np.linalg.norm(jacobian, axis=0), high - low
     live = (width > 0) & ((length > 0) | np.isfinite(width))
     covariance = np.zeros((values.size, values.size))
@@ -52,7 +52,7 @@ def bounded_normal(
         right = np.linalg.svd(jacobian[:, live] * unit)[2]
         singular_values = np.append(singular_values, np.zeros(unit.size - singular_values.size))
     singular_values = np.maximum(singular_values, settings.least_singular_value * max(singular_values[0], 1e-300))
-    # In the axes of chi2 the data have the variance `inflation`, and what shifts the values adds to it.
+    # in the axes of chi2: variance `inflation` plus that of the shifts
     changed = singular_values[:, None] * (right @ (shifts[:, live] / unit).T)
     variance = inflation * np.eye(unit.size) + changed @ changed.T
     inverse = right.T / singular_values
@@ -69,7 +69,7 @@ def bounded_normal(
     precision = (right.T * singular_values) @ np.linalg.solve(variance, singular_values[:, None] * right)
     pull = -right.T @ (singular_values * beyond)
     axes = np.vstack([np.eye(unit.size), right])
-    if shifts.any():  # they turn the axes of the distribution out of those of chi2
+    if shifts.any():  # then the axes of the distribution differ from those of chi2
         axes = np.vstack([axes, np.linalg.eigh(free)[1].T])
     drawn = _gibbs(precision, pull, np.minimum(below, 0.0), np.maximum(above, 0.0), axes, settings) * unit
     covariance[places] = np.atleast_2d(np.cov(drawn, rowvar=False))
@@ -88,28 +88,28 @@ def _gibbs(
 ) -> np.ndarray:
     """Draws (s, k) of the density exp(pull x - x precision x / 2) from `low` to `high` (k,), along `axes` (a, k)."""
     generator = np.random.default_rng(0)
-    least = 1e-12 * np.trace(precision)  # of what changes nothing, rounding may leave less than none
+    least = 1e-12 * np.trace(precision)  # rounding may make the curvature negative
     x = np.zeros((settings.chains, low.size))
     kept = []
     for sweep in range(settings.settling_sweeps + settings.sweeps):
         for axis in axes:
             curvature = max(float(axis @ precision @ axis), least)
-            moving = np.abs(axis) > 1e-12  # beyond the rounding of axes of length 1
+            moving = np.abs(axis) > 1e-12
             with np.errstate(invalid="ignore"):
                 ends = (low - x)[:, moving] / axis[moving], (high - x)[:, moving] / axis[moving]
             begin, end = np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
             mean = (pull @ axis - x @ (precision @ axis)) / curvature
-            x = x + _cut_normal(generator, mean, curvature**-0.5, begin, end)[:, None] * axis
+            x = x + _truncated_normal(generator, mean, curvature**-0.5, begin, end)[:, None] * axis
             x = np.clip(x, low, high)
         if sweep >= settings.settling_sweeps:
             kept.append(x)
     return np.concatenate(kept)
 
 
-def _cut_normal(
+def _truncated_normal(
     generator: np.random.Generator, mean: np.ndarray, sd: float, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Normal numbers of `mean` (c,) and `sd` from `low` to `high` (c,): the inverse of the distribution function."""
+    """Truncated normal numbers with `mean` (c,) and `sd` from `low` to `high` (c,), by the inverse distribution."""
     a, b = (low - mean) / sd, (high - mean) / sd
     turned = a > -b  # in the left tail small probabilities are exact
     a, b = np.where(turned, -b, a), np.where(turned, -a, b)
@@ -121,7 +121,7 @@ def _cut_normal(
 
 
 class FiniteDifferences:
-    """Derivatives of a problem's residuals; remembers which steps were good."""
+    """Derivatives of a problem's residuals, with adapted steps."""
 
     def __init__(self, problem: Problem):
         self.problem = problem
@@ -133,14 +133,13 @@ class FiniteDifferences:
 
     @property
     def numerical_noise_chi2(self) -> float:
-        """Change of chi2 that numerical noise alone causes: it is added to residuals of about unit length along it."""
+        """Change of chi2 by numerical noise (added to residuals of about unit length along it)."""
         return 2.0 * self.numerical_noise
 
     def probe(self, parameters: Sequence[Parameter], values: Mapping[str, float], residual: np.ndarray) -> None:
-        """Find the numerical noise: the length of the whitened change where parameters are changed by next to nothing.
+        """Estimate the numerical noise: norm of the whitened change for tiny changes of parameters.
 
-        Where contacts begin and end a hair earlier, an integration takes other steps; no derivative can be had from
-        smaller changes than that, and no fit is better than it.
+        It limits derivatives and the accuracy of fits, as the integration steps depend on contact times.
         """
         count = self.settings.probed_parameters
         shared = [p for p in parameters if p.run is None][:count] or list(parameters[:count])
@@ -153,11 +152,11 @@ class FiniteDifferences:
         self.target = max(self.target, self.settings.target_over_numerical_noise * self.numerical_noise)
 
     def _noise_of(self, key: str, step: float, values: Mapping[str, float], residual: np.ndarray) -> float:
-        """Length of the change over a step that does not grow with the step, as a true effect does."""
+        """Norm of the part of a change that is not proportional to the step."""
         change = self.problem.residual({**values, key: values[key] + step}) - residual
         length = float(np.linalg.norm(change))
         if length <= 0.5 * self.problem.settings.stopping.min_decrease:
-            return length  # no fit ends sooner for it
+            return length
         twice = self.problem.residual({**values, key: values[key] + 2.0 * step}) - residual
         return min(length, float(np.linalg.norm(twice - 2.0 * change)))
 
@@ -201,7 +200,7 @@ class FiniteDifferences:
                 try:
                     change, step = self._change(parameter, abs(better), values, residual, hypothesis)
                 except (InputError, SimulationError):
-                    pass  # too far; the first one will do
+                    pass  # keep the first change
         self._steps[parameter.key] = abs(step)
         return change / step
 
@@ -210,23 +209,23 @@ class FiniteDifferences:
         return min(step, self.settings.max_share_of_range * span) if np.isfinite(span) else step
 
     def _change(self, parameter, step, values, residual, hypothesis) -> tuple[np.ndarray, float]:
-        """Change of the residuals over a step up, or down where up is out of bounds or fails."""
+        """Change of the residuals over a step up, or down if up is out of bounds or fails."""
         here, step = values[parameter.key], self._within(parameter, step)
         runs = None if parameter.run is None else [parameter.run]
         problems = []
         for signed in (step, -step) if here + step <= parameter.high else (-step,):
             if not parameter.low <= here + signed <= parameter.high:
                 continue
-            moved = {**values, parameter.key: here + signed}
+            shifted = {**values, parameter.key: here + signed}
             try:
-                return self.problem.residual(moved, hypothesis, runs, residual) - residual, signed
+                return self.problem.residual(shifted, hypothesis, runs, residual) - residual, signed
             except (InputError, SimulationError) as error:
                 problems.append(error)
         raise problems[0] if problems else SimulationError(f"{parameter.key} cannot be varied within its bounds")
 
 
 def compress_rows(*blocks: np.ndarray) -> list[np.ndarray]:
-    """The blocks' columns in fewer rows, with all inner products between them kept."""
+    """The columns of the blocks in fewer rows, with the same inner products."""
     wide = [block[:, None] if block.ndim == 1 else block for block in blocks]
     small = np.linalg.qr(np.hstack(wide), mode="r")
     ends = np.cumsum([block.shape[1] for block in wide])[:-1]
@@ -239,14 +238,14 @@ def compress_rows(*blocks: np.ndarray) -> list[np.ndarray]:
 def bounded_step(
     jacobian: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray, damping: float = 0.0
 ) -> tuple[np.ndarray, float]:
-    """The step within bounds that makes ``residual + jacobian @ step`` smallest, and the square of what remains."""
+    """The step within bounds that minimises ``|residual + jacobian @ step|^2``, and the minimum."""
     length = np.linalg.norm(jacobian, axis=0)
     live = (length > 0) & (high > low)
     step = np.zeros(jacobian.shape[1])
     if not live.any():
         return step, float(residual @ residual)
     small, rest = compress_rows(jacobian[:, live] / length[live], residual)
-    # A touch of damping keeps combinations of parameters that change nothing from running off to the bounds.
+    # a small damping keeps inactive combinations of parameters off the bounds
     ridge = np.sqrt(damping + 1e-10) * np.eye(small.shape[1])
     scale = length[live]
     bounds = np.minimum(low[live], 0.0) * scale, np.maximum(high[live], 0.0) * scale
@@ -260,7 +259,7 @@ def bounded_step(
 
 
 def broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """The Jacobian made to agree with one step (Broyden 1965), in units of the columns' lengths: none is preferred."""
+    """The Jacobian corrected for one step (Broyden 1965), with scaled columns."""
     weight = step * np.sum(jacobian**2, axis=0)
     if not (inner := weight @ step) > 0:
         return jacobian
@@ -268,18 +267,14 @@ def broyden_update(jacobian: np.ndarray, step: np.ndarray, change: np.ndarray) -
 
 
 def next_damping(damping: float, gain_ratio: float, fresh: bool, settings: DampingSettings) -> float | None:
-    """The damping of the next step; None where the Jacobian is to be made anew instead, undamped.
-
-    A corrected Jacobian is blamed for a bad step first; only where one made at this point predicts badly is it
-    curvature.
-    """
+    """The damping of the next step; None: recompute the Jacobian instead (if it is not `fresh`)."""
     if gain_ratio > settings.good_gain_ratio:
         return damping / settings.factor if damping > settings.negligible else 0.0
     return max(settings.factor * damping, settings.first) if fresh else None
 
 
 class StoppingRule:
-    """When a descent ends, from the course of its chi2."""
+    """End of a descent, from the history of chi2."""
 
     def __init__(
         self,
@@ -290,44 +285,44 @@ class StoppingRule:
     ):
         self.settings, self.size = settings, size
         self._numerical_noise, self._sufficient = numerical_noise_chi2, sufficient_chi2
-        self._creeping = max(settings.creeping_decrease, numerical_noise_chi2)
+        self._stalled = max(settings.stalled_decrease, numerical_noise_chi2)
         self._renewed, self._chi2_at_renewal = 0, np.inf
         self.chi2: list[float] = []
 
     def record(self, chi2: float) -> None:
-        """Note chi2 at the start, and after each step that was tried."""
+        """Record chi2 at the start and after each tried step."""
         self.chi2.append(chi2)
 
     def _before(self, steps: int) -> float:
         return self.chi2[max(len(self.chi2) - 1 - steps, 0)]
 
     def min_decrease(self) -> float:
-        """The smallest predicted decrease of chi2 that is worth a step."""
+        """The smallest predicted decrease of chi2 for a further step."""
         chi2 = self.chi2[-1]
         per_sample = max(1.0, chi2 / self.size)
         wanted = min(self.settings.min_decrease * per_sample**2, per_sample)
         return max(wanted, self._numerical_noise)
 
     def poor_and_slow(self) -> bool:
-        """Whether the fit is poor and hardly improves, so that it will not be named; sooner for one that is beaten."""
+        """Whether the fit is poor and hardly improves; earlier for a dominated one."""
         settings, chi2 = self.settings, self.chi2[-1]
-        beaten = chi2 > settings.beaten_factor * self._sufficient
-        window = settings.beaten_window if beaten else settings.stalled_window
-        progress = settings.beaten_progress if beaten else settings.poor_progress
+        dominated = chi2 > settings.dominated_factor * self._sufficient
+        window = settings.dominated_window if dominated else settings.stalled_window
+        progress = settings.dominated_progress if dominated else settings.poor_progress
         if len(self.chi2) <= window:
             return False
         slow = self._before(window) - chi2 < progress * chi2
         return slow and progress * chi2 > progress * settings.poor_chi2_per_sample * self.size
 
-    def creeping(self, iteration: int) -> bool:
-        """Whether a long fit gains so little that its corrected Jacobian is worn out."""
+    def stalled(self, iteration: int) -> bool:
+        """Whether a long fit hardly improves with its corrected Jacobian."""
         settings = self.settings
-        long = iteration >= self._renewed + settings.creeping_after
-        return long and self._before(settings.stalled_window) - self.chi2[-1] < self._creeping
+        long = iteration >= self._renewed + settings.stalled_after
+        return long and self._before(settings.stalled_window) - self.chi2[-1] < self._stalled
 
     def renew(self, iteration: int) -> bool:
-        """Note that a creeping fit gets a new Jacobian; False where the last renewal did not help: then it ends."""
-        if self._renewed and self._chi2_at_renewal - self.chi2[-1] < self._creeping:
+        """Record a new Jacobian of a stalled fit; False if the last one did not help."""
+        if self._renewed and self._chi2_at_renewal - self.chi2[-1] < self._stalled:
             return False
         self._renewed, self._chi2_at_renewal = iteration, self.chi2[-1]
         return True
@@ -335,7 +330,7 @@ class StoppingRule:
 
 CONVERGED, STOPPED, FAILED = "converged", "stopped", "failed"
 
-_ROUGH = "steps that should help do not: the motion depends on its parameters roughly here"
+_NONSMOOTH = "predicted decreases are not found: the residual is nonsmooth here"
 
 
 @dataclass(frozen=True)
@@ -343,53 +338,48 @@ class Fit:
     """One hypothesis fitted."""
 
     hypothesis: Hypothesis
-    parameters: tuple[Parameter, ...]  # What was varied, k of them
+    parameters: tuple[Parameter, ...]  # The varied ones, k
     values: np.ndarray  # [SI]
     residual: np.ndarray  # Whitened
     jacobian: np.ndarray  # Derivatives of the residual [1/SI]
-    simulations: int  # Runs simulated
-    status: str  # ``converged``
-    reason: str = ""  # What to know of the status; empty where all is well
+    simulations: int  # Number of simulated runs
+    status: str  # ``converged``, ``stopped`` or ``failed``
+    reason: str = ""  # Of a status other than converged
     slope: np.ndarray | None = None  # Half the derivative of chi2 by the values [1/SI]
-    shifts: np.ndarray | None = None  # What m other numerics, or other starts, change in the values [SI]
+    shifts: np.ndarray | None = None  # Changes (m, k) [SI] of the values by m solver variants or other minima
     draws: np.ndarray | None = None
-    settings: IdentificationSettings = DEFAULT_SETTINGS  # Those of the problem that was fitted
-    gap_left: float = 1.0  # [1] Gap on the held-out data, where these were predicted
-    states: Mapping[str, np.ndarray] | None = None  # By run (k, d): those of loose joints in k windows, if estimated
+    settings: IdentificationSettings = DEFAULT_SETTINGS  # Of the problem
+    gap_left: float = 1.0  # [1] Gap on the held-out data, once predicted
+    states: Mapping[str, np.ndarray] | None = None  # By run (k, d): states of loose joints in k windows, if estimated
 
     @property
     def in_windows(self) -> bool:
-        """Whether states of loose joints were estimated too, in windows of the record."""
+        """Whether states of loose joints were estimated in windows of the record."""
         return self.states is not None
 
     @property
     def label(self) -> str:
-        """The hypothesis in words."""
         return label_of(self.hypothesis)
 
     @property
     def chi2(self) -> float:
-        """Sum of squared whitened residuals; infinite where the fit failed."""
+        """Sum of squared whitened residuals; infinite if the fit failed."""
         return np.inf if self.status == FAILED else float(self.residual @ self.residual)
 
     @property
     def bic(self) -> float:
         """Bayesian information criterion: chi2 + k ln n (Schwarz 1978).
 
-        Parameters that change nothing (`active`) do not count. A nuisance that an effect replaces still counts, since
-        the effect says that it is out of its range; otherwise replacing would be cheaper than adding.
+        Only `active` parameters count, and nuisances that an effect replaces, as replacing must not be cheaper than
+        adding.
         """
         replaced = sum(len(candidate.replaces) for candidate in self.hypothesis)
         return self.chi2 + (self.active.sum() + replaced) * np.log(self.residual.size)
 
     @property
     def active(self) -> np.ndarray:
-        """Which parameters change what was measured, over their range or a typical step where it has no end: (k,) bool.
-
-        The first angle of a run whose drive is the measured angle changes nothing, nor does a mass where no force is
-        read.
-        """
-        if self.status == FAILED:  # nothing is known of its derivatives
+        """Mask (k,) of parameters that influence the residual, over their range or a typical step."""
+        if self.status == FAILED:  # without derivatives
             return np.ones(len(self.parameters), bool)
         low, high = bounds_of(self.parameters)
         steps = np.array([p.step for p in self.parameters])
@@ -408,13 +398,12 @@ class Fit:
 
     @property
     def inflation(self) -> float:
-        """Factor of the variance where more than noise is left [1]: chi2 over its degrees of freedom, or the squared
-        gap of the held-out data if that is more."""
+        """Factor on variances [1]: reduced chi2 or the squared gap of the held-out data, at least 1."""
         return max(self._inflation_of_chi2, self.gap_left**2)
 
     @property
     def scale(self) -> float:
-        """Factor of errors and intervals beside those of noise alone [1]: the largest gap that is left, at least 1."""
+        """Factor on errors and intervals [1]: root of `inflation`."""
         return float(np.sqrt(self.inflation))
 
     @property
@@ -423,11 +412,11 @@ class Fit:
 
     @cached_property
     def distribution(self) -> BoundedNormal:
-        """What the data and the bounds say of the values, for intervals; variances inflated like the `covariance`."""
-        if self.status == FAILED:  # nothing is known
+        """Distribution of the values by data and bounds, for intervals; inflated like the `covariance`."""
+        if self.status == FAILED:
             return BoundedNormal(np.zeros((self.values.size, self.values.size)))
         low, high = bounds_of(self.parameters)
-        if self.draws is not None:  # they hold what the fitted data leave already
+        if self.draws is not None:  # they include the inflation by chi2
             wider = np.sqrt(self.inflation / self._inflation_of_chi2)
             draws, shifts = self.values + wider * (self.draws - self.values), self.shifts
             if shifts is not None:
@@ -440,15 +429,13 @@ class Fit:
         return bounded_normal(self.jacobian, slope, self.inflation, self.values, low, high, shifts, intervals)
 
     def covariance(self, released: Sequence[int] = ()) -> np.ndarray:
-        """Of the values, (k, k) [SI], where those at a bound are held there: zero rows for them.
+        """Covariance (k, k) [SI] of the values, inflated if the residual exceeds noise; zero rows for values at a
+        bound, unless `released`.
 
-        It is for steps and comparisons about the values. What is stated of the values is the `distribution`. Inflated
-        where the residual is more than noise.
-
-        Flat bounds count as what they say of a parameter by themselves, a twelfth of the squared width, so that what
-        the data do not determine is no more uncertain than that.
+        For steps and comparisons; stated intervals follow from the `distribution`. Bounds count as a prior with the
+        variance of a uniform distribution.
         """
-        if self.status == FAILED:  # nothing is known
+        if self.status == FAILED:
             return np.zeros((self.values.size, self.values.size))
         low, high = bounds_of(self.parameters)
         length = np.linalg.norm(self.jacobian, axis=0)
@@ -464,7 +451,7 @@ class Fit:
             rows = np.vstack([self.jacobian, prior])[:, free]
             scale = np.linalg.norm(rows, axis=0)
             _, singular_values, right = np.linalg.svd(rows / scale, full_matrices=False)
-            # a combination that changes nothing is as uncertain as rounding allows to say, not certain
+            # limit the uncertainty of inactive combinations
             least = self.settings.intervals.least_singular_value * singular_values[0]
             inverse = right.T / np.maximum(singular_values, least)
             covariance[np.ix_(free, free)] = inflation * (inverse @ inverse.T) / np.outer(scale, scale)
@@ -487,10 +474,10 @@ def fit_hypothesis(
     vary: Sequence[Parameter] | None = None,
     sufficient_chi2: float = np.inf,
 ) -> Fit:
-    """Fit nuisances and the parameters of a hypothesis's effects, with few simulations.
+    """Fit the nuisances and the parameters of a hypothesis with few simulations.
 
-    Gauss-Newton steps within bounds, damped where they overreach; the Jacobian is made once, corrected after each step
-    by what the step found, and made anew where that no longer helps (`jointgap.identification.fit`).
+    Damped Gauss-Newton steps within bounds, with Broyden updates of the Jacobian, which is recomputed if the fit
+    stalls.
     """
     parameters = tuple(problem.parameters(hypothesis) if vary is None else vary)
     differences = differences or FiniteDifferences(problem)
@@ -509,7 +496,7 @@ def fit_hypothesis(
     stopping = StoppingRule(problem.settings.stopping, problem.size, differences.numerical_noise_chi2, sufficient_chi2)
     try:
         status, reason = _descend(descent, stopping, problem.settings.damping)
-    except (InputError, SimulationError) as error:  # of a Jacobian that was to be made anew
+    except (InputError, SimulationError) as error:  # in a new Jacobian
         status, reason = STOPPED, str(error)
     if refresh:
         try:
@@ -520,21 +507,21 @@ def fit_hypothesis(
 
 
 def _descend(descent: "_Descent", stopping: StoppingRule, damping: DampingSettings) -> tuple[str, str]:
-    """Take steps until the stopping rule ends them: the status, and what to know of it."""
+    """Iterate until the stopping rule ends; return status and reason."""
     stopping.record(descent.chi2)
     max_steps = stopping.settings.max_steps
     for iteration in range(max_steps):
         if stopping.poor_and_slow():
-            return STOPPED, "poor, and hardly better from step to step"
-        if not descent.fresh and stopping.creeping(iteration):
+            return STOPPED, "poor fit, stalled"
+        if not descent.fresh and stopping.stalled(iteration):
             if not stopping.renew(iteration):
-                return STOPPED, f"hardly better from step to step after {iteration}"
+                return STOPPED, f"stalled after {iteration} steps"
             descent.renew()
         min_decrease = stopping.min_decrease()
         step, predicted = descent.propose()
         if predicted < min_decrease and (descent.fresh or descent.trusted):
-            return (CONVERGED, "") if descent.damping < damping.rough else (STOPPED, _ROUGH)
-        gain_ratio = -np.inf  # a worn Jacobian that promises nothing is as bad as a step that fails
+            return (CONVERGED, "") if descent.damping < damping.rough else (STOPPED, _NONSMOOTH)
+        gain_ratio = -np.inf  # no predicted decrease: treat as a failed step
         if predicted >= min_decrease:
             gain_ratio = descent.attempt(step, predicted)
             stopping.record(descent.chi2)
@@ -544,11 +531,11 @@ def _descend(descent: "_Descent", stopping: StoppingRule, damping: DampingSettin
             descent.renew()
         else:
             descent.damping = following
-    return STOPPED, f"no end after {max_steps} steps"
+    return STOPPED, f"not converged after {max_steps} steps"
 
 
 class _Descent:
-    """Where a fit stands, and how it moves."""
+    """State of a fit."""
 
     def __init__(
         self,
@@ -567,14 +554,13 @@ class _Descent:
         self.fresh, self.trusted, self.damping = True, True, 0.0
 
     def begin(self, known_derivatives: Mapping[str, np.ndarray] | None) -> None:
-        """Simulate the start; columns of the Jacobian in `known_derivatives` are taken as they are."""
+        """Simulate the start; `known_derivatives` are used as columns of the Jacobian."""
         self.residual = self._simulate(self.values)
         self.jacobian = self.derivatives(known_derivatives)
         self.fresh = not known_derivatives
 
     @property
     def chi2(self) -> float:
-        """Sum of squared residuals."""
         return float(self.residual @ self.residual)
 
     def derivatives(self, known_derivatives: Mapping[str, np.ndarray] | None = None, fine: bool = False) -> np.ndarray:
@@ -585,7 +571,7 @@ class _Descent:
         )
 
     def renew(self) -> None:
-        """Make the Jacobian anew here; the next step is undamped."""
+        """Recompute the Jacobian; the next step is undamped."""
         self.jacobian, self.fresh, self.damping = self.derivatives(), True, 0.0
 
     def propose(self) -> tuple[np.ndarray, float]:
@@ -595,10 +581,7 @@ class _Descent:
         return step, self.chi2 - remainder
 
     def attempt(self, step: np.ndarray, predicted: float) -> float:
-        """Try a step, and keep it where chi2 falls: its gain ratio, -inf where it cannot be simulated.
-
-        The Jacobian learns from the step either way.
-        """
+        """Try a step, keep it if chi2 falls, and update the Jacobian; return the gain ratio (-inf on failure)."""
         values = np.clip(self.values + step, self._low, self._high)
         try:
             residual = self._simulate(values)
@@ -619,11 +602,10 @@ class _Descent:
 
 
 def wald_statistic(fit: Fit, candidate: Candidate) -> float:
-    """Squared distance [1] of an effect's amplitudes from its absence, in standard errors of all of them together.
+    """Wald statistic [1] of an effect's amplitudes: the gain in chi2 by the effect within the same minimum, for linear
+    residuals (Wald 1943).
 
-    It is what chi2 would gain by the effect in the valley in which the fit lies, if residuals were linear (Wald 1943):
-    a hypothesis that gains more owes the rest to another valley of the nuisances. An amplitude at a bound other than 0
-    has the error that it would have if the bound were farther.
+    Amplitudes at a bound other than 0 have the error that they would have without the bound.
     """
     amplitudes, free, covariance = _amplitudes(fit, candidate)
     if not free.any():
@@ -634,14 +616,14 @@ def wald_statistic(fit: Fit, candidate: Candidate) -> float:
 
 
 def chance(fit: Fit, candidate: Candidate) -> float:
-    """Probability [1] that amplitudes as far from 0 are found where the effect is absent: small where it is there."""
+    """Probability [1] of such amplitudes without the effect."""
     amplitudes, free, _ = _amplitudes(fit, candidate)
     statistic = wald_statistic(fit, candidate)
     return float(chi2.sf(statistic, max(int(free.sum()), 1))) if amplitudes.size else 1.0
 
 
 def _amplitudes(fit: Fit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Amplitudes (m,) of an effect, which of them have an error, and the covariance of these."""
+    """Amplitudes (m,) of an effect, the mask of those with an error, and their covariance."""
     own = {f"{candidate.label}.{key}" for key in candidate.amplitudes}
     places = [i for i, p in enumerate(fit.parameters) if p.key in own]
     if fit.draws is not None:
@@ -654,25 +636,23 @@ def _amplitudes(fit: Fit, candidate: Candidate) -> tuple[np.ndarray, np.ndarray,
 
 
 HALF_WIDTHS = {50: 0.6745, 90: 1.645, 99: 2.576}
-"""By level [%], half the width of an interval of the normal distribution in standard deviations [1]: five percent lie
-beyond either end of that of 90 %."""
+"""Half widths of intervals of the normal distribution [standard deviations] by level [%]."""
 
 LEVELS = tuple(HALF_WIDTHS)
-"""Of the intervals that are stated [%]: that of 90 to read, the others to see by how often they hold what is wrong."""
+"""Levels of stated intervals [%]; those besides 90 % serve for the calibration."""
 
 AT_BOUND = "at its bound"
-"""A parameter that the fit drew to an end of its range: the data would have it beyond, and an error within says
-nothing."""
+"""Remark: the fit ended at a bound, so there is no standard error."""
 
 NOT_ESTIMATED = "not estimated"
-"""A number that goes with an effect and that no fit varies, such as the length of a film or a whole order."""
+"""Remark: a value that is not fitted, such as the length of a film or an integer order."""
 
 CHANGES_NOTHING = "changes nothing in what was measured"
-"""A parameter on which no measured value depends, such as a mass where no force is read: its value was not fitted."""
+"""Remark (a value of ``verdict.json``): no measured value depends on it, such as a mass without a force channel."""
 
 
 def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
-    """Nuisances of a fit, each with its estimate as `coordinate_estimate` gives it; what changes nothing has none."""
+    """Nuisances of a fit with their estimates as of `coordinate_estimate`."""
     of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
     active = fit.active
 
@@ -683,9 +663,9 @@ def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
 
 
 def determined_values(fit: Fit) -> dict[str, float]:
-    """Values of a fit by key, for a model that others use: nuisances that the data do not determine are nominal.
+    """Values of a fit by key; nuisances that the data do not determine are nominal.
 
-    These end at a bound, change nothing in what was measured, or may lie almost anywhere within their range.
+    Those at a bound, without influence, or with an interval almost as wide as their range.
     """
     values = fit.mapping
     for p, estimate in nuisance_estimates(fit):
@@ -695,8 +675,8 @@ def determined_values(fit: Fit) -> dict[str, float]:
 
 
 def is_taken_over(parameter: Parameter, estimate: dict[str, Any]) -> bool:
-    """Whether a model that others use takes over a nuisance: what the data determine, fitted within its range with an
-    interval that is narrower; and what no interval is known of.
+    """Whether the augmented mechanism uses the fitted value of a nuisance: if the data determine it, or if it has no
+    interval.
     """
     if "remark" in estimate:
         return estimate["remark"] == NOT_ESTIMATED
@@ -708,11 +688,10 @@ def is_taken_over(parameter: Parameter, estimate: dict[str, Any]) -> bool:
 
 
 def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
-    """Value, standard error and intervals (`LEVELS`) of one parameter of a fit, by its `place` among them.
+    """Value, standard error and intervals (`LEVELS`) of the parameter with the index `place`.
 
-    An interval that the bounds cut off is that of the draws, to one side where it would not hold the value. At a bound
-    there is no standard error, but an interval to the other side and the remark; where the fit says nothing of the
-    parameter there is neither.
+    Intervals truncated by bounds are those of the draws, one-sided if they would not contain the value. At a bound the
+    standard error is None, with a remark.
     """
     p, value, known = fit.parameters[place], float(fit.values[place]), fit.distribution
     if p.whole:
@@ -724,11 +703,10 @@ def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
 
 
 def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]]:
-    """Parameters of an effect as a verdict states them, by name, each as `coordinate_estimate` gives it.
+    """Stated parameters of an effect by name, each with an estimate as of `coordinate_estimate`.
 
-    Parameters that follow from the coordinates (an amplitude from its cosine and sine parts) take their errors from
-    these linearly; where a bound cuts off a coordinate on which they depend
-    their intervals are from draws, each followed through.
+    Errors of derived parameters (such as an amplitude from cosine and sine parts) are propagated linearly, or by draws
+    if a bound truncates a coordinate.
     """
     keys = [p.key for p in fit.parameters]
     own = [p for p in candidate.coordinates if f"{candidate.label}.{p.key}" in keys]
@@ -741,12 +719,12 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
     for i, (p, column) in enumerate(zip(own, columns, strict=True)):
         if sd[column] > 0:
             step = 1e-3 * sd[column]
-            moved = [candidate.parameters(fitted | {p.key: fitted[p.key] + sign * step}) for sign in (1, -1)]
+            sides = [candidate.parameters(fitted | {p.key: fitted[p.key] + sign * step}) for sign in (1, -1)]
             for name in values:
-                slopes[name][i] = (moved[0][name] - moved[1][name]) / (2 * step)
+                slopes[name][i] = (sides[0][name] - sides[1][name]) / (2 * step)
     block = known.covariance[np.ix_(columns, columns)]
     cut = np.array([_is_cut_off(fit, column) for column in columns], dtype=bool)
-    # Coordinates at a bound, each with a value inside: what these would change was drawn to the bound too.
+    # coordinates at a bound, each with a value inside: parameters that depend on them are at the bound too
     inside = [(p, fitted[p.key] + p.step) for p in own if fitted[p.key] <= p.low]
     inside += [(p, fitted[p.key] - p.step) for p in own if fitted[p.key] >= p.high]
     estimates = {}
@@ -763,32 +741,30 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
             mapped = _mapped_draws(fit, candidate, [p.key for p in own], columns, name)
             estimates[name] = _from_draws(float(value), mapped, error, at_bound)
         elif fit.draws is not None and error > 0.0:
-            moved_by = (fit.draws[:, columns] - fit.values[columns]) @ slopes[name]
-            estimates[name] = _from_draws(float(value), value + moved_by, error, False)
+            changes = (fit.draws[:, columns] - fit.values[columns]) @ slopes[name]
+            estimates[name] = _from_draws(float(value), value + changes, error, False)
         else:
             estimates[name] = estimate_with_interval(value, error, -np.inf, np.inf)
     return estimates
 
 
 def _is_cut_off(fit: Fit, place: int) -> bool:
-    """Whether a bound cuts off what may be counted on of one parameter."""
+    """Whether a bound truncates the distribution of a parameter."""
     p, value = fit.parameters[place], fit.values[place]
     far = fit.settings.intervals.far_standard_deviations * np.sqrt(fit.distribution.covariance[place, place])
     return bool(min(value - p.low, p.high - value) <= far)
 
 
 def _mapped_draws(fit: Fit, candidate: Candidate, keys: Sequence[str], columns: Sequence[int], name: str) -> np.ndarray:
-    """Draws (s,) of a parameter that follows from the coordinates `keys` of an effect, at `columns` of the fit."""
+    """Draws (s,) of a parameter derived from the coordinates `keys` of an effect (`columns` of the fit)."""
     draws = fit.distribution.draws[:, columns]
     draws = draws[:: max(len(draws) // fit.settings.intervals.mapped_draws, 1)]
     return np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
 
 
 def _from_draws(value: float, draws: np.ndarray, sd: float, at_bound: bool) -> dict[str, Any]:
-    """The estimate of a `value` that is distributed as its `draws` (s,).
-
-    An interval holds its share of the draws, as many beyond either end. One that would not hold the value begins or
-    ends there instead, so that those of higher levels hold those of lower ones.
+    """The estimate of a `value` from its `draws` (s,): equal-tailed intervals, or one-sided ones if these would not
+    contain the value.
     """
     estimate: dict[str, Any] = {"value": value, "sd": None if at_bound else sd}
     below, above = float(np.mean(draws < value)), float(np.mean(draws > value))
@@ -801,13 +777,13 @@ def _from_draws(value: float, draws: np.ndarray, sd: float, at_bound: bool) -> d
                 ends = [value, float(np.quantile(draws, min(below + share, 1.0)))]
             elif value > ends[1]:
                 ends = [float(np.quantile(draws, max(1.0 - above - share, 0.0))), value]
-        # what grows without end at a bound, as the frequency of a rod that does not bend, has no end there
+        # an infinite end, such as of the frequency of a rigid rod, is None
         estimate[f"interval_{level}"] = [end if np.isfinite(end) else None for end in ends]
     return estimate | {"remark": AT_BOUND} if at_bound else estimate
 
 
 def estimate_with_interval(value: float, sd: float, low: float, high: float) -> dict[str, Any]:
-    """Value, standard error and intervals (`LEVELS`), cut at the bounds; where there is no error, a remark why."""
+    """Value, standard error and intervals (`LEVELS`) within the bounds; without an error a remark."""
     if not sd > 0.0:
         return _no_estimate(value, NOT_ESTIMATED if low < value < high else AT_BOUND)
     estimate: dict[str, Any] = {"value": float(value), "sd": float(sd)}

@@ -1,9 +1,7 @@
-"""A force law for what no known effect explains: the sum of one or two terms of a library that fits best when
-simulated.
+"""Search for a force law: the sum of one or two library terms that fits best in the simulation.
 
-The library is the model's: one candidate for each term, called ``effect[term]`` and with its coefficient as the only
-coordinate, such as ``discovered_slider_force[v^3]``. No measurement is differentiated: terms are told apart by what
-they do to the simulated measurements, like every other effect.
+The model's library has one candidate for each term, with its coefficient as the only coordinate, such as
+``discovered_slider_force[v^3]``. Measurements are not differentiated.
 """
 
 import itertools
@@ -18,26 +16,26 @@ from jointgap.identification.baseline import with_intervals
 from jointgap.identification.evidence import reduced_chi2, weigh_fit
 from jointgap.identification.fit import FAILED, FiniteDifferences, Fit
 from jointgap.identification.initial_fit import fit_screened
-from jointgap.identification.likelihood import fitted, signatures_about
+from jointgap.identification.likelihood import fitted, sensitivities_about
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.screening import LinearizedFit, Signature, SignatureRegression
+from jointgap.identification.screening import LinearizedFit, Sensitivity, SensitivityRegression
 from jointgap.identification.settings import IdentificationSettings, ModelSelectionSettings
 from jointgap.identification.verdict import Row, Thresholds
 from jointgap.identification.window_search import fit_together
 
 COEFFICIENTS = ("c1", "c2")
-"""Names of the coefficients in a formula, as many as a law may have terms."""
+"""Names of the coefficients in a formula."""
 
 
 @dataclass(frozen=True)
 class Law:
     """A sum of terms of a library."""
 
-    effect: str  # Such as ``discovered_slider_force`` and ``slider``
-    site: str  # Such as ``discovered_slider_force`` and ``slider``
-    terms: Mapping[str, str]  # Of each coefficient its term in the syntax of `jointgap.core.formula`, SI
-    coefficients: Mapping[str, float]  # Their values
-    keys: Mapping[str, str]  # Key of each coefficient among the parameters of a fit
+    effect: str  # Such as ``discovered_slider_force``
+    site: str  # Such as ``slider``
+    terms: Mapping[str, str]  # By coefficient, in the syntax of `jointgap.core.formula`, SI
+    coefficients: Mapping[str, float]
+    keys: Mapping[str, str]  # Parameter keys of a fit by coefficient
 
     @property
     def formula(self) -> str:
@@ -53,19 +51,19 @@ class Law:
 
 @dataclass(frozen=True)
 class ForceLawResult:
-    """What the search proposes."""
+    """Result of the search."""
 
-    fit: Fit | None  # The best sum, simulated and fitted together with the nuisances
-    accepted: bool  # Whether it may be reported
-    because: str  # The reason in a sentence
-    rivals: list[Fit] = field(default_factory=list)  # Other laws that the data cannot tell from it, best first
-    others: list[Fit] = field(default_factory=list)  # The rest that was simulated, best first, the failed ones last
-    failed: Mapping[str, str] = field(default_factory=dict)  # Terms that could not be simulated
-    ranking: list[Row] = field(default_factory=list)  # All laws that were simulated beside the base
+    fit: Fit | None  # The best sum, fitted together with the nuisances
+    accepted: bool
+    because: str  # The reason
+    rivals: list[Fit] = field(default_factory=list)  # Equivalent laws, best first
+    others: list[Fit] = field(default_factory=list)  # Other simulated laws, best first, the failed ones last
+    failed: Mapping[str, str] = field(default_factory=dict)  # Reasons of terms that could not be simulated
+    ranking: list[Row] = field(default_factory=list)  # All simulated laws
 
     @property
     def named(self) -> bool:
-        """Whether one law is named: it is accepted, and no other explains the data equally well."""
+        """Whether the law is accepted and has no equivalent."""
         return self.accepted and not self.rivals
 
     @property
@@ -77,13 +75,13 @@ class ForceLawResult:
 
     @property
     def reason(self) -> str:
-        """The reason of the verdict, in a sentence."""
+        """The reason of the verdict."""
         if not self.accepted:
             return self.because
         if self.rivals:
             equal = ", ".join(fit.label for fit in (self.fit, *self.rivals))
-            return f"several laws explain it equally well: {equal}"
-        return f"no effect of the list explains it, but {self.law.words} does: {self.because}"
+            return f"several laws fit the data equally well: {equal}"
+        return f"no listed effect explains the residual, but {self.law.words} does: {self.because}"
 
     @property
     def law(self) -> Law | None:
@@ -98,44 +96,45 @@ def find_force_law(
     limits: Thresholds,
     differences: FiniteDifferences | None = None,
 ) -> ForceLawResult:
-    """Find the law, of at most two terms of one effect, that takes the place of what is missing.
+    """Find the best law with at most two terms of one effect.
 
-    All sums are ranked by what they would explain if the motion responded linearly. The best are fitted by forward
-    simulation, from the multiple of the linear answer that fits best (a loose joint responds to a small force more than
-    in proportion). They are compared by BIC with the number of sums that were open to choice counted in (the extended
-    criterion of Chen and Chen, Biometrika 95 (2008) 759-771); a second term must improve it by as much as tells two
-    explanations apart.
+    All sums are ranked by linear regression. The best are fitted by forward simulation, from the best multiple of the
+    linear estimate, and compared by the extended BIC, which counts the number of possible sums (Chen and Chen,
+    Biometrika 95 (2008) 759-771). A second term must improve it by `min_delta_bic`.
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
-    signatures = signatures_about(problem, base, differences, library)
+    sensitivities = sensitivities_about(problem, base, differences, library)
     until = problem.simulations + problem.settings.selection.max_simulations
-    screen, settings = SignatureRegression(signatures), problem.settings.selection
-    sums = [screen.explained(chosen) for chosen in _subsets(signatures.entries)]
+    screen, settings = SensitivityRegression(sensitivities), problem.settings.selection
+    sums = [screen.explained(chosen) for chosen in _subsets(sensitivities.entries)]
     if not sums:
-        return ForceLawResult(None, False, "no term of the library could be simulated", failed=signatures.failed)
+        return ForceLawResult(None, False, "no term of the library could be simulated", failed=sensitivities.failed)
     counts = {
-        size: sum(len(candidate.signatures) == size for candidate in sums) for size in range(1, len(COEFFICIENTS) + 1)
+        size: sum(len(candidate.sensitivities) == size for candidate in sums)
+        for size in range(1, len(COEFFICIENTS) + 1)
     }
 
     def choice_cost(hypothesis: Hypothesis) -> float:
-        """[BIC] What the choice among all sums of as many terms costs, beside the BIC's own k ln n."""
+        """[BIC] Penalty for the number of sums with as many terms."""
         return 2.0 * math.log(counts[len(hypothesis)])
 
     sums.sort(key=lambda screened: screened.bic)
 
     def each(chosen: Sequence[LinearizedFit]) -> list[Fit]:
         if base.in_windows:
-            here = {p.key: float(value) for p, value in zip(signatures.parameters, signatures.values, strict=True)}
+            here = {
+                p.key: float(value) for p, value in zip(sensitivities.parameters, sensitivities.values, strict=True)
+            }
             starts = [(one.hypothesis, here | one.own_start) for one in chosen[: problem.settings.windows.leading]]
             return fit_together(problem, starts)
-        return [fit_screened(problem, differences, signatures, screened) for screened in chosen]
+        return [fit_screened(problem, differences, sensitivities, screened) for screened in chosen]
 
     fits = each(_singles(sums, settings))
     if not fits:
-        return ForceLawResult(None, False, "no law could be simulated", failed=signatures.failed)
+        return ForceLawResult(None, False, "no law could be simulated", failed=sensitivities.failed)
     alone = min(fits, key=lambda fit: fit.bic)
-    # beside loose joints each fit is dear: what explains little has no term in common with the law
+    # with loose joints fits are expensive: no pairs if the single term explains little
     leads = weigh_fit(base, alone, limits).share >= problem.settings.family.least_share
     if not base.in_windows or (leads and problem.simulations <= until):
         fits += each(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
@@ -144,7 +143,7 @@ def find_force_law(
     best = fits[0]
     if best.status == FAILED:
         return ForceLawResult(
-            None, False, best.reason, [], fits, signatures.failed, [weigh_fit(base, fit, limits) for fit in fits]
+            None, False, best.reason, [], fits, sensitivities.failed, [weigh_fit(base, fit, limits) for fit in fits]
         )
     best = next(
         (fit for fit in fits if len(fit.hypothesis) == 1 and cost[fit.label] - cost[best.label] < min_delta_bic), best
@@ -157,7 +156,7 @@ def find_force_law(
         best = fitted(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
     best = with_intervals(problem, best)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
-    return ForceLawResult(best, accepted, because, rivals, others, signatures.failed, ranking)
+    return ForceLawResult(best, accepted, because, rivals, others, sensitivities.failed, ranking)
 
 
 def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:
@@ -170,12 +169,11 @@ def law_of(hypothesis: Hypothesis, values: Mapping[str, float]) -> Law:
 
 
 def effect_of(candidate: Candidate) -> str:
-    """The effect that a term of a library belongs to."""
+    """The effect of a library term."""
     return candidate.name.partition("[")[0]
 
 
 def term_of(candidate: Candidate) -> str:
-    """The term itself."""
     return candidate.name.partition("[")[2].removesuffix("]")
 
 
@@ -183,17 +181,17 @@ def _product(coefficient: str, term: str) -> str:
     return coefficient if term == "1" else f"{coefficient}*{term}"
 
 
-def _subsets(signatures: Sequence[Signature]) -> Iterator[tuple[Signature, ...]]:
-    """All sets of terms of one effect that a law may have."""
+def _subsets(sensitivities: Sequence[Sensitivity]) -> Iterator[tuple[Sensitivity, ...]]:
+    """All possible sets of terms of one effect."""
     for size in range(1, len(COEFFICIENTS) + 1):
-        for chosen in itertools.combinations(signatures, size):
-            if len({effect_of(signature.candidate) for signature in chosen}) == 1:
+        for chosen in itertools.combinations(sensitivities, size):
+            if len({effect_of(sensitivity.candidate) for sensitivity in chosen}) == 1:
                 yield chosen
 
 
 def _singles(sums: Sequence[LinearizedFit], settings: ModelSelectionSettings) -> list[LinearizedFit]:
-    """The single terms that explain most, among them some of each effect; `sums` is best first."""
-    singles = [screened for screened in sums if len(screened.signatures) == 1]
+    """The best single terms, including some of each effect; `sums` is best first."""
+    singles = [screened for screened in sums if len(screened.sensitivities) == 1]
     chosen = singles[: settings.max_singles]
     for effect in dict.fromkeys(effect_of(screened.hypothesis[0]) for screened in singles):
         of_effect = [screened for screened in singles if effect_of(screened.hypothesis[0]) == effect]
@@ -204,8 +202,8 @@ def _singles(sums: Sequence[LinearizedFit], settings: ModelSelectionSettings) ->
 def _pairs(
     sums: Sequence[LinearizedFit], alone: Fit, sufficient: bool, settings: ModelSelectionSettings
 ) -> list[LinearizedFit]:
-    """The pairs that add to the best single term, and the best others where it is not enough; `sums` is best first."""
-    pairs = [screened for screened in sums if len(screened.signatures) > 1]
+    """The best pairs with the best single term, and the best others unless it is sufficient; `sums` is best first."""
+    pairs = [screened for screened in sums if len(screened.sensitivities) > 1]
     adding = [
         screened for screened in pairs if {c.label for c in alone.hypothesis} < {c.label for c in screened.hypothesis}
     ]
@@ -214,8 +212,7 @@ def _pairs(
 
 
 def _differs(fit: Fit, best: Fit, base: Fit) -> bool:
-    """Whether a sum says something else than the best one: not the same force in another form, nor with a term
-    added."""
+    """Whether a sum is another law than the best one, not an equivalent form or an extension."""
     if {c.label for c in fit.hypothesis} > {c.label for c in best.hypothesis}:
         return False
     another = effect_of(fit.hypothesis[0]) != effect_of(best.hypothesis[0])
@@ -224,12 +221,12 @@ def _differs(fit: Fit, best: Fit, base: Fit) -> bool:
 
 
 def _gate(base: Fit, best: Fit, cost: float, limits: Thresholds, settings: IdentificationSettings) -> tuple[bool, str]:
-    """Whether a law may be reported, and why."""
+    """Whether a law is accepted, and why."""
     ranked = weigh_fit(base, best, limits)
     if base.bic - cost < max(settings.decision.min_delta_bic, limits.max_gain_threshold):
-        return False, f"the best sum, {best.label}, is not better than chance"
+        return False, f"the best sum, {best.label}, is not significant"
     if ranked.passes:
-        return True, "with it the model leaves noise alone"
+        return True, "with it the residual is consistent with noise"
     if ranked.share >= settings.decision.sure_explained_share:
         return True, f"it explains {ranked.share:.1%} of the misfit"
-    return False, f"the best sum, {best.label}, explains {ranked.share:.1%} of the misfit only"
+    return False, f"the best sum, {best.label}, explains only {ranked.share:.1%} of the misfit"

@@ -1,4 +1,4 @@
-"""Fits of all hypotheses that are worth one: single effects, then pairs."""
+"""Fits of the selected hypotheses: single effects, then pairs."""
 
 import time
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from jointgap.core.progress import with_progress
 from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
-from jointgap.identification.initial_fit import fit_screened, labels_of, lowest_of_each, not_above_its_parts
+from jointgap.identification.initial_fit import best_fit_per_hypothesis, fit_screened, labels_of, refit_from_part
 from jointgap.identification.model_selection import (
     best_sufficient,
     shortlist_pairs,
@@ -20,77 +20,77 @@ from jointgap.identification.model_selection import (
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import (
     LinearizedFit,
-    SignatureRegression,
-    Signatures,
+    Sensitivities,
+    SensitivityRegression,
     shortlist,
-    simulate_signatures,
+    simulate_sensitivities,
 )
 from jointgap.identification.verdict import Thresholds
 from jointgap.identification.window_search import search_in_windows
 
 TimedFits = tuple[list[Fit], list[float]]
-"""Fits, one of each hypothesis, and how long each took [s]."""
+"""Fits, one for each hypothesis, and their durations [s]."""
 
-Chosen = tuple[LinearizedFit, Signatures]
-"""What is worth a fit, and the signatures that say so."""
+Chosen = tuple[LinearizedFit, Sensitivities]
+"""A hypothesis selected for a fit, and the sensitivities of the selection."""
 
 
 def fit_singles(
-    baseline: Baseline, signatures: Signatures, limits: Thresholds, part: int = 0, parts: int = 1
+    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, part: int = 0, parts: int = 1
 ) -> TimedFits:
-    """Fit every single effect of one part.
+    """Fit every selected single effect of one part.
 
-    A fit that fails is one of them, with its reason; the others go on. Once one leaves about noise alone, those of the
-    same part that stay far behind it end early: they are no rivals, but their chi2 depends on how fits are shared out.
-    Those that are never small, such as films, take long and come last. Where joints are loose `fit_pairs` fits all in
-    windows of the record.
+    Failed fits are included with their reason. Once a fit is consistent with noise, dominated ones of the same part end
+    early. Slow effects of finite size, such as films, come last. With loose joints `fit_pairs` fits all.
     """
     if baseline.base.in_windows:
         return [], []
-    shortlist = shortlist_singles(signatures, limits, baseline.problem.settings)
-    shortlist.sort(key=lambda single: _is_never_small(single.hypothesis))  # these take long, but not if they are beaten
-    return _fit_each(baseline, [(single, signatures) for single in shortlist[part::parts]], limits, ())
+    shortlist = shortlist_singles(sensitivities, limits, baseline.problem.settings)
+    shortlist.sort(key=lambda single: _is_never_small(single.hypothesis))
+    return _fit_each(baseline, [(single, sensitivities) for single in shortlist[part::parts]], limits, ())
 
 
 def _is_never_small(hypothesis: Hypothesis) -> bool:
-    """Whether all fits of one of its effects begin at a size, since small ones say nothing of it."""
+    """Whether an effect has finite start sizes only, as it is nonlinear at small ones."""
     return any(all({*guess} & {*one.amplitudes} for guess in one.initial_guesses) for one in hypothesis)
 
 
 def fit_pairs(
     baseline: Baseline,
-    signatures: Signatures,
+    sensitivities: Sensitivities,
     limits: Thresholds,
     alone: Sequence[Fit],
     part: int = 0,
     parts: int = 1,
-    doubted: bool = False,
+    inconsistent: bool = False,
 ) -> TimedFits:
-    """Fit every pair of one part that is worth it beside the fits of single effects.
+    """Fit the selected pairs of one part.
 
-    Where no single effect is sufficient the first part searches for one, or for a pair, the cheapest way first:
-    clearances of joints in windows; pairs whose signatures explain nearly all, where none does alone; the best
-    partners of each leading single effect. Sizes of clearances are not searched on doubted data, which would lead
-    anywhere. No further fit begins once as many runs are simulated as the settings say. How far each step goes depends
-    on all others, so it is not shared out. Single effects that it finds are among the fits then.
+    If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
+    clearances in windows; pairs whose sensitivities explain nearly everything; the best partners of each leading single
+    effect. The search is sequential, so it is not divided into parts, and limited by `max_simulations`. Clearances are
+    not searched on inconsistent data.
 
-    A clearance may do what two other effects do together: where a pair is worth a fit the first part searches these
-    too.
+    If a pair is selected, the first part searches clearances too, as a clearance can resemble two effects.
     """
     if baseline.base.in_windows:
         begin = time.monotonic()
-        fits = lowest_of_each(search_in_windows(baseline, signatures, limits, sizes=not doubted)) if part == 0 else []
+        fits = (
+            best_fit_per_hypothesis(search_in_windows(baseline, sensitivities, limits, sizes=not inconsistent))
+            if part == 0
+            else []
+        )
         return fits, [(time.monotonic() - begin) / max(len(fits), 1)] * len(fits)
     if _insufficient(baseline, alone, limits):
-        return _search(baseline, signatures, limits, alone, doubted) if part == 0 else ([], [])
-    pairs = _pairs_of_best(baseline, signatures, limits, alone)
+        return _search(baseline, sensitivities, limits, alone, inconsistent) if part == 0 else ([], [])
+    pairs = _pairs_of_best(baseline, sensitivities, limits, alone)
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
-    if pairs and part == 0 and not doubted:
+    if pairs and part == 0 and not inconsistent:
         begin = time.monotonic()
-        searched = search_in_windows(baseline, signatures, limits)
+        searched = search_in_windows(baseline, sensitivities, limits)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
-    kept = {id(fit) for fit in lowest_of_each(fits)}
+    kept = {id(fit) for fit in best_fit_per_hypothesis(fits)}
     timed = [(fit, took) for fit, took in zip(fits, seconds, strict=True) if id(fit) in kept]
     return [fit for fit, _ in timed], [took for _, took in timed]
 
@@ -103,28 +103,26 @@ def _insufficient(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds) 
 
 
 def _pairs_of_best(
-    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit]
+    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, alone: Sequence[Fit]
 ) -> list[Chosen]:
-    """Pairs that are worth a fit of the best single effect that is sufficient; none where none is."""
+    """Selected pairs with the best sufficient single effect, if any."""
     second = two_effect_thresholds(baseline, alone, limits)
     best = best_sufficient(baseline, alone, second)
-    if best is None or best.in_windows:  # its partners were sought in windows
+    if best is None or best.in_windows:  # then partners were searched in windows
         return []
-    about = signatures.about(best)
-    return [(pair, about) for pair in shortlist_pairs(baseline, signatures, best, alone, second)]
+    about = sensitivities.about(best)
+    return [(pair, about) for pair in shortlist_pairs(baseline, sensitivities, best, alone, second)]
 
 
 def _search(
-    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit], doubted: bool
+    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, alone: Sequence[Fit], inconsistent: bool
 ) -> TimedFits:
-    """Fits of single effects and of pairs by other ways than the base's derivatives, the cheapest first, until one is
-    sufficient.
-    """
+    """Search beyond linearisation about the base, the cheapest step first, until a fit is sufficient."""
     begin, problem = time.monotonic(), baseline.problem
-    # steps as nobody else left them: the result must not depend on what else ran in this process
+    # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    fits = search_in_windows(baseline, signatures, limits, alone, sizes=not doubted)
+    fits = search_in_windows(baseline, sensitivities, limits, alone, sizes=not inconsistent)
     until = problem.simulations + _max_simulations(problem)
 
     def singles() -> list[Fit]:
@@ -134,49 +132,49 @@ def _search(
         return any(_is_sufficient(fit, limits) for fit in fits) or not _insufficient(baseline, singles(), limits)
 
     if not found():
-        masked = _masked_pairs(baseline, signatures, singles(), limits)
+        masked = _masked_pairs(baseline, sensitivities, singles(), limits)
         fits += _fit_each(baseline, masked, limits, singles(), until)[0]
     if not found():
-        # what is fitted in windows has its partners from there
+        # fits in windows have partners already
         leading = [fit for fit in singles() if not fit.in_windows]
         fits += _pairs_of_leading(baseline, leading, limits, until)
     done = {labels_of(fit.hypothesis) for fit in fits}
-    chosen = _pairs_of_best(baseline, signatures, limits, singles())
+    chosen = _pairs_of_best(baseline, sensitivities, limits, singles())
     chosen = [(pair, about) for pair, about in chosen if labels_of(pair.hypothesis) not in done]
     fits += _fit_each(baseline, chosen, limits, singles())[0]
-    fits = lowest_of_each(fits)
+    fits = best_fit_per_hypothesis(fits)
     share = (time.monotonic() - begin) / max(len(fits), 1)
     return fits, [share] * len(fits)
 
 
 def _max_simulations(problem: Problem) -> int:
-    """How many runs a search may simulate until nothing new begins."""
     settings = problem.settings.selection
     return settings.max_simulations_of_statistics if problem.has_statistics else settings.max_simulations
 
 
-def _masked_pairs(baseline: Baseline, signatures: Signatures, alone: Sequence[Fit], limits: Thresholds) -> list[Chosen]:
-    """The best of all pairs that would explain nearly all of what the base leaves, if all were linear and no single
-    effect would be sufficient: two may mask each other. What failed `alone` would fail in a pair."""
-    regression, noise = SignatureRegression(signatures), limits.omnibus * baseline.problem.size
+def _masked_pairs(
+    baseline: Baseline, sensitivities: Sensitivities, alone: Sequence[Fit], limits: Thresholds
+) -> list[Chosen]:
+    """The best pairs that explain nearly everything by linear regression, if no single effect is sufficient (masked
+    effects); without effects that failed `alone`."""
+    regression, noise = SensitivityRegression(sensitivities), limits.omnibus * baseline.problem.size
     if any(single.chi2 <= noise for single in regression.singles()):
         return []
     pairs = [pair for pair in regression.pairs() if not _failed(alone) & labels_of(pair.hypothesis)]
     misfit = baseline.base.chi2 - baseline.problem.size
     least = baseline.problem.settings.decision.min_explained_share * misfit
     pairs = [pair for pair in pairs if baseline.base.chi2 - pair.chi2 >= least]
-    return [(pair, signatures) for pair in shortlist(pairs, baseline.problem.settings.selection.partners)]
+    return [(pair, sensitivities) for pair in shortlist(pairs, baseline.problem.settings.selection.partners)]
 
 
 def _pairs_of_leading(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, until: float) -> list[Fit]:
-    """Fits of the leading single effects with what would explain most of the rest, the most promising pairs first.
+    """Fits of the leading single effects with their best partners, the best pairs first.
 
-    Signatures are taken about the fit of each: with one of two effects there, neither nuisances nor signatures are
-    those of the base. These fits are returned too.
+    Partners are found by linearisation about the fit of each single effect; these fits are returned too.
     """
     problem, settings = baseline.problem, baseline.problem.settings.selection
-    leading: dict[str, Fit] = {}  # of alternatives, which have the same partners; `swap_one_effect` fits the others
-    for fit in lowest_of_each(fit for fit in alone if fit.status != FAILED):
+    leading: dict[str, Fit] = {}  # one of each exclusion group; `swap_one_effect` fits the others
+    for fit in best_fit_per_hypothesis(fit for fit in alone if fit.status != FAILED):
         leading.setdefault(fit.hypothesis[0].exclusion_group, fit)
     singles: list[Fit] = []
     chosen: dict[frozenset[str], Chosen] = {}
@@ -187,8 +185,8 @@ def _pairs_of_leading(baseline: Baseline, alone: Sequence[Fit], limits: Threshol
         if single.status == FAILED:
             continue
         singles.append(single)
-        about = simulate_signatures(problem, single, baseline.differences)
-        partners = SignatureRegression(about, single.hypothesis).singles()
+        about = simulate_sensitivities(problem, single, baseline.differences)
+        partners = SensitivityRegression(about, single.hypothesis).singles()
         for pair in shortlist(partners, settings.partners):
             if pair.hypothesis[-1].label not in _failed(alone):
                 labels = labels_of(pair.hypothesis)
@@ -198,7 +196,7 @@ def _pairs_of_leading(baseline: Baseline, alone: Sequence[Fit], limits: Threshol
 
 
 def _failed(fits: Sequence[Fit]) -> set[str]:
-    """Labels of what none of its fits could be simulated for."""
+    """Labels of hypotheses whose fits all failed."""
     return {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
 
 
@@ -209,15 +207,15 @@ def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:
 def _fit_each(
     baseline: Baseline, chosen: Sequence[Chosen], limits: Thresholds, alone: Sequence[Fit], until: float = np.inf
 ) -> TimedFits:
-    """Fits of what is `chosen`, one after the other, none of which begins once `until` runs are simulated."""
+    """Fits of the `chosen` hypotheses; none begins after `until` simulated runs."""
     problem, differences, parts = baseline.problem, baseline.differences, [baseline.base, *alone]
     fits, seconds = [], []
-    for screened, signatures in with_progress(chosen, "fits of effects"):
+    for screened, sensitivities in with_progress(chosen, "fits of effects"):
         if problem.simulations > until:
             break
         begin = time.monotonic()
         sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
-        fit = fit_screened(problem, differences, signatures, screened, sufficient)
-        fits.append(not_above_its_parts(problem, differences, fit, parts, sufficient))
+        fit = fit_screened(problem, differences, sensitivities, screened, sufficient)
+        fits.append(refit_from_part(problem, differences, fit, parts, sufficient))
         seconds.append(time.monotonic() - begin)
     return fits, seconds

@@ -1,4 +1,4 @@
-"""Starts of fits."""
+"""Start values of fits."""
 
 from collections.abc import Iterable, Sequence
 
@@ -7,31 +7,29 @@ import numpy as np
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.fit import FAILED, STOPPED, FiniteDifferences, Fit, bounded_step, bounds_of, fit_hypothesis
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.screening import LinearizedFit, Signatures
+from jointgap.identification.screening import LinearizedFit, Sensitivities
 
 
 def fit_screened(
     problem: Problem,
     differences: FiniteDifferences,
-    signatures: Signatures,
+    sensitivities: Sensitivities,
     screened: LinearizedFit,
     sufficient_chi2: float = np.inf,
 ) -> Fit:
-    """The fit of a screened hypothesis, from where its signatures say.
-
-    A loose joint answers to a little force more than in proportion, so that an effect found by small steps may be
-    several times as large as they say. So it starts from the best of 1, 2, 4 ... times the linear answer.
+    """The fit of a screened hypothesis, from the best of 1, 2, 4 ... times the linear estimate, as loose joints respond
+    more than proportionally to small forces.
     """
-    is_finite = any(p.key in one.shape_parameters for one in screened.signatures for p in one.amplitudes)
-    # a finite amplitude is far from the base already
+    is_finite = any(p.key in one.shape_parameters for one in screened.sensitivities for p in one.amplitudes)
+    # no multiples of a finite amplitude
     start, near = (screened.start, False) if is_finite else _best_multiple(problem, screened)
-    known = signatures.derivatives(screened.signatures) if near else None
+    known = sensitivities.derivatives(screened.sensitivities) if near else None
     return fit_hypothesis(problem, screened.hypothesis, start, known, differences, sufficient_chi2=sufficient_chi2)
 
 
 def _best_multiple(problem: Problem, screened: LinearizedFit) -> tuple[dict[str, float], bool]:
-    """The best of 1, 2, 4 ... times the linear answer, and whether it is the answer itself."""
-    amplitudes = {f"{s.candidate.label}.{p.key}" for s in screened.signatures for p in s.amplitudes}
+    """The best of 1, 2, 4 ... times the linear estimate, and whether the factor is 1."""
+    amplitudes = {f"{s.candidate.label}.{p.key}" for s in screened.sensitivities for p in s.amplitudes}
     bounds = {p.key: (p.low, p.high) for p in problem.parameters(screened.hypothesis)}
     start, best, multiple, least = dict(screened.start), 1.0, 1.0, np.inf
     while multiple <= problem.settings.initial_guess.max_multiple:
@@ -51,12 +49,12 @@ def _best_multiple(problem: Problem, screened: LinearizedFit) -> tuple[dict[str,
 
 
 def labels_of(hypothesis: Hypothesis) -> frozenset[str]:
-    """The labels of its effects, in no order."""
+    """The labels of its effects."""
     return frozenset(candidate.label for candidate in hypothesis)
 
 
-def lowest_of_each(fits: Iterable[Fit]) -> list[Fit]:
-    """Of each hypothesis, in whatever order its effects stand, the fit with the least chi2; lowest first."""
+def best_fit_per_hypothesis(fits: Iterable[Fit]) -> list[Fit]:
+    """The fit with the least chi2 of each hypothesis (in any order of effects), sorted by chi2."""
     lowest: dict[frozenset[str], Fit] = {}
     for fit in sorted(fits, key=lambda fit: fit.chi2):
         lowest.setdefault(labels_of(fit.hypothesis), fit)
@@ -64,10 +62,9 @@ def lowest_of_each(fits: Iterable[Fit]) -> list[Fit]:
 
 
 def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> dict[str, float]:
-    """Values by key [SI] at which a hypothesis predicts what the fit of a part of it does: further effects are absent.
+    """Values by key [SI] at which a hypothesis predicts the same as the fit of a part of it, as far as bounds allow.
 
-    Where a bound of an effect forbids that, it is at the bound. The amplitude of an effect that replaces a nuisance is
-    then what the fit has of the nuisance beyond nominal.
+    The amplitude of an effect that replaces a nuisance is the nuisance's deviation from nominal.
     """
     parameters = problem.parameters(hypothesis)
     values, fitted = {p.key: p.nominal for p in parameters}, part.mapping
@@ -79,7 +76,7 @@ def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> 
         for p in candidate.coordinates_in(problem.runs):
             absent = 0.0 if p.key in candidate.amplitudes else shapes.get(p.key, p.nominal)
             values[f"{candidate.label}.{p.key}"] = fitted.get(p.key, absent) if p.name in nominal else absent
-        for name, amplitude in reversed(candidate.replaces.items()):  # the first one is the nearest to the effect
+        for name, amplitude in reversed(candidate.replaces.items()):  # the first one has priority
             if name in fitted:
                 values[f"{candidate.label}.{amplitude}"] = fitted[name] - nominal[name]
     values |= {key: value for key, value in fitted.items() if key in values}
@@ -87,16 +84,14 @@ def with_effects_absent(problem: Problem, hypothesis: Hypothesis, part: Fit) -> 
     return {p.key: float(np.clip(values[p.key], a, b)) for p, a, b in zip(parameters, low, high, strict=True)}
 
 
-def not_above_its_parts(
+def refit_from_part(
     problem: Problem, differences: FiniteDifferences, fit: Fit, parts: Sequence[Fit], sufficient_chi2: float = np.inf
 ) -> Fit:
-    """The `fit`; where the fit of a part of its hypothesis is lower, one that starts from there if that is lower.
-
-    It starts as near to the part as the bounds of the further effects let it.
-    """
+    """The `fit` or, if a part of its hypothesis has a smaller chi2 and that is better, one that starts from the
+    part."""
     own = labels_of(fit.hypothesis)
-    rough = () if problem.has_statistics else (one.label for one in fit.hypothesis if one.is_rough)
-    lower = [part for part in parts if {*rough} <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
+    nonsmooth = () if problem.has_statistics else (one.label for one in fit.hypothesis if one.is_nonsmooth)
+    lower = [part for part in parts if {*nonsmooth} <= labels_of(part.hypothesis) < own and part.chi2 < fit.chi2]
     if fit.status == FAILED or fit.in_windows or not lower:
         return fit
     lowest = min(lower, key=lambda part: part.chi2)
@@ -107,9 +102,7 @@ def not_above_its_parts(
 
 
 def with_nuisances_of(problem: Problem, fit: Fit, other: Fit) -> dict[str, float]:
-    """Values of a fit by key [SI], its nuisances as another fit has them: what an effect replaces is in its
-    amplitude.
-    """
+    """Values of a fit by key [SI] with the nuisances of another fit, including those that its effects replace."""
     nominal = {p.name: p.nominal for p in problem.nuisances}
     nuisances = {key: value for key, value in other.mapping.items() if "." not in key}
     for candidate in other.hypothesis:
@@ -119,10 +112,8 @@ def with_nuisances_of(problem: Problem, fit: Fit, other: Fit) -> dict[str, float
 
 
 def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
-    """What some effects of a fit would leave with the others absent, if residuals were linear in their amplitudes.
-
-    All else is as the fit has it: no minimum of these effects alone.
-    """
+    """The fit with only the `kept` effects, by linearisation in the amplitudes of the others; other values
+    unchanged."""
     columns = {p.key: column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True)}
     parameters, residual, values = problem.parameters(kept), fit.residual.copy(), fit.mapping
     names = {p.name for p in problem.nuisances}
@@ -131,7 +122,7 @@ def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
         for key in candidate.amplitudes:
             if key in own:
                 residual -= columns[own[key]] * values[own[key]]
-        for key in names & own.keys():  # the rest of a nuisance that it shares with others
+        for key in names & own.keys():  # a partly replaced nuisance
             values[key], columns[key] = values[own[key]], columns[own[key]]
         for name, amplitude in candidate.replaces.items():
             columns[name] = columns.get(name, 0.0) + columns[own[amplitude]]
@@ -141,10 +132,7 @@ def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
 
 
 def chi2_without_effects(problem: Problem, fit: Fit) -> float:
-    """chi2 that the model as it stands would leave in the valley of a fit, if residuals were linear there.
-
-    Its effects are absent, and the nuisances take up what they can within their bounds.
-    """
+    """chi2 of the current model within the minimum of a fit, by linearisation: without effects, nuisances re-fitted."""
     keys = [p.key for p in fit.parameters]
     low, high = bounds_of(fit.parameters)
     low, high = low - fit.values, high - fit.values
@@ -156,19 +144,17 @@ def chi2_without_effects(problem: Problem, fit: Fit) -> float:
             if p.key in candidate.amplitudes:
                 absent = ranges[replaced[p.key]] if p.key in replaced else (0.0, 0.0)
                 low[place], high[place] = np.subtract(absent, fit.values[place])
-            elif p.name not in ranges:  # the shape of what is absent
+            elif p.name not in ranges:  # the shape of an absent effect
                 low[place], high[place] = 0.0, 0.0
-    # The nearest place that is free of effects, and from there what the nuisances take up. At the end of a fit chi2 is
-    # even, so that its curvature is all that counts, and the Jacobian may be one in fewer rows.
+    # at a minimum only the curvature of chi2 counts, so a compressed Jacobian suffices
     first = np.clip(0.0, low, high)
     _, rise = bounded_step(fit.jacobian, fit.jacobian @ first, low - first, high - first)
     return fit.chi2 + rise
 
 
 def derivatives_of(fit: Fit) -> dict[str, np.ndarray]:
-    """Derivatives of a fit's residuals by key, each (n,) [1/SI]; none where it comes from a file, which has fewer
-    rows, or is in windows, where rows are no samples.
-    """
+    """Derivatives of a fit's residuals by key, each (n,) [1/SI]; none if read from a file (fewer rows) or in
+    windows."""
     if fit.in_windows or fit.jacobian.shape[0] != fit.residual.size:
         return {}
     return dict(zip((p.key for p in fit.parameters), fit.jacobian.T, strict=True))

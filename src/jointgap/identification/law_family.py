@@ -1,8 +1,7 @@
-"""Which shapes of its family the data allow a law that was found: one of the list alone, several, or another one.
+"""Profile likelihood over the shape of a law family.
 
-An effect of the list, such as quadratic drag, may be one shape of a family, here drag with any exponent
-(`jointgap.core.candidates.LawFamily`). A fit of the effect says nothing of what else of the family fits. So
-once it is found chi2 is followed along the shape, with all else fitted at each value.
+An effect such as quadratic drag is one shape of a family, here drag with any exponent
+(`jointgap.core.candidates.LawFamily`). Once it is found, chi2 is profiled over the shape to see which shapes fit.
 """
 
 from collections.abc import Sequence
@@ -31,17 +30,14 @@ from jointgap.identification.verdict import (
 
 @dataclass(frozen=True)
 class ShapeProfile:
-    """chi2 along the shape of a law."""
+    """Profile of chi2 over the shape of a law."""
 
-    shapes: np.ndarray  # [1] Values at which all else was fitted, growing
-    chi2: np.ndarray  # Of those fits, over their variance: 1 per degree of freedom where more than noise remains
+    shapes: np.ndarray  # [1] Increasing
+    chi2: np.ndarray  # Of the fits, over the inflation of the variance
 
     def interval(self, rise: float) -> tuple[float, float]:
-        """The shapes [1] between which chi2 is above its lowest by less than `rise`; an end of the profile where it is
-        less there too.
-
-        The root of what chi2 rises by is straight where chi2 is a parabola: it is taken so between two shapes.
-        """
+        """The interval [1] of shapes within which chi2 rises by less than `rise`, by linear interpolation of the root
+        of the rise; at most the whole profile."""
         root = np.sqrt(self.chi2 - self.chi2.min())
         lowest = int(np.argmin(root))
         ends = []
@@ -60,10 +56,10 @@ class ShapeProfile:
 def fit_shape(
     problem: Problem, found: Fit, member: Candidate, family: LawFamily, differences: FiniteDifferences | None = None
 ) -> Fit:
-    """Fit the law of a family, its shape too, beside all else that was `found`, from there on.
+    """Fit the law of a family including its shape, in place of the `member` in the fit `found`.
 
-    It begins at the effect's own shape, or at the next one in use where something of the law is idle at that; there at
-    each of the law's initial guesses. Where no fit converges, at the next shape.
+    Starts: the member's shape (unless parameters are inactive there), then the next shapes in use until a fit
+    converges, each with all initial guesses of the law.
     """
     prefix = f"{member.label}."
     hypothesis = tuple(family.law if candidate is member else candidate for candidate in found.hypothesis)
@@ -71,9 +67,9 @@ def fit_shape(
     start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
     start |= {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
     fits: list[Fit] = []
-    # at the effect's own shape the law is what was found: its states lack next to nothing
-    vary = problem.parameters(hypothesis) if found.in_windows and not family.idle_at_own else None
-    shapes = [shape for shape in family.in_use if not (family.idle_at_own and shape == family.own)]
+    # at the member's shape the law is the found effect: only the end of the fit is repeated
+    vary = problem.parameters(hypothesis) if found.in_windows and not family.inactive_at_default else None
+    shapes = [shape for shape in family.in_use if not (family.inactive_at_default and shape == family.own)]
     for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
         for guess in family.law.initial_guesses or ({},):
             at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
@@ -87,10 +83,9 @@ def fit_shape(
 def profile_shape(
     problem: Problem, free: Fit, family: LawFamily, differences: FiniteDifferences | None = None
 ) -> ShapeProfile | None:
-    """Hold the shape of a law, and fit all else at each of its values from the best one outward.
+    """Profile chi2 over the shape, outward from the best value until the interval or the range ends.
 
-    To either side until chi2 is so high that the interval ends, or the range does. Beside loose joints, where each fit
-    is dear, chi2 is taken to be the parabola of its curvature.
+    In windows, where fits are expensive, chi2 is approximated by a parabola.
     """
     settings, place = problem.settings.family, _place(free, family)
     shape = free.parameters[place]
@@ -117,11 +112,10 @@ def profile_shape(
 
 
 def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tuple[float, float]:
-    """The interval of the shape [1], with that of the effect in it unless the data exclude it.
+    """The interval of the shape [1]; it contains the member's shape unless the data exclude that.
 
-    chi2 rises to its ends as of one parameter. Where the shape is the effect's own, what is idle there is fitted to
-    noise beside it: chi2 falls as with so many degrees of freedom more (R. B. Davies, Biometrika 74 (1987) 33-43, has
-    the exact law, a little above that).
+    Parameters that are inactive at the member's shape add degrees of freedom there (R. B. Davies, Biometrika 74 (1987)
+    33-43, has the exact law).
     """
     low, high = profile.interval(float(chi_squared.ppf(level, 1)))
     least, most = profile.interval(rise_to_exclude(family, level))
@@ -131,42 +125,42 @@ def shape_interval(profile: ShapeProfile, family: LawFamily, level: float) -> tu
 
 
 def rise_to_exclude(family: LawFamily, level: float) -> float:
-    """By which chi2 has to rise where the shape is the effect's own, for the data to exclude it at a `level` [1]."""
-    return float(chi_squared.ppf(level, 1 + family.idle_at_own))
+    """Rise of chi2 at the member's shape that excludes it at a `level` [1]."""
+    return float(chi_squared.ppf(level, 1 + family.inactive_at_default))
 
 
 def _place(free: Fit, family: LawFamily) -> int:
-    """Which parameter of a fit with the law of a `family` is the shape."""
+    """Index of the shape among the parameters of a fit."""
     key = f"{family.law.label}.{family.shape}"
     return [p.key for p in free.parameters].index(key)
 
 
 @dataclass(frozen=True)
 class FamilyInterval:
-    """What the data leave of a family."""
+    """Interval of the shape of a family."""
 
-    effect: str  # Label of the effect of the list that was found
-    law: str  # Label of the family's law, and what its shape is called
-    shape: str  # Label of the family's law, and what its shape is called
-    value: float  # [1] The shape as fitted
+    effect: str  # Label of the found effect
+    law: str  # Label of the family's law
+    shape: str  # Name of the shape parameter
+    value: float  # [1] The fitted shape
     low: float  # [1] 99 % interval
     high: float  # [1] 99 % interval
-    fits: bool  # Whether it holds the shape of the effect
-    alone: bool  # Whether it holds no other shape in use besides: the effect is named, not the family
+    fits: bool  # Whether it contains the shape of the effect
+    alone: bool  # Whether it contains no other common shape: then the effect is named, not the family
 
 
 def with_families(
     baseline: Baseline, decision: Decision, limits: Thresholds
 ) -> tuple[Decision, tuple[FamilyInterval, ...]]:
-    """The decision with the shapes of its laws asked for, and what the data leave of their families.
+    """The decision with the shapes of its law families tested, and their intervals.
 
-    Where a shape is not that of the effect that was found, the law of the family takes its place. Where nothing is
-    named, what is leaves more than noise, several effects together are, or several explanations are equally good, this
-    is tried in the best known explanation, or in those, and in the best effect of each family alone. The best law is
-    named if it is better and leaves noise alone; laws that do so equally well are ambiguous. What stands beside it is
-    left out if it gains no more than chance then. Where all that is equally good is of one family, this is named. Two
-    laws of one family beside each other are left as they are: their sum has no shape of it. Where an effect fits in
-    none of several families, the law that fits best takes its place.
+    - If the interval excludes the found effect, the best family law replaces it.
+    - If nothing is named, or with a remaining misfit, or a pair, or several explanations are equivalent, the laws of
+      these explanations and of the best single effect of each family are tried. The best one that is better and
+      consistent with noise is named; equivalent ones are ambiguous.
+    - Other effects are removed if they no longer gain significantly.
+    - If all equivalent explanations are members of one family, the family is named.
+    - Two members of one family in an explanation are not changed.
     """
     problem = baseline.problem
     equal = decision.equivalent if _is_one_family(problem, decision.equivalent) else []
@@ -213,29 +207,27 @@ def with_families(
 
 
 def _unproven(problem: Problem, decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:
-    """What may be a family's law where nothing leaves noise alone, with the effect and the family: the best known
-    explanation or those that are equally good, and of each family the best effect alone that explains the `least_share`
-    of the misfit.
+    """Fits in which a family law is tried, with member and family: the best known or equivalent explanations, and of
+    each family the best single effect that explains the `least_share` of the misfit.
     """
     single = [ranked for ranked in decision.ranking if len(ranked.fit.hypothesis) == 1 and ranked.admissible]
     alone = [ranked.fit for ranked in single if ranked.share >= least_share and ranked.fit is not decision.best_known]
     known = decision.equivalent if decision.best_known is None else [decision.best_known]
-    alone.sort(key=lambda fit: fit.bic, reverse=True)  # of each family the best is the last
+    alone.sort(key=lambda fit: fit.bic, reverse=True)  # the best of each family is the last
     best = {family.law.label: (fit, each, family) for fit in alone for each, family in _of_families(problem, fit)}
     return [*((fit, each, family) for fit in known for each, family in _of_families(problem, fit)), *best.values()]
 
 
 def _families(found: Fit) -> list[LawFamily]:
-    """The families of all effects of an explanation; one of two effects stands there twice."""
+    """The families of all effects of an explanation, with repetitions."""
     return [family for candidate in found.hypothesis for family in candidate.families]
 
 
 def _of_families(problem: Problem, found: Fit) -> list[tuple[Candidate, LawFamily]]:
-    """The effects of an explanation, each with those of its families of which it is the only one in it.
-
-    None beside an effect on which motion depends roughly: no fit follows its valley from shape to shape.
+    """The effects of an explanation with each family of which they are the only member; none if an effect is nonsmooth,
+    as fits cannot follow the profile.
     """
-    if not problem.has_statistics and any(candidate.is_rough for candidate in found.hypothesis):
+    if not problem.has_statistics and any(candidate.is_nonsmooth for candidate in found.hypothesis):
         return []
     laws = [family.law.label for family in _families(found)]
     pairs = ((candidate, family) for candidate in found.hypothesis for family in candidate.families)
@@ -243,7 +235,7 @@ def _of_families(problem: Problem, found: Fit) -> list[tuple[Candidate, LawFamil
 
 
 def _is_one_family(problem: Problem, equivalent: Sequence[Fit]) -> bool:
-    """Whether what is equally good differs in nothing but the shape of a law, and each has but one law of a family."""
+    """Whether equivalent explanations differ only in the shape of a law."""
     if any(len(_of_families(problem, fit)) < len(_families(fit)) for fit in equivalent):
         return False
     laws = [[[f.law.label for f in c.families] or [c.label] for c in fit.hypothesis] for fit in equivalent]
@@ -259,11 +251,11 @@ def _asked(
     limits: Thresholds,
     rivals: Sequence[float] = (),
 ) -> tuple[Fit, FamilyInterval | None]:
-    """A fit with the law of a family, with its intervals, and what the data leave of the family; None where the motion
-    could not be simulated. What the law leaves idle, where it is not the effect of the list, is left out.
+    """A fit with the law of a family and its shape interval (None if the profile failed); without effects that the law
+    makes redundant, if it excludes the member.
 
-    The interval is wider than the profile by what other numerics change in the shape, and has those of `rivals` in it;
-    of chaotic motion, whose profile is that of single realisations, what the fit's draws say too.
+    The interval includes the changes between solver variants, the shapes of `rivals`, and, for chaotic motion, the
+    draws of the fit.
     """
     problem = baseline.problem
     profile = fit.status != FAILED and profile_shape(problem, fit, family, baseline.differences)
@@ -271,15 +263,15 @@ def _asked(
         return fit, None
     fit, place = with_intervals(problem, fit), _place(fit, family)
     low, high = shape_interval(profile, family, problem.settings.family.level)
-    moved = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
+    shift = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
     if fit.draws is not None:
         level = problem.settings.family.level
         drawn = np.quantile(fit.draws[:, place], [0.5 - 0.5 * level, 0.5 + 0.5 * level])
         rivals = (*rivals, *map(float, drawn))
     p = fit.parameters[place]
-    low, high = max(p.low, min(low - moved, *rivals, low)), min(p.high, max(high + moved, *rivals, high))
+    low, high = max(p.low, min(low - shift, *rivals, low)), min(p.high, max(high + shift, *rivals, high))
     fits = low <= family.own <= high
-    if not fits and (lean := _without_idle(baseline, fit, family, limits)) is not fit:
+    if not fits and (lean := _without_inactive(baseline, fit, family, limits)) is not fit:
         return _asked(baseline, member, family, lean, limits, rivals)
     others = any(low <= shape <= high for shape in family.in_use if shape != family.own)
     names = member.label, family.law.label, family.shape
@@ -292,18 +284,18 @@ def _weighed(baseline: Baseline, decision: Decision, fit: Fit, limits: Threshold
 
 
 def _named(baseline: Baseline, decision: Decision, found: Fit, limits: Thresholds) -> Decision:
-    """The decision with `found`, which holds the law of a family or one of its effects, as what is named."""
+    """The decision that names `found`."""
     ranked = _weighed(baseline, decision, found, limits)
     verdict = NAMED if ranked.passes else NAMED_WITH_REMAINING_MISFIT
-    because = "with it the model leaves noise alone" if ranked.passes else "of its family it is the best"
+    because = "with it the residual is consistent with noise" if ranked.passes else "it is the best of its family"
     ranking = [ranked, *(each for each in decision.ranking if each.fit.label != found.label)]
     return replace(
         decision, verdict=verdict, because=because, chosen=found, equivalent=[], best_known=None, ranking=ranking
     )
 
 
-def _without_idle(baseline: Baseline, found: Fit, family: LawFamily, limits: Thresholds) -> Fit:
-    """The explanation without what gains no more than chance beside the law of a `family`."""
+def _without_inactive(baseline: Baseline, found: Fit, family: LawFamily, limits: Thresholds) -> Fit:
+    """The explanation without effects that do not gain significantly with the law of a `family`."""
     problem, differences = baseline.problem, baseline.differences
     needed = max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
     for candidate in found.hypothesis:

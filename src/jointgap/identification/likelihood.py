@@ -1,12 +1,11 @@
-"""The likelihood of a hypothesis whose joints are loose: states of the pins and parameters together.
+"""Likelihood with loose joints: states of the pins and parameters are estimated together (multiple shooting).
 
-Nobody knows where the pins are in their bearings when a record begins. So each run is cut in windows. In each of them
-the full model runs from a state of its own, and the jump from where one window ends to where the next one begins is
-normal with the standard deviation q. With a large q the misfit is a wide funnel around the truth; as q falls it becomes
-that of one trajectory. A filter finds first states. Then states and parameters are found together by Gauss-Newton
-steps, of which the normal equations are banded in the states with the parameters as a border (multiple shooting: H. G.
-Bock, 1983; Kalman smoothing as Gauss-Newton: B. M. Bell, SIAM J. Optim. 4 (1994) 626-636). While they are sought
-hypotheses are compared by their marginal likelihood over the states (Laplace), each at its own best q."""
+The positions of the pins are unknown at the begin of a record. Each run is divided into windows with their own initial
+states; the jump between the end of a window and the begin of the next is normal with the standard deviation q. A large
+q gives a wide basin of attraction; as q decreases the misfit becomes that of one trajectory. A filter finds initial
+states. States and parameters are then fitted by Gauss-Newton steps with banded normal equations, bordered by the
+parameters (H. G. Bock, 1983; B. M. Bell, SIAM J. Optim. 4 (1994) 626-636). During the search hypotheses are compared
+by their marginal likelihood over the states (Laplace approximation), each at its best q."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,24 +28,29 @@ from jointgap.identification.fit import (
     fit_hypothesis,
 )
 from jointgap.identification.problem import Hypothesis, Problem, label_of, values_in_run, whiten
-from jointgap.identification.screening import Signature, Signatures, simulate_signatures, steady_first, swinging_shapes
+from jointgap.identification.screening import (
+    Sensitivities,
+    Sensitivity,
+    oscillating_shapes,
+    simulate_sensitivities,
+    steady_first,
+)
 from jointgap.identification.settings import WindowSettings
 
-ANGLE_STEP, RATE_STEP = 1e-4, 2e-4  # [rad], [crank's rates] of differences by states, at a tolerance of 1e-10 m
-# [1] Length of the residuals' change in differences by values at most: a usual step of a clearance is hundreds of its
-# standard errors, and residuals bend over tens. By what factor it is too long, and a step is shortened at most
+ANGLE_STEP, RATE_STEP = 1e-4, 2e-4  # [rad], [crank speeds] Finite-difference steps of states
+# [1] Largest norm of the residuals' change over a parameter step, tolerated excess, and largest shortening of a step
 CHANGE, TOO_LONG, SHORTER = 1.0, 10.0, 1e4
 FAILURES = (InputError, SimulationError, np.linalg.LinAlgError)
-"""What values that cannot be simulated may raise."""
+"""Exceptions of values that cannot be simulated."""
 
 _Columns = Mapping[str, tuple[np.ndarray, np.ndarray]]
 """Derivatives by run: of residuals (n, m) and of the ends of windows (k, d, m)."""
 
-MISSED = 10.0  # [1] whitened residual of a sample in a window that could not be simulated
+MISSED = 10.0  # [1] Whitened residual of samples in a window that could not be simulated
 
 
 def turned(after: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Differences of states (..., d), angles the shorter way round."""
+    """Differences of states (..., d), with wrapped angles."""
     out = after - before
     out[..., 0::2] -= math.tau * np.round(out[..., 0::2] / math.tau)
     return out
@@ -58,9 +62,9 @@ class _Motion:
 
     readings: Mapping[str, np.ndarray]
     ends: np.ndarray  # (k, d) states at the ends of the windows
-    handed: Any  # what they hand on
-    done: np.ndarray  # (k,) which could be simulated
-    residual: np.ndarray  # (n,) whitened, part after part
+    handed: Any  # other states at the ends
+    done: np.ndarray  # (k,) mask of simulated windows
+    residual: np.ndarray  # (n,) whitened, part by part
 
 
 class _Run:
@@ -69,14 +73,14 @@ class _Run:
     def __init__(self, problem: Problem, run: str, windowed: WindowedRun, states: Any):
         self._problem = problem
         self.parts, self.states = [part for part in problem.parts if part.series.run == run], states
-        self.shared = problem.shared_changes(run)  # (n, e) what errors of the drive, of variance 1, change in residuals
+        self.shared = problem.shared_changes(run)  # (n, e) changes by drive errors of variance 1
         self._weights = np.linalg.inv(np.eye(self.shared.shape[1]) + self.shared.T @ self.shared)
         self.first, parts = states.slow[0].copy(), self.parts
         self.windows = [windowed.window_of(part.series.time, self.states) for part in parts]
         self.window = np.concatenate([w[part.used] for w, part in zip(self.windows, parts, strict=True)])
 
     def without_shared(self, residual: np.ndarray) -> np.ndarray:
-        """Residuals (n,) less what the likeliest errors of the drive make of them."""
+        """Residuals (n,) minus the most likely changes by drive errors."""
         return residual - self.shared @ (self._weights @ (self.shared.T @ residual))
 
     def motion(self, windowed: WindowedRun, slow: np.ndarray) -> _Motion:
@@ -91,7 +95,7 @@ class _Run:
         return _Motion(readings, ends, handed, done, np.concatenate(out))
 
     def change(self, motion: _Motion, other: _Motion, parity: int | None = None) -> np.ndarray:
-        """Whitened change (n,) from one motion to another; of the samples in every other window alone, if asked."""
+        """Whitened change (n,) between two motions; with `parity` only of samples in even or odd windows."""
         out = []
         for part, window in zip(self.parts, self.windows, strict=True):
             value = other.readings[part.series.channel] - motion.readings[part.series.channel]
@@ -102,14 +106,14 @@ class _Run:
         return np.concatenate(out)
 
     def cost(self, slow: np.ndarray, motion: _Motion, jump: float, settings: WindowSettings) -> float:
-        """Squares of residuals, of jumps and of how far the first state is from where the filter has it."""
+        """Squares of residuals, of jumps, and of the deviation of the first state from the filter's."""
         gap = turned(slow[1:], motion.ends[:-1])[motion.done[:-1]]
         first = turned(slow[0], self.first) / settings.first_state
         left = motion.residual @ self.without_shared(motion.residual)
         return float(left + np.sum((gap / jump) ** 2) + first @ first)
 
     def settled(self, windowed: WindowedRun) -> "_Run | None":
-        """The run with states of the motion that began long before the record."""
+        """The run with the states of a motion that began long before the record."""
         states = windowed.settled(self.states)
         if states is None:
             return None
@@ -118,7 +122,7 @@ class _Run:
         return other
 
     def hand_on(self, slow: np.ndarray, motion: _Motion) -> None:
-        """Let each window begin with what the one before hands on."""
+        """Start each window with the other states at the end of the previous one."""
         known, carried = motion.done[:-1], []
         for own, handed in zip(self.states.carried, motion.handed, strict=True):
             carried.append(own.copy())
@@ -133,12 +137,12 @@ class _Normal:
 
     hessian: np.ndarray  # (m, m) by the parameters
     gradient: np.ndarray  # (m,)
-    determinant: float  # logarithm, of the states
-    states: list[np.ndarray]  # by run, (k d, m + 1): how states follow the parameters, and their own step
-    gain: float  # by which the states alone lower the cost
+    determinant: float  # log determinant of the states
+    states: list[np.ndarray]  # by run, (k d, m + 1): response of states to the parameters, and their own step
+    gain: float  # decrease of the cost by the states alone
 
     def step(self, low: np.ndarray, high: np.ndarray, damping: float = 0.0) -> tuple[np.ndarray, float]:
-        """The step (m,) of the parameters between bounds, and by how much it lowers the cost."""
+        """The step (m,) of the parameters within bounds, and its decrease of the cost."""
         if not self.gradient.size:
             return np.zeros(0), 0.0
         scale = np.sqrt(np.maximum(np.diag(self.hessian), 1e-300))
@@ -152,18 +156,18 @@ class _Normal:
 
 @dataclass(frozen=True)
 class Stage:
-    """Where the fit stood at one jump."""
+    """Result of the fit at one jump."""
 
     jump: float
-    cost: float  # squares of residuals, of jumps and of how far parameters are from nominal
-    deviance: float  # minus twice the logarithm of the marginal likelihood, but for a constant
+    cost: float  # squares of residuals, jumps and deviations of parameters from nominal
+    deviance: float  # minus twice the log marginal likelihood, up to a constant
     lost: float  # share of windows that could not be simulated
     values: np.ndarray
     hessian: np.ndarray
 
 
 class Estimate:
-    """States and parameters of a hypothesis together."""
+    """Estimate of the states and parameters of a hypothesis."""
 
     def __init__(
         self,
@@ -174,7 +178,7 @@ class Estimate:
     ):
         self.problem, self.hypothesis = problem, hypothesis
         self.settings: WindowSettings = problem.settings.windows
-        # whole numbers, such as the order of a torque, are held
+        # integers, such as the order of a torque, are fixed
         self._varied = tuple(problem.parameters(hypothesis) if vary is None else vary)
         self.parameters = tuple(p for p in self._varied if not p.whole)
         self._fixed = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(start or {})
@@ -183,7 +187,7 @@ class Estimate:
         self._nominal = np.array([p.nominal for p in self.parameters])
         width = self._high - self._low
         finite = np.isfinite(width) & (width > 0.0)
-        # flat bounds, as a normal law: half their width is a standard deviation
+        # bounds as a normal prior: half their width is a standard deviation
         self.prior = np.where(finite, 2.0 / np.where(finite, width, 1.0), 0.0)
         self._steps = np.array([p.step for p in self.parameters])
         self.stages: list[Stage] = []
@@ -205,12 +209,12 @@ class Estimate:
 
     @property
     def cost_of_values(self) -> float:
-        """What the weak law of the parameters costs."""
+        """Cost of the prior of the parameters."""
         return float(np.sum((self.prior * (self.values - self._nominal)) ** 2))
 
     @property
     def residual(self) -> np.ndarray:
-        """Whitened residuals of the whole problem, (n,), measured less simulated."""
+        """Whitened residuals (n,) of the problem, measured minus simulated."""
         found = np.zeros(self.problem.size)
         for run, one in self._runs.items():
             ends = np.cumsum([int(part.used.sum()) for part in one.parts])[:-1]
@@ -220,7 +224,7 @@ class Estimate:
 
     @property
     def readings(self) -> dict[str, Mapping[str, np.ndarray]]:
-        """What is read at the samples, by run and channel [unit]."""
+        """Simulated readings by run and channel [unit]."""
         return {run: motion.readings for run, motion in self._motions.items()}
 
     def _by_key(self, values: np.ndarray) -> dict[str, float]:
@@ -236,7 +240,7 @@ class Estimate:
         return found
 
     def find_states(self, jump: float, turns: float = math.inf) -> float:
-        """Find the states by the filter at a jump: the deviance for each reading."""
+        """Find the states by the filter at a jump; return the deviance per reading."""
         deviance, readings = 0.0, 0.0
         per_turn, self._columns = self._windows_a_turn(), None
         for run in self.problem.runs:
@@ -250,7 +254,7 @@ class Estimate:
         return deviance / max(readings, 1.0)
 
     def _windows_a_turn(self) -> int:
-        """So many that each window holds some readings for each number of its state."""
+        """Number of windows per revolution with enough readings for each state variable."""
         settings, least = self.settings, math.inf
         for run in self.problem.runs:
             windowed = self._windowed(run, self.values)
@@ -267,8 +271,8 @@ class Estimate:
         return float(np.sum((self.prior * (values - self._nominal)) ** 2)) + sum(of_runs)
 
     def _by_states(self, values: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Derivatives by the state of each window: of residuals (2, n, d), by whether the window is an even one, and of
-        its end (k, d, d)."""
+        """Derivatives by the states of windows: of residuals (2, n, d) for even and odd windows, and of ends (k, d,
+        d)."""
         found = {}
         for run, one in self._runs.items():
             motion, slow, windowed = self._motions[run], self._slow[run], self._windowed(run, values)
@@ -284,13 +288,13 @@ class Estimate:
         return found
 
     def _by_values(self, values: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Derivatives by the parameters: of residuals (n, m) and of the ends of windows (k, d, m), run by run."""
+        """Derivatives by the parameters: of residuals (n, m) and of the ends of windows (k, d, m), by run."""
         columns = []
         for i, p in enumerate(self.parameters):
             for _ in range(2):
                 step = self._steps[i] if values[i] + self._steps[i] <= self._high[i] else -self._steps[i]
-                moved = self._by_key(values) | {p.key: float(values[i] + step)}
-                column = self._by_value(p.run, step, moved, self.hypothesis)
+                shifted = self._by_key(values) | {p.key: float(values[i] + step)}
+                column = self._by_value(p.run, step, shifted, self.hypothesis)
                 length = math.hypot(*(np.linalg.norm(by_value) for by_value, _ in column.values()))
                 self._steps[i] = p.step / min(max(p.step * length / CHANGE, 1.0), SHORTER)
                 if abs(step) < TOO_LONG * self._steps[i]:
@@ -301,7 +305,7 @@ class Estimate:
         return {run: tuple(np.stack([c[run][j] for c in columns], axis=-1) for j in (0, 1)) for run in self._runs}
 
     def _nothing(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Derivatives by parameters that are held."""
+        """Zero derivatives, for fixed parameters."""
         shape = (self.values.size,)
         return {
             run: (np.zeros(motion.residual.shape + shape), np.zeros(motion.ends.shape + shape))
@@ -309,16 +313,16 @@ class Estimate:
         }
 
     def _by_value(
-        self, own_run: str | None, step: float, moved: Mapping[str, float], hypothesis: Hypothesis
+        self, own_run: str | None, step: float, shifted: Mapping[str, float], hypothesis: Hypothesis
     ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Derivatives by what is `moved` by a `step`."""
+        """Derivatives by the parameter that is `shifted` by a `step`."""
         found = {}
         for run, one in self._runs.items():
             motion = self._motions[run]
             if own_run not in (None, run):
                 found[run] = np.zeros(motion.residual.size), np.zeros(motion.ends.shape)
                 continue
-            other = one.motion(self._windowed_with(run, moved, hypothesis), self._slow[run])
+            other = one.motion(self._windowed_with(run, shifted, hypothesis), self._slow[run])
             ends = _both(motion, other, turned(other.ends, motion.ends)) / step
             found[run] = one.change(motion, other) / step, ends
         return found
@@ -332,21 +336,21 @@ class Estimate:
         jump: float,
         damping: float = 0.0,
     ) -> _Normal:
-        """The normal equations, of parameters that are `off` (m,) their prior's mean."""
+        """The normal equations for parameters with the deviation `off` (m,) from their prior's mean."""
         m = off.size
         hessian, gradient = np.diag(prior**2), prior**2 * off
         determinant, gain, states = 0.0, 0.0, []
         for run, one in self._runs.items():
             motion, slow = self._motions[run], self._slow[run]
             (by_value, end_by_value), (own, ends) = columns[run], by_states[run]
-            # errors of the drive follow the parameters: they are where they are likeliest
+            # drive errors are eliminated at their most likely values
             by_value = np.hstack([by_value, one.shared])
             count, d = slow.shape
             diagonal, below = np.zeros((count, d, d)), np.zeros((count - 1, d, d))
             border, slope = np.zeros((count, d, by_value.shape[1])), np.zeros((count, d))
             left, window = one.without_shared(motion.residual), one.window
             for parity in (0, 1):
-                # a sample answers to its own window's state and, by the memory of noise, to that of the one before
+                # correlated noise couples a sample to the previous window too
                 at_home = window % 2 == parity
                 spilt = ~at_home & (window > 0) & np.any(own[parity] != 0.0, axis=1)
                 for rows, place in ((at_home, window), (spilt, window - 1)):
@@ -379,7 +383,7 @@ class Estimate:
             square[:m, :m] += np.sum(weight * (gt @ g), axis=0)
             side = by_value.T @ left - border.T @ solved[:, -1]
             side[:m] -= np.sum(weight * (gt @ gap), axis=0)[:, 0]
-            side[m:] = -border[:, m:].T @ solved[:, -1]  # of errors where they are likeliest there is no slope
+            side[m:] = -border[:, m:].T @ solved[:, -1]  # the gradient by the most likely drive errors is zero
             gain += float(slope @ solved[:, -1])
             own_square = square[m:, m:] + np.eye(len(square) - m)
             follow = np.linalg.solve(own_square, np.column_stack([square[m:, :m], side[m:]]))
@@ -391,7 +395,7 @@ class Estimate:
         return _Normal(0.5 * (hessian + hessian.T), gradient, determinant, states, gain)
 
     def fit_at(self, jump: float) -> None:
-        """Fit at a jump, from where the one before ended."""
+        """Fit at a jump, from the result of the previous one."""
         for run, one in self._runs.items():
             one.hand_on(self._slow[run], self._motions[run])
         if not self._runs or jump >= self.settings.filtered_above:
@@ -404,11 +408,11 @@ class Estimate:
 
     @property
     def leads_on(self) -> bool:
-        """Whether the likelihood is about as large as ever; of a wrong model it is largest somewhere in between."""
+        """Whether the likelihood is near its maximum over the jumps; for a wrong model it decreases for small ones."""
         return self.stages[-1].deviance <= self.best.deviance + self.settings.far_behind * self.problem.size
 
     def anneal(self, below: float = math.inf) -> "Estimate":
-        """Fit at one jump `below` some after the other, while that leads on."""
+        """Fit at decreasing jumps `below` a value while `leads_on`."""
         for jump in self.settings.jumps:
             if jump < below:
                 self.fit_at(jump)
@@ -417,7 +421,7 @@ class Estimate:
         return self
 
     def branch(self, vary: Sequence[Parameter] | None = None) -> "Estimate":
-        """Another one that goes on from these states; with other parameters to `vary` if asked, the rest at nominal."""
+        """A copy with these states; with `vary` other varied parameters, the rest at nominal."""
         varied = self._varied if vary is None else vary
         at = self.mapping if vary is None else {p.key: self.mapping[p.key] for p in vary}
         other = Estimate(self.problem, self.hypothesis, at, varied)
@@ -429,7 +433,7 @@ class Estimate:
         return other
 
     def begin_at(self, states: Mapping[str, np.ndarray]) -> bool:
-        """Begin at states that are about right, if they are of these runs and joints: whether they are."""
+        """Start at given states if they fit these runs and joints; return whether they do."""
         per_turn = self._windows_a_turn()
         for run in self.problem.runs:
             windowed = self._windowed(run, self.values)
@@ -438,13 +442,13 @@ class Estimate:
                 self._runs = {}
                 return False
             one, slow = _Run(self.problem, run, windowed, known), states[run]
-            for _ in range(2):  # until windows begin with what those before them hand on
+            for _ in range(2):  # for consistent other states
                 one.hand_on(slow, one.motion(windowed, slow))
             self._runs[run], self._slow[run], self._motions[run] = one, slow, one.motion(windowed, slow)
         return True
 
     def to_its_end(self) -> "Estimate":
-        """Fit at all further jumps, whether that leads on or not; from states alone at those that need no filter."""
+        """Fit at all further jumps, without `leads_on`; from given states only at those that need no filter."""
         last = self.stages[-1].jump if self.stages else self.settings.filtered_above
         for jump in self.settings.jumps:
             if jump < last:
@@ -452,7 +456,7 @@ class Estimate:
         return self
 
     def polished(self) -> "Estimate":
-        """The best of what it leads to at the smaller jumps again and again, each time from the states of the last."""
+        """The best result of repeated passes over the smaller jumps, each from the states of the last one."""
         best = self
         for _ in range(self.settings.polishes):
             again, before = best.branch(), best.stages
@@ -469,7 +473,7 @@ class Estimate:
         return best
 
     def _filtered(self, jump: float, anew: bool) -> None:
-        """Let the filter find the states, if that makes the cost smaller."""
+        """Find the states by the filter, if that reduces the cost."""
         if anew:
             self.find_states(jump)
             return
@@ -480,7 +484,7 @@ class Estimate:
             self._runs, self._slow, self._columns = before
 
     def _settled(self, jump: float) -> bool:
-        """Let each run of which the motion that began long before costs less go on from that: whether one does."""
+        """Use the states of a settled motion for each run if that reduces the cost; return whether one changed."""
         changed = False
         for run, one in self._runs.items():
             windowed = self._windowed(run, self.values)
@@ -493,7 +497,7 @@ class Estimate:
         return changed
 
     def _descend(self, jump: float, held: bool) -> None:
-        """Gauss-Newton steps at one jump, damped where they overreach, until the next one promises little."""
+        """Damped Gauss-Newton steps at one jump until the predicted decrease is negligible."""
         settings = self.settings
         self._motions = self._simulate(self.values, self._slow)
         cost, damping = self._cost(self.values, self._slow, self._motions, jump), 0.0
@@ -504,9 +508,9 @@ class Estimate:
                 self._columns = self._nothing() if held else self._by_values(self.values)
                 fresh, stale = True, False
             room = (still, still) if held else (self._low - self.values, self._high - self.values)
-            # what is poor need not be found to the last bit
-            found = last and cost <= self.problem.settings.stopping.poor_chi2_per_sample * self.problem.size
-            moved, negligible = False, max(1.0, 0.0 if found else settings.decrease * cost)
+            # a poor fit need not be accurate
+            accurate = last and cost <= self.problem.settings.stopping.poor_chi2_per_sample * self.problem.size
+            improved, negligible = False, max(1.0, 0.0 if accurate else settings.decrease * cost)
             for _ in range(8):
                 normal = self._at(jump, by_states, damping)
                 step, gain = normal.step(*room, damping)
@@ -514,12 +518,12 @@ class Estimate:
                 slow, promised = self._followed(normal, values - self.values), gain + normal.gain
                 motions, new = self._tried(values, slow, jump)
                 if new < cost:
-                    moved = True
+                    improved = True
                     break
                 damping = max(10.0 * damping, 1e-3)
                 if promised < negligible:
                     break
-            if moved:
+            if improved:
                 ratio, decrease, cost = (cost - new) / max(promised, 1e-300), cost - new, new
                 self.values, self._slow, self._motions = values, slow, motions
                 damping = damping * (0.1 if ratio > 0.75 else 0.5) if damping > 1e-4 else 0.0
@@ -527,7 +531,7 @@ class Estimate:
                 ends = max(decrease, promised) < negligible
             else:
                 ends, ratio, damping = True, 0.0, 0.0
-            if ends and (fresh or (moved and not last)):
+            if ends and (fresh or (improved and not last)):
                 break
             fresh, stale = False, ends or ratio < settings.renewed_below
         normal = self._at(jump, by_states)
@@ -537,7 +541,7 @@ class Estimate:
         self.stages.append(Stage(jump, cost, cost + normal.determinant, lost, self.values.copy(), normal.hessian))
 
     def _tried(self, values: np.ndarray, slow: Mapping, jump: float) -> tuple[dict[str, _Motion], float]:
-        """The motions from there, and their cost: infinity where they cannot be simulated."""
+        """The motions and their cost (infinite on failure)."""
         try:
             motions = self._simulate(values, slow)
         except FAILURES:
@@ -552,17 +556,16 @@ class Estimate:
         found = {}
         for (run, slow), solved in zip(self._slow.items(), normal.states, strict=True):
             change = -(solved[:, -1] + solved[:, :-1] @ step).reshape(slow.shape)
-            reach = np.tile([0.6, 3.0], slow.shape[1] // 2)  # [rad], [crank's rates] beyond, the linear model is idle
+            reach = np.tile([0.6, 3.0], slow.shape[1] // 2)  # [rad], [crank speeds] limit of the linearisation
             found[run] = slow + np.clip(change, -reach, reach)
         return found
 
     def fit(self) -> Fit:
-        """What was found, as a fit. Jumps count like residuals."""
+        """The result as a `Fit`; jumps count like residuals."""
         size, count = self.problem.size, len(self.parameters)
         residual, cost = self.residual, self.stages[-1].cost - self.cost_of_values
         residual = residual * math.sqrt(cost / max(float(residual @ residual), 1e-300))
         jacobian = np.zeros((size, len(self._varied)))
-        # bounds count by themselves
         free = [i for i, p in enumerate(self._varied) if not p.whole]
         jacobian[:count, free] = _root(self.stages[-1].hessian - np.diag(self.prior**2))
         values = np.array([self.mapping[p.key] for p in self._varied])
@@ -577,20 +580,19 @@ class Estimate:
         found = Fit(self.hypothesis, self._varied, values, residual, nothing, 0, FAILED, reason)
         return replace(found, settings=self.problem.settings)
 
-    def signatures(self, candidates: Sequence[Candidate]) -> Signatures:
-        """What candidates change here beyond what states of the pins take up, in as few rows as hold all inner
-        products. What is never small has no slope, and is left out."""
+    def sensitivities(self, candidates: Sequence[Candidate]) -> Sensitivities:
+        """Sensitivities of candidates with the states eliminated, in compressed rows; without secants."""
         taken = {claim for effect in self.hypothesis for claim in effect.claims}
         by_states, columns, m = self._by_states(self.values), self._by_values(self.values), self.values.size
         found: list[tuple[Candidate, Mapping[str, float], list]] = []
         failed: dict[str, str] = {}
         for candidate in steady_first(candidate for candidate in candidates if not taken & candidate.claims):
-            steady = next((own[0] for each, _, own in found if each.label == candidate.steady_counterpart), None)
+            steady = next((own[0] for each, _, own in found if each.label == candidate.carrier), None)
             guesses = [guess for guess in candidate.initial_guesses if not set(guess) & set(candidate.amplitudes)]
             if steady and guesses:
                 left = self._in_time(_wide(columns, [steady]), by_states)
-                guesses = swinging_shapes(self.problem, candidate, left[:, -1], left[:, :-2], left[:, -2])
-            # what it keeps of a nuisance that it shares goes on from where that is
+                guesses = oscillating_shapes(self.problem, candidate, left[:, -1], left[:, :-2], left[:, -2])
+            # a partly replaced nuisance keeps its value
             kept = {p.key: self.mapping[p.key] for p in candidate.coordinates if p.key in self.mapping}
             for shapes in ({**guess, **kept} for guess in guesses):
                 try:
@@ -603,22 +605,22 @@ class Estimate:
             changes, begin = rows[:, begin : begin + len(own)], begin + len(own)
             offsets = np.array([here for _, here in self._amplitudes(candidate)])
             origin = residual - changes @ offsets if offsets.any() else residual
-            entries.append(Signature(candidate, dict(shapes), changes, origin, tuple(self.problem.runs)))
+            entries.append(Sensitivity(candidate, dict(shapes), changes, origin, tuple(self.problem.runs)))
         failed = {label: why for label, why in failed.items() if label not in {each.label for each, *_ in found}}
-        return Signatures(self.parameters, self.values.copy(), rows[:, :m], residual, entries, failed)
+        return Sensitivities(self.parameters, self.values.copy(), rows[:, :m], residual, entries, failed)
 
     def _amplitudes(self, candidate: Candidate) -> list[tuple[Parameter, float]]:
-        """Amplitudes of an effect that is absent, and what they are: that of one that replaces a nuisance is what this
-        has beyond nominal."""
+        """Amplitudes of an absent effect with their values: the deviation from nominal of a replaced nuisance, else
+        0."""
         beyond = {p.key: self.mapping[p.key] - p.nominal for p in self.parameters}
-        # the first one is the nearest to the effect
+        # the first one has priority
         replaces = reversed(candidate.replaces.items())
         replaced = {amplitude: beyond[name] for name, amplitude in replaces if name in beyond}
         own = (p for p in candidate.coordinates_in(self.problem.runs) if p.key in candidate.amplitudes)
         return [(p, replaced.get(p.key, 0.0)) for p in own]
 
     def _by_amplitudes(self, candidate: Candidate, shapes: Mapping[str, float]) -> list[_Columns]:
-        """Derivatives by the amplitudes of an effect that is absent, one after the other."""
+        """Derivatives by the amplitudes of an absent effect."""
         label, amplitudes, found = candidate.label, self._amplitudes(candidate), []
         at = self.mapping | {
             f"{label}.{p.key}": shapes.get(p.key, p.nominal) for p in candidate.coordinates_in(self.problem.runs)
@@ -626,12 +628,12 @@ class Estimate:
         at |= {f"{label}.{p.key}": here for p, here in amplitudes}
         for p, here in amplitudes:
             step = p.step if here + p.step <= p.high else -p.step
-            moved = at | {f"{label}.{p.key}": here + step}
-            found.append(self._by_value(p.run, step, moved, (*self.hypothesis, candidate)))
+            shifted = at | {f"{label}.{p.key}": here + step}
+            found.append(self._by_value(p.run, step, shifted, (*self.hypothesis, candidate)))
         return found
 
     def _rows(self, columns: _Columns, by_states: Mapping) -> np.ndarray:
-        """Columns, and the residual last, beyond what states take up: (n, m + 1), all but the first m + 1 rows 0."""
+        """Columns and the residual (last) with the states eliminated: (n, m + 1), all but the first m + 1 rows 0."""
         m = next(iter(columns.values()))[0].shape[1]
         normal = self._normal(np.zeros(m), np.zeros(m), columns, by_states, self.stages[-1].jump)
         cost = self.stages[-1].cost - self.cost_of_values - normal.gain
@@ -641,7 +643,7 @@ class Estimate:
         return rows
 
     def _in_time(self, columns: _Columns, by_states: Mapping) -> np.ndarray:
-        """Columns, and the residual last, at the samples, beyond what states take up: (n, m + 1)."""
+        """Columns and the residual (last) at the samples with the states eliminated: (n, m + 1)."""
         m = next(iter(columns.values()))[0].shape[1]
         normal = self._normal(np.zeros(m), np.zeros(m), columns, by_states, self.stages[-1].jump)
         found = np.zeros((self.problem.size, m + 1))
@@ -658,7 +660,7 @@ class Estimate:
 
 
 def _wide(columns: _Columns, further: Sequence[_Columns]) -> _Columns:
-    """Derivatives with further ones beside them."""
+    """Derivatives with further columns."""
     return {
         run: tuple(np.concatenate([own[j], *(each[run][j][..., None] for each in further)], axis=-1) for j in (0, 1))
         for run, own in columns.items()
@@ -666,19 +668,19 @@ def _wide(columns: _Columns, further: Sequence[_Columns]) -> _Columns:
 
 
 def _root(square: np.ndarray) -> np.ndarray:
-    """Rows of which the inner products are a matrix that is symmetric and, but for rounding, not negative."""
+    """A matrix root: rows whose inner products are a positive semidefinite matrix."""
     scale = np.sqrt(np.maximum(np.diag(square), 1e-300))
     values, vectors = np.linalg.eigh(square / np.outer(scale, scale))
     return np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * scale
 
 
 def _both(motion: _Motion, other: _Motion, change: np.ndarray) -> np.ndarray:
-    """A change of ends (k, d), 0 of windows that either could not simulate."""
+    """A change of ends (k, d), 0 for windows that one of the motions could not simulate."""
     return np.where((motion.done & other.done)[:, None], change, 0.0)
 
 
 def _band(diagonal: np.ndarray, below: np.ndarray, damping: float) -> np.ndarray:
-    """A symmetric matrix of blocks (k, d, d) on its diagonal and (k - 1, d, d) below, in lower banded form."""
+    """A symmetric block tridiagonal matrix ((k, d, d) on and (k - 1, d, d) below the diagonal) in lower banded form."""
     count, d, _ = diagonal.shape
     band = np.zeros((2 * d, count * d))
     for j in range(d):
@@ -693,13 +695,13 @@ def _band(diagonal: np.ndarray, below: np.ndarray, damping: float) -> np.ndarray
 def windowed_run(
     problem: Problem, run: str, values: Mapping[str, float], hypothesis: Hypothesis = ()
 ) -> WindowedRun | None:
-    """A run in windows with `values` by key [SI] put in; None where its model has none for it."""
+    """A run in windows with `values` by key [SI]; None if the model does not support it."""
     make = getattr(problem.model, "windows", None)
     return make(run, *values_in_run(problem.model, run, values, hypothesis)) if make else None
 
 
 def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float]) -> bool:
-    """Whether a hypothesis can be fitted in windows: its joints are loose, and all runs are compared by samples."""
+    """Whether a hypothesis is fitted in windows: loose joints, and all runs compared by samples."""
     if problem.has_statistics:
         return False
     at = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(values)
@@ -710,7 +712,7 @@ def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, f
 
 
 def compete(estimates: Sequence[Estimate], below: float = math.inf) -> list[Estimate]:
-    """Fit all at one jump `below` some after the other; what is far behind the best, or does not lead on, ends.
+    """Fit all at decreasing jumps `below` a value; those far behind the best or without `leads_on` end.
 
     Best first, without those that cannot be simulated.
     """
@@ -724,7 +726,7 @@ def compete(estimates: Sequence[Estimate], below: float = math.inf) -> list[Esti
         going = [each for each in going if each not in failed and each.leads_on]
         if going and jump <= (settings := going[0].settings).held_above:
             least = min(each.stages[-1].deviance for each in going)
-            # with large jumps the true effect need not lead yet, but leaves no more than noise
+            # at large jumps the true effect need not lead yet
             far = settings.far_behind if jump <= settings.compared_below else settings.far_before
             going = [each for each in going if each.stages[-1].deviance <= least + far * each.problem.size]
     return sorted((each for each in estimates if each not in failed), key=lambda each: each.best.deviance)
@@ -741,23 +743,22 @@ def fitted(
     vary: Sequence[Parameter] | None = None,
     near: Fit | None = None,
 ) -> Fit:
-    """A hypothesis fitted: in windows of the record where joints are loose, from the states of another fit if that is
-    `near`; else to one trajectory of each run, to which all else but `vary` is
-    (`jointgap.identification.fit.fit_hypothesis`)."""
+    """Fit a hypothesis: in windows with loose joints, from the states of a fit `near` it; otherwise by
+    `fit_hypothesis`, which uses the other arguments."""
     at = dict(start or {})
     if not has_windows(problem, hypothesis, at):
         return fit_hypothesis(problem, hypothesis, at, known_derivatives, differences, refresh=refresh, vary=vary)
     estimate = Estimate(problem, hypothesis, at, vary)
     try:
         if not hypothesis and not at:
-            estimate = as_it_stands(problem)[1].branch(vary).to_its_end()
+            estimate = current_model(problem)[1].branch(vary).to_its_end()
             if noise_alone(problem) < estimate.stages[-1].cost < noise_alone(problem) + problem.size:
                 estimate = estimate.polished()
         elif near is None or not estimate.begin_at(near.states or {}):
             estimate.anneal(estimate.settings.jumps[0]).to_its_end()
         elif vary is None:
             estimate.to_its_end()
-        else:  # what is held has moved by little
+        else:  # fixed parameters changed little
             estimate.fit_at(estimate.settings.jumps[-1])
         return estimate.fit()
     except FAILURES as error:
@@ -765,14 +766,13 @@ def fitted(
 
 
 def noise_alone(problem: Problem) -> float:
-    """Squares of residuals up to which noise alone may leave them."""
+    """Upper limit of chi2 for noise."""
     return problem.size + problem.settings.baseline.noise_sigmas * math.sqrt(2.0 * problem.size)
 
 
-def as_it_stands(problem: Problem) -> tuple[Estimate, Estimate]:
-    """The model as it stands at its best jump, since at smaller ones a wrong model hides what it lacks in other
-    valleys; and at the one after that."""
-    if problem.as_it_stands is None:
+def current_model(problem: Problem) -> tuple[Estimate, Estimate]:
+    """The current model at its best jump (at smaller ones a wrong model ends in other minima), and at the next one."""
+    if problem.current_model is None:
         first, *jumps = problem.settings.windows.jumps[1:]
         best = further = Estimate(problem, ())
         best.fit_at(first)
@@ -782,23 +782,22 @@ def as_it_stands(problem: Problem) -> tuple[Estimate, Estimate]:
             if further.best is not further.stages[-1]:
                 break
             best = further
-        problem.as_it_stands = best, further
-    return problem.as_it_stands
+        problem.current_model = best, further
+    return problem.current_model
 
 
-def signatures_about(
+def sensitivities_about(
     problem: Problem, fit: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
-) -> Signatures:
-    """What candidates, by default all that slopes lead to, change about a fit; in windows about the model
-    `as_it_stands`."""
+) -> Sensitivities:
+    """Sensitivities of candidates (default: all smooth ones) about a fit; in windows about the current model."""
     if not fit.in_windows:
-        return simulate_signatures(problem, fit, differences, candidates)
+        return simulate_sensitivities(problem, fit, differences, candidates)
     candidates = problem.model.candidates if candidates is None else candidates
-    return as_it_stands(problem)[0].branch().signatures([one for one in candidates if not one.search_range])
+    return current_model(problem)[0].branch().sensitivities([one for one in candidates if not one.search_range])
 
 
 class Prediction(NamedTuple):
-    """What a hypothesis predicts of the runs of a problem."""
+    """Prediction of the runs of a problem."""
 
     values: Mapping[str, float]  # by key [SI]
     residual: np.ndarray  # (n,) whitened
@@ -806,12 +805,12 @@ class Prediction(NamedTuple):
 
 
 def as_fitted(problem: Problem, fit: Fit) -> Prediction:
-    """The runs of a fit: of one in windows from the states that it has."""
+    """The prediction of a fit; in windows from its states."""
     if fit.states is None:
         readings = {run: problem.predict(run, fit.mapping, fit.hypothesis) for run in problem.runs}
         return Prediction(fit.mapping, problem.residual(fit.mapping, fit.hypothesis), readings)
     estimate = Estimate(problem, fit.hypothesis, fit.mapping, vary=())
-    if not estimate.begin_at(fit.states):  # a delay that ended at 0 leaves fewer windows
+    if not estimate.begin_at(fit.states):  # a delay of 0 gives fewer windows
         estimate.anneal(estimate.settings.jumps[0]).to_its_end()
     return Prediction(fit.mapping, estimate.residual, estimate.readings)
 
@@ -819,7 +818,7 @@ def as_fitted(problem: Problem, fit: Fit) -> Prediction:
 def predicted(
     problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float], vary: Sequence[Parameter] = ()
 ) -> Prediction:
-    """What is predicted from the states of loose joints that are most likely at `values`; some of these may `vary`."""
+    """The prediction from the most likely states of loose joints at `values`; the parameters `vary` are fitted."""
     estimate = Estimate(problem, hypothesis, values, vary)
     estimate.anneal(estimate.settings.jumps[0]).to_its_end()
     return Prediction(estimate.mapping, estimate.residual, estimate.readings)

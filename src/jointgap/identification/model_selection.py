@@ -1,4 +1,4 @@
-"""From a base to a decision: which hypotheses are worth a fit, and how fits are made comparable."""
+"""Selection of hypotheses for fits, and comparison of the fits."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -16,11 +16,11 @@ from jointgap.identification.baseline import (
 from jointgap.identification.evidence import reduced_chi2, row_of
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import (
+    best_fit_per_hypothesis,
     chi2_without_effects,
     derivatives_of,
     labels_of,
-    lowest_of_each,
-    not_above_its_parts,
+    refit_from_part,
     with_effects_absent,
     with_nuisances_of,
     without_other_effects,
@@ -29,10 +29,10 @@ from jointgap.identification.likelihood import fitted
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import (
     LinearizedFit,
-    SignatureRegression,
-    Signatures,
-    SignatureSubspaces,
-    orders_of_cranks,
+    Sensitivities,
+    SensitivityRegression,
+    SensitivitySubspaces,
+    crank_orders,
     orthonormal,
     shortlist,
 )
@@ -41,41 +41,37 @@ from jointgap.identification.verdict import ALONE, PARAMETERS_ONLY, Decision, Ev
 
 
 def shortlist_singles(
-    signatures: Signatures, limits: Thresholds, settings: IdentificationSettings = DEFAULT_SETTINGS
+    sensitivities: Sensitivities, limits: Thresholds, settings: IdentificationSettings = DEFAULT_SETTINGS
 ) -> list[LinearizedFit]:
-    """Single effects that are worth a fit, best first: `signatures` of all candidates, by `limits` and `settings`."""
+    """Single effects selected for a fit, best first."""
     selection = settings.selection
-    singles = SignatureRegression(signatures).singles()
-    dof = signatures.residual.size - len(signatures.parameters)
-    chi2 = signatures.residual @ signatures.residual
+    singles = SensitivityRegression(sensitivities).singles()
+    dof = sensitivities.residual.size - len(sensitivities.parameters)
+    chi2 = sensitivities.residual @ sensitivities.residual
     if chi2 > limits.omnibus * dof:
         return shortlist(singles, selection.max_singles)
-    # the base leaves noise alone: effects are small, and signatures nearly exact
+    # the base is consistent with noise: effects are small, and the linearisation is accurate
     min_gain = selection.linear_share * max(settings.decision.min_delta_bic, limits.max_gain_threshold)
-    limit = chi2 + len(signatures.parameters) * np.log(signatures.residual.size) - min_gain
+    limit = chi2 + len(sensitivities.parameters) * np.log(sensitivities.residual.size) - min_gain
     count = sum(single.bic < limit for single in singles)
     return shortlist(singles[: max(count, selection.partners)], selection.max_singles)
 
 
 def best_sufficient(baseline: Baseline, fits: Sequence[Fit], second: Thresholds) -> Fit | None:
-    """The best of the `fits` of single effects that leave no more than null campaigns and other numerics do, if any.
-
-    It is better than the base of the `baseline`; the limit is that of `second`, from `two_effect_thresholds`.
-    """
+    """The best of the `fits` of single effects that is better than the base and sufficient by the limit of `second`."""
     sufficient = [fit for fit in fits if fit.bic < baseline.base.bic and reduced_chi2(fit) <= second.omnibus]
     return min(sufficient, key=lambda fit: fit.bic, default=None)
 
 
 def shortlist_pairs(
-    baseline: Baseline, signatures: Signatures, best: Fit, fits: Sequence[Fit], second: Thresholds
+    baseline: Baseline, sensitivities: Sensitivities, best: Fit, fits: Sequence[Fit], second: Thresholds
 ) -> list[LinearizedFit]:
-    """Pairs with a sufficient single effect that are worth a fit: those that would gain beyond chance.
+    """Pairs with the sufficient single effect of `best` that gain significantly, at most `partners` of them.
 
-    At most as many as the settings have `partners`; the sufficient effect is that of `best`, `fits` are those of all
-    single effects, `signatures` the signatures about the base, and `second` is from `two_effect_thresholds`.
+    `fits`: all single effects; `sensitivities`: about the base; `second`: from `two_effect_thresholds`.
     """
     failed = {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
-    pairs = SignatureRegression(signatures.about(best), best.hypothesis).singles()
+    pairs = SensitivityRegression(sensitivities.about(best), best.hypothesis).singles()
     pairs = [pair for pair in pairs if pair.hypothesis[-1].label not in failed]
     gaining = [pair for pair in pairs if best.bic - pair.bic > second.max_gain_threshold]
     needed = second_effect_gain(baseline.problem, fits, second) if gaining else 0.0
@@ -84,11 +80,10 @@ def shortlist_pairs(
 
 
 def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
-    """The thresholds for hypotheses of more effects, with the best single one there.
+    """The thresholds for pairs, with the solver error of the best single effect.
 
-    The numerics may matter more where it is there: a joint that was ideal hits and slides. What other numerics change
-    there, beyond what nuisances can take up, may remain and is no sign of a second effect, as long as it is a small
-    part of what the effect explains; of more than that, the small part is what a second effect has to gain.
+    With an effect such as a clearance, differences between solver variants may be larger than in the base. They are no
+    sign of a second effect as long as they are a small part of the explained misfit.
     """
     best = _best_alone(fits)
     if best is None or baseline.base.in_windows:
@@ -107,8 +102,7 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
 
 
 def second_effect_gain(problem: Problem, fits: Sequence[Fit], second: Thresholds) -> float:
-    """What a second effect has to gain [BIC] by thresholds from `two_effect_thresholds`: where a single one is
-    sufficient, more than fits gain by ending on either side of a jump (`nonlinearity`)."""
+    """Required gain of a second effect [BIC]; if a single one is sufficient, at least the `nonlinearity` of its fit."""
     best = _best_alone(fits)
     is_sufficient = best is not None and reduced_chi2(best) <= second.omnibus
     return max(second.max_gain_threshold, nonlinearity(problem, best) if is_sufficient else 0.0)
@@ -120,13 +114,10 @@ def _best_alone(fits: Sequence[Fit]) -> Fit | None:
 
 
 def nonlinearity(problem: Problem, fit: Fit) -> float:
-    """How far chi2, one standard error off, is from what residuals as far to the other side predict; the largest.
+    """Largest difference [chi2] between chi2 at one standard error and its linear prediction from the other side.
 
-    Where an impact comes or does not come, chi2 jumps by more than parameters change it otherwise, and a fit ends on
-    either side of the jump: smaller differences between fits say nothing. 0 where residuals depend on parameters
-    linearly. Parameters at a bound, and those of single runs, are left out.
-
-    In units of chi2; `fit` is one to the `problem`.
+    It measures jumps of chi2 by impacts that appear or vanish; smaller differences of fits are meaningless. Parameters
+    at a bound and of single runs are ignored.
     """
     if fit.in_windows:
         return 0.0
@@ -147,40 +138,40 @@ def nonlinearity(problem: Problem, fit: Fit) -> float:
 
 
 def refit_jacobian(baseline: Baseline, fit: Fit) -> Fit:
-    """The `fit` to the problem of the `baseline`, with its Jacobian made anew at the end; as it is with its draws."""
+    """The `fit` with a new Jacobian; unchanged with draws or in windows."""
     if fit.status == FAILED or fit.draws is not None or fit.in_windows:
         return fit
     problem, differences = baseline.problem, baseline.differences
     return fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=differences, refresh=True)
 
 
-def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
-    """The verdict of the fits (`jointgap.identification.verdict`), the best of each hypothesis.
+def refit_and_decide(
+    baseline: Baseline, sensitivities: Sensitivities, fits: Sequence[Fit], limits: Thresholds
+) -> Decision:
+    """The verdict of the fits (`jointgap.identification.verdict`), with the best fit of each hypothesis.
 
-    A hypothesis must not win by having found a deeper valley of parameters that all share. So no fit stays above that
-    of a part of it, and the base is fitted again from the nuisances of what beats it by more than its effects account
-    for. Where the motion never repeats, base and leading fits are regressed over ensembles.
-
-    Arguments as in `select_hypothesis`.
+    No hypothesis may win by a better local minimum of the nuisances: fits are repeated from better parts of their
+    hypotheses, and the base from the nuisances of better fits. For non-periodic motion base and leading fits are
+    regressed over ensembles. Arguments as in `select_hypothesis`.
     """
     problem, base = baseline.problem, baseline.base
     settings = problem.settings.decision
     second = two_effect_thresholds(baseline, fits, limits)
     limits = replace(second, max_gain_threshold=limits.max_gain_threshold)
-    lowest = lowest_of_each(fits)
+    lowest = best_fit_per_hypothesis(fits)
     needed = max(settings.min_delta_bic, limits.max_gain_threshold)
     base = _where_effects_are(baseline, sorted(lowest, key=lambda fit: fit.bic), needed)
     if problem.has_statistics:
         base, lowest = leading_over_ensembles(problem, base, lowest)
-    best = none_above_its_parts(baseline, [base, *lowest], limits)
-    subspaces = SignatureSubspaces(signatures, problem.settings.screening)
+    best = enforce_nested_chi2(baseline, [base, *lowest], limits)
+    subspaces = SensitivitySubspaces(sensitivities, problem.settings.screening)
     best = without_repetitions(best, subspaces.is_special_case, settings.min_delta_bic)
     bounds = {p.name: (p.nominal, p.low, p.high) for p in problem.nuisances}
-    order_in_words = orders_of_cranks(problem.parts, problem.settings.screening)
+    order_label = crank_orders(problem.parts, problem.settings.screening)
     rows = []
     for fit in best.values():
         similarity = 0.0 if fit.status == FAILED else subspaces.nearest(fit.hypothesis)[1]
-        rows.append(row_of(fit, bounds, settings, order_in_words, similarity))
+        rows.append(row_of(fit, bounds, settings, order_label, similarity))
 
     def is_special_case(special: Row, general: Row) -> bool:
         return subspaces.is_special_case(special.fit.hypothesis, general.fit.hypothesis)
@@ -192,13 +183,11 @@ def refit_and_decide(baseline: Baseline, signatures: Signatures, fits: Sequence[
     return verdict(replace(evidence, second_effect_gain=second_effect_gain(problem, fits, second)), settings)
 
 
-def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit]) -> list[Fit]:
-    """Fits of the pairs that differ from the best one in one effect, as far as they are not among `fits`.
+def swap_one_effect(baseline: Baseline, sensitivities: Sensitivities, fits: Sequence[Fit]) -> list[Fit]:
+    """Fits of new pairs that differ from the best pair in one effect, within its minimum of the nuisances.
 
-    One of two effects may stand for another as long as the second is not beside it, and lead to the wrong pair. Others
-    are sought in the valley of the pair: a fit of the effect that is kept alone may end in another one, and from there
-    none leads back.
-    Arguments as in `select_hypothesis`.
+    Without its partner an effect may be confused with another one, which leads to a wrong pair. Arguments as in
+    `select_hypothesis`.
     """
     best = _best(fits)
     if best is None or len(best.hypothesis) < 2 or best.in_windows:
@@ -207,7 +196,7 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     done, swapped = {labels_of(fit.hypothesis) for fit in fits}, []
     for kept in best.hypothesis:
         rest = without_other_effects(problem, best, (kept,))
-        partners = SignatureRegression(signatures.about(rest), rest.hypothesis).singles()
+        partners = SensitivityRegression(sensitivities.about(rest), rest.hypothesis).singles()
         for pair in shortlist(partners, problem.settings.selection.partners):
             if labels_of(pair.hypothesis) not in done:
                 done.add(labels_of(pair.hypothesis))
@@ -216,38 +205,38 @@ def swap_one_effect(baseline: Baseline, signatures: Signatures, fits: Sequence[F
     return swapped
 
 
-def fit_look_alikes(baseline: Baseline, signatures: Signatures, best: Fit) -> list[Fit]:
-    """Fits of all that could stand for one effect of the best explanation, from its nuisances: of candidates whose
-    signature beside the nuisances is like that of the effect.
+def fit_confusable_effects(baseline: Baseline, sensitivities: Sensitivities, best: Fit) -> list[Fit]:
+    """Fits of all candidates with sensitivities similar to those of an effect of the `best` explanation, from its
+    nuisances.
 
-    A fit from the base's nuisances may have ended early, or in another valley, and the search ends at the first
-    explanation that is sufficient: it need not be the true one.
-    Arguments as in `select_hypothesis`; `best` is what it would name.
+    Their earlier fits may have ended in another minimum, and the first sufficient explanation need not be true.
+    Arguments as in `select_hypothesis`.
     """
     problem, found = baseline.problem, []
-    subspaces = SignatureSubspaces(signatures, problem.settings.screening)
+    subspaces = SensitivitySubspaces(sensitivities, problem.settings.screening)
     for out in best.hypothesis:
         if out.label not in subspaces.of or best.in_windows:
             continue
         rest = without_other_effects(problem, best, tuple(one for one in best.hypothesis if one is not out))
-        space, regression = subspaces.span([out.label]), SignatureRegression(signatures.about(rest), rest.hypothesis)
+        space, regression = (
+            subspaces.span([out.label]),
+            SensitivityRegression(sensitivities.about(rest), rest.hypothesis),
+        )
         for other in regression.singles():
             label = other.hypothesis[-1].label
             if label == out.label or subspaces.cosine(space, label) <= problem.settings.selection.alike_cosine:
                 continue
-            known = signatures.derivatives(other.signatures) | derivatives_of(best)
+            known = sensitivities.derivatives(other.sensitivities) | derivatives_of(best)
             start = rest.mapping | other.start
             found.append(fit_hypothesis(problem, other.hypothesis, start, known, baseline.differences))
     return found
 
 
 def fits_beyond_bounds(baseline: Baseline, fits: Sequence[Fit]) -> list[Fit]:
-    """Where the best explanation has a nuisance at its bound: fits of the effect that takes it beyond, in place of each
-    of two effects or of the only one, as far as they are not among `fits`; as many as the settings have `partners`.
+    """If the best explanation has a nuisance at its bound: new fits with an effect that exceeds the bound in place of
+    each effect, at most `partners`.
 
-    A nuisance that wants to go further tells of what derivatives about another valley do not: with loose joints a pair
-    with the gain of a sensor was best, and the slider's mass at its bound; hidden was an added mass.
-    Arguments as in `select_hypothesis`.
+    Such a nuisance is a sign of an effect that the linearisation missed. Arguments as in `select_hypothesis`.
     """
     best = _best(fits)
     if best is None or not best.hypothesis or best.in_windows or best.bic >= baseline.base.bic:
@@ -265,40 +254,33 @@ def _best(fits: Sequence[Fit]) -> Fit | None:
 
 
 def _beyond_bounds(problem: Problem, best: Fit) -> Iterator[Hypothesis]:
-    """The hypothesis of a fit, each effect in turn replaced by one that takes a nuisance at its bound beyond that."""
+    """The hypothesis of a fit with each effect replaced by one that can exceed the bound of a nuisance."""
     ends = {p.name: (p, value) for p, value in zip(best.parameters, best.values, strict=True) if p.run is None}
     ends = {name: value - p.nominal for name, (p, value) in ends.items() if not p.low < value < p.high}
     for name, candidate in product(ends, problem.model.candidates):
         if name not in candidate.replaces:
             continue
         amplitude = next(each for each in candidate.coordinates if each.key == candidate.replaces[name])
-        if amplitude.low < ends[name] < amplitude.high:  # else it ends there too
+        if amplitude.low < ends[name] < amplitude.high:
             for out in best.hypothesis:
                 kept = tuple(one for one in best.hypothesis if one is not out)
                 if not any({*candidate.replaces} & {*one.replaces} for one in kept):
                     yield (*kept, candidate)
 
 
-def none_above_its_parts(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> dict[frozenset[str], Fit]:
-    """Those of the `fits` that have effects, by their labels.
-
-    Where a part of a hypothesis ended lower, it is fitted on to the problem of the `baseline` from there; not for long
-    where it is far behind one that is sufficient by the `limits`.
-    """
+def enforce_nested_chi2(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> dict[frozenset[str], Fit]:
+    """The `fits` with effects by their labels, repeated from a part of the hypothesis if that has a smaller chi2."""
     done: list[Fit] = []
     sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)
     for fit in sorted(fits, key=lambda fit: len(fit.hypothesis)):
-        done.append(not_above_its_parts(baseline.problem, baseline.differences, fit, done, sufficient))
+        done.append(refit_from_part(baseline.problem, baseline.differences, fit, done, sufficient))
     return {labels_of(fit.hypothesis): fit for fit in done if fit.hypothesis}
 
 
 def without_repetitions(
     best: Mapping[frozenset[str], Fit], is_special_case: Callable[[Hypothesis, Hypothesis], bool], apart: float
 ) -> dict[frozenset[str], Fit]:
-    """The fits but those that predict what a simpler one does that is a limit of theirs: both are one explanation.
-
-    A spring so soft that its force hardly changes is a constant force.
-    """
+    """The fits without those equivalent to a simpler limit, such as a very soft spring, which is a constant force."""
     sound = [fit for fit in best.values() if fit.status != FAILED]
 
     def repeats(fit: Fit, simpler: Fit) -> bool:
@@ -314,10 +296,8 @@ def without_repetitions(
 
 
 def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float) -> Fit:
-    """The base, fitted from the nuisances of the best `ranked` fits as long as their effects account for too little.
-
-    That is less than is `needed` for a name [BIC], or than a good share of what they gain over the base: they owe the
-    rest to their nuisances, which the base has too.
+    """The base, re-fitted from the nuisances of the best `ranked` fits if their effects explain too little of the gain:
+    less than `needed` [BIC] or than `linear_share`.
     """
     problem, base = baseline.problem, baseline.base
     share = problem.settings.selection.linear_share
@@ -334,31 +314,29 @@ def _where_effects_are(baseline: Baseline, ranked: Sequence[Fit], needed: float)
     return base
 
 
-def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence[Fit], limits: Thresholds) -> Decision:
-    """Choose among the fits; what is chosen is fitted once more to its end, for its intervals.
+def select_hypothesis(
+    baseline: Baseline, sensitivities: Sensitivities, fits: Sequence[Fit], limits: Thresholds
+) -> Decision:
+    """Decide on the fits; the selected fits are completed for their intervals.
 
-    What leaving out one of two effects costs is the fit of the other alone, at its best: before two effects are named
-    each is fitted alone once more, from the nuisances of the pair and from other starts, and is open to choice like all
-    others. So it is of the best pair where that is not admissible: one of its effects may be there without the other.
-    Before anything is named, all that looks like it is fitted from its nuisances (`fit_look_alikes`).
-
-    Where more than noise is left, errors of what is stated hold another end of its fits that is as good: chi2 has
-    valleys, and the deepest one that was found need not be that of the truth.
+    Before a pair is named, each of its effects is fitted alone from the nuisances of the pair and from nominal ones;
+    the same for the best pair if it is not admissible. Before anything is named, confusable effects are fitted from its
+    nuisances. If the residual exceeds noise, the intervals include other minima of similar chi2.
     """
     fits, given = [*fits, *fits_beyond_bounds(baseline, fits)], baseline.base
-    found = fits = [*fits, *swap_one_effect(baseline, signatures, fits)]
-    decision, done = refit_and_decide(baseline, signatures, fits, limits), set()
-    while further := _needed(baseline, signatures, decision, done):
+    found = fits = [*fits, *swap_one_effect(baseline, sensitivities, fits)]
+    decision, done = refit_and_decide(baseline, sensitivities, fits, limits), set()
+    while further := _needed(baseline, sensitivities, decision, done):
         baseline = replace(baseline, base=decision.base)
         fits, found = [*(row.fit for row in decision.ranking), *further], [*found, *further]
-        decision = refit_and_decide(baseline, signatures, fits, limits)
+        decision = refit_and_decide(baseline, sensitivities, fits, limits)
 
     def stated(fit: Fit) -> Fit:
         fit = with_intervals(baseline.problem, refit_jacobian(baseline, fit))
         return with_other_ends(fit, found)
 
     base = decision.base if decision.base is given else refit_jacobian(baseline, decision.base)
-    if decision.verdict == PARAMETERS_ONLY:  # else something is missing, and its parameters are not to be believed
+    if decision.verdict == PARAMETERS_ONLY:  # otherwise its parameters are biased by the missing effect
         base = with_intervals(baseline.problem, base)
     chosen = base if decision.chosen is decision.base else decision.chosen
     chosen = stated(chosen) if chosen.hypothesis else chosen
@@ -367,18 +345,24 @@ def select_hypothesis(baseline: Baseline, signatures: Signatures, fits: Sequence
     return replace(decision, chosen=chosen, base=base, equivalent=equivalent, best_known=best_known)
 
 
-def _needed(baseline: Baseline, signatures: Signatures, decision: Decision, done: set[tuple[str, str]]) -> list[Fit]:
-    """Fits of what a decision needs that is not `done` yet; then it is."""
+def _needed(
+    baseline: Baseline, sensitivities: Sensitivities, decision: Decision, done: set[tuple[str, str]]
+) -> list[Fit]:
+    """The required fits of a decision that are not `done` yet; marks them as done."""
     fits = []
     for kind, label, fit in decision.needs:
         if (kind, label) not in done:
             done.add((kind, label))
-            fits += _fit_alone(baseline, fit, label) if kind == ALONE else fit_look_alikes(baseline, signatures, fit)
+            fits += (
+                _fit_alone(baseline, fit, label)
+                if kind == ALONE
+                else fit_confusable_effects(baseline, sensitivities, fit)
+            )
     return fits
 
 
 def _fit_alone(baseline: Baseline, pair: Fit, label: str) -> list[Fit]:
-    """Fits of one effect of a pair alone, from its nuisances and from nominal ones that all runs share."""
+    """Fits of one effect of a pair alone, from the pair's nuisances and from nominal shared ones."""
     kept = tuple(candidate for candidate in pair.hypothesis if candidate.label == label)
     own = {key: value for key, value in pair.mapping.items() if "." not in key or key.startswith(f"{label}.")}
     shared = {p.key: p.nominal for p in baseline.problem.nuisances if p.run is None and p.key in own}
@@ -388,8 +372,7 @@ def _fit_alone(baseline: Baseline, pair: Fit, label: str) -> list[Fit]:
 
 
 def with_other_ends(fit: Fit, others: Sequence[Fit]) -> Fit:
-    """The `fit`; where it leaves more than noise, with the farthest end of those `others` of the same hypothesis that
-    leave hardly more as a shift of its values."""
+    """The `fit`; if its residual exceeds noise, with a shift to the farthest minimum of similar chi2 among `others`."""
     settings, noise = fit.settings.decision, fit.residual.size - len(fit.parameters)
     if fit.status == FAILED or reduced_chi2(fit) <= settings.noise_gap**2:
         return fit

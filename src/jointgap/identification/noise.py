@@ -1,4 +1,4 @@
-"""Noise of the channels."""
+"""Estimation of channel noise."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,19 +14,19 @@ from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.problem import Noise, Problem, autoregression
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings, NoiseSettings
 
-# Lag-one correlations [1] of the first-order processes that are tried as a background.
+# Lag-one correlations [1] of the candidate first-order background processes.
 _BACKGROUNDS = np.linspace(-0.9, 0.96, 32)[:, None]
-# Scaled to leave the variance of white noise.
+# Scaled to preserve the variance of white noise.
 _FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """Noise of one series as its cycles or samples show it."""
+    """Estimated noise of one series."""
 
     sd: float  # Marginal standard deviation [unit of the series]
-    spectrum: np.ndarray | None  # [unit^2] Of its variance over the frequencies from 0 to Nyquist's, evenly
-    count: int  # Differences that it rests on
+    spectrum: np.ndarray | None  # [unit^2] Of the variance, at uniform frequencies from 0 to Nyquist
+    count: int  # Number of differences
 
 
 def scatter_between_cycles(
@@ -40,27 +40,26 @@ def scatter_between_cycles(
     finite = np.isfinite(difference)
     per_cycle = int(2 * np.pi / np.median(np.diff(angle[np.isfinite(angle)])))
     difference = _without_drift(difference, per_cycle, settings)
-    # Neighbouring differences share a cycle: covariances near a lag of one cycle are not the noise's own.
+    # neighbouring differences share a cycle, so covariances near a lag of one cycle are biased
     lags = min(finite.size // 4, per_cycle // 2)
     if lags <= settings.max_ar_order:
         return Scatter(
             _robust_sd(difference[finite] / np.sqrt(1 + (1 - share[finite]) ** 2 + share[finite] ** 2)), None, 0
         )
-    # Outliers are cut twice: coarsely, as they would look like lines, and finely once the lines are gone.
+    # outliers are clipped coarsely before, and finely after the removal of lines
     clean = _without_outliers(difference, 5.0, 1.5 * resolution)
     clean = _without_outliers(_without_lines(clean, settings), 3.0, 1.5 * resolution)
     spectrum = _spectrum(clean, lags)
     frequency = np.linspace(0.0, np.pi, spectrum.size)
-    # Interpolation between two samples damps what changes from one to the next.
+    # correct for the damping by interpolation
     mixed = float(np.mean(share[finite] * (1.0 - share[finite])))
     spectrum = spectrum / (2.0 - 2.0 * mixed * (1.0 - np.cos(frequency)))
     return Scatter(float(np.sqrt(_mean(spectrum))), spectrum, int(finite.sum()))
 
 
 def growth_with_rate(residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, settings: NoiseSettings) -> float:
-    """How the variance of the noise grows with a channel's squared rate: by the factor 1 + growth rate^2.
-
-    The growth that makes the differences of neighbouring cycles most likely, as those of independent normal numbers.
+    """Growth of the noise variance with a channel's squared rate (factor 1 + growth rate^2), by maximum likelihood of
+    the differences of neighbouring cycles.
     """
     compared = _differences(residual, angle, 1)
     difference, share = compared.difference, compared.share
@@ -72,7 +71,7 @@ def growth_with_rate(residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, 
     if not squares.any():
         return 0.0
     factors = 1.0 + np.append(0.0, settings.noise_growths)[:, None] * (rate[finite] ** 2 / largest)
-    # minus twice the logarithm of the likelihood, with the best variance at rate 0 put in
+    # minus twice the profile log-likelihood
     misfit = squares.size * np.log(np.mean(squares / factors, axis=1)) + np.log(factors).sum(axis=1)
     best = int(np.argmin(misfit))
     if misfit[0] - misfit[best] < settings.min_growth_gain:
@@ -81,7 +80,7 @@ def growth_with_rate(residual: np.ndarray, angle: np.ndarray, rate: np.ndarray, 
 
 
 def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Scatter | None:
-    """White noise from fourth differences, in which a motion that is smooth over five samples leaves nothing."""
+    """White noise from fourth differences, for a motion that is smooth over five samples."""
     differences = np.convolve(residual, _FOURTH_DIFFERENCE, mode="valid")
     differences = differences[np.isfinite(differences)]
     few = differences.size < settings.max_ar_order
@@ -89,9 +88,7 @@ def scatter_between_samples(residual: np.ndarray, settings: NoiseSettings) -> Sc
 
 
 def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None = None) -> tuple[float, ...]:
-    """Autocorrelation at lags of 1, 2, ... of the autoregressive process that the Bayesian information criterion
-    chooses.
-    """
+    """Autocorrelation at lags 1, 2, ... of the autoregressive process with the best BIC."""
     spectrum = scatter.spectrum
     if stated_sd is not None:
         spectrum = np.minimum(spectrum, _level(spectrum, stated_sd**2))
@@ -105,33 +102,32 @@ def ar_autocorrelation(scatter: Scatter, max_order: int, stated_sd: float | None
 
 
 def effective_samples(count: int, autocorrelation: tuple[float, ...]) -> float:
-    """How many independent samples determine a mean as well as `count` correlated ones, `count` at most."""
+    """Effective number of independent samples for `count` correlated ones."""
     weights, sd = autoregression(autocorrelation)[-1]
     return float(count * min((1.0 - weights.sum()) ** 2 / sd**2, 1.0))
 
 
 @dataclass(frozen=True)
 class ComparedCycles:
-    """Samples of a residual beside those some cycles later at the same phase, between two samples interpolated."""
+    """Differences of a residual to interpolated values some cycles later at the same phase."""
 
-    difference: np.ndarray  # Sample minus later value [unit]; NaN where there is none, or none that can be compared
-    share: np.ndarray  # Of the second of the two later samples [1]; NaN where there is none
-    before: np.ndarray  # Places of the two later samples
-    after: np.ndarray  # Places of the two later samples
+    difference: np.ndarray  # Sample minus later value [unit]; NaN if not comparable
+    share: np.ndarray  # Interpolation weight of the second later sample [1]; NaN if there is none
+    before: np.ndarray  # Index of the first later sample
+    after: np.ndarray  # Index of the second later sample
 
 
 def compared_cycles(residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings) -> ComparedCycles | None:
-    """Cycles beside the next ones or, where phases repeat after several cycles only, beside those.
+    """Comparison of cycles with the next ones or, if phases only repeat after several cycles, with those.
 
-    Where a residual rings as fast as it is sampled, a value interpolated between two samples is none of the noise's:
-    such differences are left out.
+    Differences with poor interpolation (ringing at the sampling rate) are omitted.
     """
     best, most = None, 0
     for cycles in range(1, settings.max_cycles_apart + 1):
         found = _differences(residual, angle, cycles)
         known = int(np.isfinite(found.difference).sum())
         if known <= max(most, settings.min_differences - 1):
-            break  # those farther apart are fewer still
+            break
         found = _where_smooth(found, residual, angle, settings)
         kept = int(np.isfinite(found.difference).sum())
         if kept > most:
@@ -145,7 +141,7 @@ def _differences(residual: np.ndarray, angle: np.ndarray, cycles: int) -> Compar
     finite = np.flatnonzero(np.isfinite(angle))
     if finite.size < 2 or not angle[finite[-1]] > angle[finite[0]]:
         return ComparedCycles(difference, share, *places)
-    # An angle as measured may step back by its own noise.
+    # a measured angle may decrease by noise
     rising, value = np.maximum.accumulate(angle[finite]), residual[finite]
     later = rising + 2 * np.pi * cycles
     inside = later <= rising[-1] + 1e-9
@@ -154,7 +150,7 @@ def _differences(residual: np.ndarray, angle: np.ndarray, cycles: int) -> Compar
     weight = np.clip((later[inside] - rising[right - 1]) / np.where(apart > 0.0, apart, 1.0), 0.0, 1.0)
     weight = np.where(weight > 1.0 - 1e-6, 1.0, np.where(weight < 1e-6, 0.0, weight))
     before, after = value[right - 1], value[right]
-    # A sample of no weight may be missing.
+    # a sample of weight 0 may be missing
     mixed = np.where(weight < 1, (1 - weight) * before, 0.0) + np.where(weight > 0, weight * after, 0.0)
     difference[finite[inside]] = value[inside] - mixed
     share[finite[inside]] = weight
@@ -165,23 +161,23 @@ def _differences(residual: np.ndarray, angle: np.ndarray, cycles: int) -> Compar
 def _where_smooth(
     compared: ComparedCycles, residual: np.ndarray, angle: np.ndarray, settings: NoiseSettings
 ) -> ComparedCycles:
-    """Without differences from values that were interpolated where the residual bends by more than its noise does.
+    """Omit differences with an interpolation error that is large compared with the noise.
 
-    A straight line between samples misses a sinusoid by a quarter of its second difference at most. The noise's own
-    second difference is that of the differences; white noise has six times its variance there.
+    The error of linear interpolation of a sinusoid is at most a quarter of its second difference. The second difference
+    of noise is estimated from the differences (white noise: six times the variance).
     """
     difference, share = compared.difference, compared.share
     known = np.isfinite(difference)
     bend = _mean_squared_bend(residual, angle)
     bend = np.maximum(bend[compared.before], bend[compared.after])
     missed = (4.0 * share * (1.0 - share)) ** 2
-    samples = 1.0 + (1.0 - share) ** 2 + share**2  # so much of the noise's variance is in a difference
+    samples = 1.0 + (1.0 - share) ** 2 + share**2  # variance of a difference over that of noise
     kept = known
     while True:
         left = np.where(kept, (difference - np.median(difference[kept])) / np.sqrt(samples), np.nan)
         variance, own = _robust_variance(left), _robust_variance(np.diff(left, 2))
         excess = np.where(known, missed * (bend - max(6.0 * variance, own)), np.inf)
-        # the smoothest are kept whatever they are: there is nothing better
+        # keep at least the smoothest
         least = np.partition(excess, settings.min_differences - 1)[settings.min_differences - 1]
         smooth = kept & (excess <= max(settings.max_bend * variance, least))
         if smooth.sum() == kept.sum():
@@ -190,7 +186,7 @@ def _where_smooth(
 
 
 def _mean_squared_bend(residual: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Mean square (n,) of second differences at the phase of each sample, of all cycles together [unit^2]."""
+    """Mean square (n,) [unit^2] of second differences over all cycles at the phase of each sample."""
     bend = np.full(residual.size, np.nan)
     bend[1:-1] = np.diff(residual, 2)
     finite = np.flatnonzero(np.isfinite(bend) & np.isfinite(angle))
@@ -205,8 +201,8 @@ def _mean_squared_bend(residual: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _without_drift(difference: np.ndarray, per_cycle: int, settings: NoiseSettings) -> np.ndarray:
-    """Differences without their median and, where that wanders by more than noise with a memory could, without their
-    mean over a cycle."""
+    """Differences minus their median or, if they drift by more than correlated noise can, minus their mean over a
+    cycle."""
     finite = np.isfinite(difference)
     difference = difference - np.median(difference[finite])
     window = np.ones(max(per_cycle, 1))
@@ -221,11 +217,10 @@ def _without_drift(difference: np.ndarray, per_cycle: int, settings: NoiseSettin
 
 
 def rounding_that_repeats(compared: ComparedCycles, predicted: np.ndarray, resolution: float, variance: float) -> float:
-    """Variance [unit^2] of a sensor's rounding that cycles have in common, so that they do not differ by it.
+    """Variance [unit^2] of rounding errors that are equal in the compared cycles.
 
-    Noise of standard deviation s before the rounding leaves, of the error's k-th harmonic over the steps, the share
-    exp(-(2 pi k s / step)^2) to what repeats; how far it does is told by how many steps lie between the values that
-    are compared.
+    Noise of standard deviation s before the rounding reduces the repeated part of the k-th harmonic of the rounding
+    error by exp(-(2 pi k s / step)^2); its phase is the difference of the compared values in steps.
     """
     known = np.isfinite(compared.difference)
     k = np.arange(1, 41)[:, None]
@@ -247,35 +242,32 @@ def rounding_that_repeats(compared: ComparedCycles, predicted: np.ndarray, resol
 
 
 def _spectrum(values: np.ndarray, lags: int) -> np.ndarray:
-    """Of the variance of values with gaps, smoothed by Parzen's window over so many lags; the mean is the variance."""
+    """Spectrum of values with gaps, smoothed by Parzen's window over `lags`; its mean is the variance."""
     finite = np.isfinite(values)
     covariance = _pairs(np.where(finite, values, 0.0), lags) / np.maximum(_pairs(finite.astype(float), lags), 1.0)
     u = np.arange(lags + 1) / (lags + 1)
     window = np.where(u <= 0.5, 1 - 6 * u**2 + 6 * u**3, 2 * (1 - u) ** 3)
     tapered = window * covariance
-    points = 4 * lags  # enough that nothing between them is lost
+    points = 4 * lags
     return np.maximum(np.fft.hfft(np.pad(tapered, (0, points - lags)), 2 * points)[: points + 1], 0.0)
 
 
 def _pairs(values: np.ndarray, lags: int) -> np.ndarray:
-    """Sums of products of values so many samples apart, for lags from 0."""
+    """Sums of products of values at the lags 0 to `lags`."""
     size = 2 * values.size
     return np.fft.irfft(np.abs(np.fft.rfft(values, size)) ** 2, size)[: lags + 1]
 
 
 def _mean(spectrum: np.ndarray) -> float:
-    """Over all frequencies; the outer two count half, as each stands for half as many."""
+    """Mean over all frequencies."""
     return float(np.trapezoid(spectrum) / (spectrum.size - 1))
 
 
 def _without_lines(values: np.ndarray, settings: NoiseSettings) -> np.ndarray:
-    """Values without the sinusoids that stand out of a first-order process: those are a motion, not noise.
-
-    One after the other, the most significant first, until noise alone would leave the next as often as it may.
-    """
+    """Values without significant sinusoids, which are motion and not noise; background: a first-order process."""
     finite = np.isfinite(values)
     index, left = np.flatnonzero(finite), values.copy()
-    points = 4 * values.size  # a line between two frequencies of the plain periodogram is not missed
+    points = 4 * values.size  # finer than the plain periodogram
     frequency = 2 * np.pi * np.arange(1, points // 2) / points
     for _ in range(settings.max_lines):
         power = np.abs(np.fft.rfft(np.where(finite, left, 0.0), points)[1 : points // 2]) ** 2
@@ -292,8 +284,7 @@ def _without_lines(values: np.ndarray, settings: NoiseSettings) -> np.ndarray:
 
 
 def _background(power: np.ndarray, frequency: np.ndarray) -> np.ndarray:
-    """Spectrum of the first-order process nearest to a periodogram in logarithms, whose median a few lines do not
-    move."""
+    """Spectrum of the first-order process nearest to the logarithm of a periodogram (median: robust to lines)."""
     plain = slice(3, None, 4)
     logarithm = np.log(np.maximum(power[plain], np.finfo(float).tiny))
     shapes = -np.log(1 + _BACKGROUNDS**2 - 2 * _BACKGROUNDS * np.cos(frequency[plain]))
@@ -305,7 +296,7 @@ def _background(power: np.ndarray, frequency: np.ndarray) -> np.ndarray:
 
 
 def _level(spectrum: np.ndarray, mean: float) -> float:
-    """Where to cut a spectrum off so that its mean is at most `mean`."""
+    """Level at which to clip a spectrum so that its mean is at most `mean`."""
     if _mean(spectrum) <= mean:
         return float(np.inf)
     low, high = 0.0, float(spectrum.max())
@@ -316,10 +307,7 @@ def _level(spectrum: np.ndarray, mean: float) -> float:
 
 
 def _robust_sd(values: np.ndarray) -> float:
-    """Standard deviation by the median of absolute values, which a few outliers do not move.
-
-    Coarsely rounded readings differ by nothing or by a step: where most are near 0, the rest tells it.
-    """
+    """Standard deviation from the median of absolute values; from the 90 % quantile if most are near 0 (rounding)."""
     half, most = np.quantile(np.abs(values), [0.5, 0.9]) / [0.6744897501960817, 1.6448536269514722]
     if half > 0.1 * most:
         return float(half)
@@ -327,13 +315,13 @@ def _robust_sd(values: np.ndarray) -> float:
 
 
 def _robust_variance(values: np.ndarray) -> float:
-    """Square of `_robust_sd` of what is known of them; 0 where that is nothing."""
+    """Square of `_robust_sd` of the finite values; 0 if there are none."""
     finite = np.isfinite(values)
     return _robust_sd(values[finite]) ** 2 if finite.any() else 0.0
 
 
 def _without_outliers(values: np.ndarray, most: float, least: float = 0.0) -> np.ndarray:
-    """Values cut at `most` standard deviations, or at `least` [unit] where that is more."""
+    """Values clipped at `most` standard deviations or at `least` [unit], whichever is larger."""
     limit = max(most * _robust_sd(values[np.isfinite(values)]), least)
     return np.clip(values, -limit, limit)
 
@@ -343,24 +331,22 @@ Key = tuple[str, str]
 
 @dataclass(frozen=True)
 class NoiseEstimate(Noise):
-    """Noise with what is to be known of it."""
+    """Noise with its estimate."""
 
-    estimated_sd: float = np.nan  # Standard deviation [unit] that the data show, NaN where they cannot tell
-    effective_samples: float = np.nan  # How many independent samples would determine a mean as well
-    remarks: tuple[str, ...] = ()  # What a reader should know; empty where all is well
+    estimated_sd: float = np.nan  # Standard deviation [unit] estimated from the data, NaN if not possible
+    effective_samples: float = np.nan  # Effective number of independent samples
+    remarks: tuple[str, ...] = ()
 
 
 def noise_of_model(model: Model, settings: IdentificationSettings = DEFAULT_SETTINGS) -> dict[Key, NoiseEstimate]:
-    """The noise of every series.
-
-    The model as it stands is fitted with noise as stated or guessed; what its residuals do not repeat from cycle to
-    cycle is noise.
+    """Noise of every series: the cycle-to-cycle variation of the residuals of the current model, which is fitted with
+    stated or guessed noise first.
     """
     guess = {series.key: _guess(series, settings.noise.guessed_share) for series in model.series}
     problem = Problem(model, guess, settings=settings)
     first = fit_hypothesis(problem)
     if first.status == FAILED:
-        raise SimulationError(f"the model as it stands cannot be fitted: {first.reason}")
+        raise SimulationError(f"the current model cannot be fitted: {first.reason}")
     values = first.mapping | fit_run_parameters(Problem(model, guess, held_out=True, settings=settings), first)
     residuals = {}
     for run in runs_of(model):
@@ -370,7 +356,7 @@ def noise_of_model(model: Model, settings: IdentificationSettings = DEFAULT_SETT
 
 
 def _guess(series: Series, share: float) -> Noise:
-    """Noise that weighs the channels for a first fit."""
+    """Noise that weights the channels in the first fit."""
     if series.stated_noise is not None:
         return Noise(np.hypot(series.stated_noise, series.rounding))
     measured = series.value[_is_for_noise(series) & np.isfinite(series.value)]
@@ -383,24 +369,22 @@ def estimate_noise(
 ) -> dict[Key, NoiseEstimate]:
     """Noise of every series.
 
-    The noise of a sample is the root of a sum of squares: white noise, the rounding to the sensor's steps, and what
-    time stamps that are off make of the channel's rate there. A stated standard deviation is the first of these and is
-    taken as it is; the correlation from sample to sample is always estimated, from the
-    differences of neighbouring cycles. Where they differ by more than the stated noise, the rest is a motion out of
-    step with the crank and is not taken for noise. Of a run that is held out in part, the part for fitting is used.
+    It combines white noise, rounding to the sensor's resolution, and time jitter times the channel's rate (root sum of
+    squares). Stated noise is the white part and is not changed. The autocorrelation is always estimated from the
+    differences of neighbouring cycles; differences beyond stated noise count as motion out of step with the crank. For
+    a partly held-out run the fitted part is used.
     """
     return {series.key: _noise_of(series, residuals[series.key], settings) for series in model.series}
 
 
 def degrees_of_freedom(noise: Mapping[Key, NoiseEstimate]) -> float:
-    """From how many independent numbers the noise was estimated; infinite where all of it is stated."""
+    """Degrees of freedom of the noise estimate; infinite if all noise is stated."""
     estimated = [series.effective_samples for series in noise.values() if series.source != "stated"]
-    return float(np.nansum(estimated)) / 2.0 if estimated else np.inf  # two cycles give one difference
+    return float(np.nansum(estimated)) / 2.0 if estimated else np.inf  # two cycles: one difference
 
 
 def _is_for_noise(series: Series) -> np.ndarray:
-    """Samples of a series that its noise is estimated from, (n,) bool: those for fitting, or all where all of it is
-    held out."""
+    """Samples (n,) bool for the noise estimate: the fitted ones, or all of a held-out series."""
     return ~series.held_out | series.held_out.all()
 
 
@@ -411,7 +395,7 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
     stated = series.stated_noise
     if series.statistic:
         if stated is None:
-            raise InputError(f"run {series.run}, channel {series.channel}: statistics need a stated noise")
+            raise InputError(f"run {series.run}, channel {series.channel}: statistics require a stated noise")
         return NoiseEstimate(stated, effective_samples=float(count))
     least = max(settings.min_share_of_channel * series.variation(value), series.rounding) if count else 0.0
     predicted = value - residual
@@ -424,42 +408,42 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
         autocorrelation = ar_autocorrelation(scatter, settings.max_ar_order, known)
     else:
         remarks.append(
-            f"too few cycles of {series.channel} are known: its noise counts as independent from sample to sample"
+            f"{series.channel} has too few cycles to estimate an autocorrelation: its noise is assumed to be white"
         )
     if stated is not None:
         source, factor, known = "stated", settings.reported_mismatch, _rms(sd / shape)
         if series.unit == "rad" and known > settings.max_angle_rad:
             raise InputError(
-                f"run {series.run}, channel {series.channel}: its stated noise of {np.degrees(known):.3g} deg is a "
-                "large part of a turn; give what the sensor scatters, "
-                f"{np.degrees(settings.max_angle_rad):.3g} deg at most"
+                f"run {series.run}, channel {series.channel}: the stated noise of {np.degrees(known):.3g} deg is too "
+                "large; give the standard deviation of the sensor, at most "
+                f"{np.degrees(settings.max_angle_rad):.3g} deg"
             )
         if scatter is not None and not 1 / factor < max(scatter.sd, least) / max(known, least) < factor:
             remarks.append(_mismatch(series, scatter, known))
     elif scatter is None:
         raise InputError(
-            f"run {series.run}, channel {series.channel}: {count} samples are too few to find the noise; "
-            "state it as `noise` of the channel"
+            f"run {series.run}, channel {series.channel}: {count} samples are too few to estimate the noise; state "
+            "it as `noise` of the channel"
         )
     else:
         grown = scatter.sd * shape
         if scatter.sd < least:
             rounded = series.rounding == least
-            source = "the sensor's steps" if rounded else "a share of what the channel varies by"
-            which = "that of its steps" if rounded else "a ten-thousandth of its own"
-            remarks.append(f"{series.channel} shows no noise: at least {least:.3g} {series.unit} is taken, {which}")
+            source = "the sensor's resolution" if rounded else "a share of the channel's variation"
+            which = "its rounding" if rounded else "1e-4 of its variation"
+            remarks.append(f"{series.channel} has no visible noise: {least:.3g} {series.unit} is assumed, {which}")
         elif sd is None and (jitter := _jitter(rate, grown)) > 0.0:
             remarks.append(
-                f"{series.channel} scatters the more the faster it changes, as time stamps make it that are off by "
-                f"{1e3 * jitter:.2g} ms: its noise is taken to grow so"
+                f"the noise of {series.channel} increases with its rate, like a time jitter of {1e3 * jitter:.2g} ms; "
+                "this is taken into account"
             )
         if sd is None:
-            # The least is that of the white part, which is left where a channel stands still; jitter comes on top.
+            # the least noise is that of the white part, without jitter
             sd = np.sqrt(grown**2 + max(least**2 - float(np.min(grown)) ** 2, 0.0))
         _check_is_noise(series, _rms(sd), value, predicted, settings)
     if not np.all(sd > 0.0):
         raise InputError(
-            f"run {series.run}, channel {series.channel}: its noise is 0; state what the sensor resolves as `noise`"
+            f"run {series.run}, channel {series.channel}: the noise is 0; state the sensor's resolution as `noise`"
         )
     return NoiseEstimate(
         sd,
@@ -474,15 +458,15 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
 def _check_is_noise(
     series: Series, sd: float, value: np.ndarray, predicted: np.ndarray, settings: NoiseSettings
 ) -> None:
-    """Refuse a noise that was found where the model's motion is not that of the measurement."""
+    """InputError if the estimated noise is so large that the model does not follow the measured motion."""
     most = settings.max_share_of_channel * series.variation(value)
     if series.unit == "rad":
         most = min(most, settings.max_angle_rad)
-    # a channel that should stand still, as the speed of a steady crank does, may hold nothing but noise
+    # a nearly constant channel, such as the speed of a steady crank, may consist of noise
     if sd > most and series.variation(predicted) > settings.least_motion * sd:
         raise InputError(
-            f"run {series.run}, channel {series.channel}: its cycles differ by {sd:.3g} {series.unit} (standard "
-            f"deviation), it varies by {series.variation(value):.3g}: that is no noise of a sensor, the model does not "
+            f"run {series.run}, channel {series.channel}: the residuals of cycles differ by {sd:.3g} {series.unit} "
+            f"(standard deviation), but the channel varies only by {series.variation(value):.3g}: the model does not "
             "follow the motion. Check the drive, the bounds in `nuisance` and the column, or state the sensor's noise "
             "as `noise` of the channel"
         )
@@ -491,10 +475,8 @@ def _check_is_noise(
 def _scatter(
     series: Series, residual: np.ndarray, predicted: np.ndarray, settings: NoiseSettings
 ) -> tuple[Scatter | None, str]:
-    """What cycles of a residual do not repeat, else what neighbouring samples do not; and which of them it was.
-
-    The rounding to the sensor's steps belongs to it, also where cycles have it in common.
-    """
+    """Noise from neighbouring cycles, or else from neighbouring samples, including repeated rounding; and its
+    source."""
     scatter = scatter_between_cycles(residual, series.angle, settings, series.resolution)
     if scatter is None:
         return scatter_between_samples(residual, settings), "differences between neighbouring samples"
@@ -507,7 +489,7 @@ def _scatter(
 
 
 def _rate(series: Series, predicted: np.ndarray) -> np.ndarray:
-    """Rate (n,) of a channel over time [unit/s] as predicted; 0 where times are not known, or stamps are exact."""
+    """Predicted rate (n,) of a channel [unit/s]; 0 without times or with exact time stamps."""
     known = np.isfinite(predicted) & np.isfinite(series.time)
     if known.sum() < 3 or series.jitter == 0.0:
         return np.zeros(predicted.size)
@@ -523,11 +505,8 @@ def _known_shape(
     least: float,
     settings: NoiseSettings,
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """How the noise changes over the samples, (n,) with a mean square of 1; and the noise (n,) [unit] itself where it
-    is known so far.
-
-    It is known where it is stated, and where the time stamps' jitter is: then the white part is what that leaves.
-    """
+    """Relative noise over the samples (n,), with a mean square of 1; and the noise (n,) [unit] if it or the jitter is
+    stated."""
     stated = series.stated_noise
     own = None if stated is None else np.hypot(stated, series.rounding)
     if not series.jitter:
@@ -547,20 +526,19 @@ def _known_shape(
 
 
 def _jitter(rate: np.ndarray, sd: np.ndarray) -> float:
-    """Standard deviation of time stamps [s] that makes the noise `sd` (n,) grow with the `rate` (n,) as it does."""
+    """Jitter [s] of time stamps that explains the growth of the noise `sd` (n,) with the `rate` (n,)."""
     slow, fast = np.argmin(np.abs(rate)), np.argmax(np.abs(rate))
     change = rate[fast] ** 2 - rate[slow] ** 2
     return float(np.sqrt((sd[fast] ** 2 - sd[slow] ** 2) / change)) if change > 0.0 else 0.0
 
 
 def _mismatch(series: Series, scatter: Scatter, stated: float) -> str:
-    start = f"{series.channel} is stated to have a noise of {stated:.3g} {series.unit}; its cycles differ"
-    if scatter.sd < stated:
-        return f"{start} as if it were {scatter.sd:.3g}: small disagreements may be overlooked"
-    return (
-        f"{start} as if it were {scatter.sd:.3g}: it is larger than stated, something out of step with the crank "
-        "acts, or impacts ring differently in each cycle"
+    start = (
+        f"{series.channel} has a stated noise of {stated:.3g} {series.unit}, but its cycles vary by {scatter.sd:.3g}"
     )
+    if scatter.sd < stated:
+        return f"{start}: small effects may be overlooked"
+    return f"{start}: larger noise, a motion out of step with the crank, or impacts that differ between cycles"
 
 
 def _rms(values: np.ndarray) -> float:
@@ -574,9 +552,7 @@ def numerics_noise(
     settings: NoiseSettings = DEFAULT_SETTINGS.noise,
     of_drives_alone: bool = False,
 ) -> dict[Key, Noise]:
-    """The noise together with what equally good numerics predict differently, unless states that are estimated make up
-    for that, and with the errors of what drives runs.
-    """
+    """The noise with solver error (unless `of_drives_alone`) and with the errors of measured drives."""
     changed, statistics = dict(noise), {series.key for series in model.series if series.statistic}
     for run in runs_of(model):
         nuisances = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
@@ -606,7 +582,7 @@ def numerics_noise(
 
 
 def _spread(square: np.ndarray, sd: np.ndarray, statistic: bool, settings: NoiseSettings) -> np.ndarray:
-    """Root of the smoothed mean square (n,) of what other numerics change; 0 where that is negligible beside the noise
+    """Root of the smoothed mean square (n,) of changes between solver variants; 0 if negligible compared with the noise
     `sd` (n,)."""
     window = np.ones(min(settings.numerics_window, square.size))
     smooth = np.convolve(square, window, mode="same") / np.convolve(np.ones(square.size), window, mode="same")

@@ -1,4 +1,4 @@
-"""What a planned campaign can show."""
+"""Identifiability analysis of a planned campaign."""
 
 import itertools
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -22,85 +22,83 @@ from jointgap.identification.fit import (
 )
 from jointgap.identification.noise import Key, numerics_noise
 from jointgap.identification.problem import Noise, Problem
-from jointgap.identification.screening import Signature, Signatures, SignatureSubspaces, simulate_signatures
+from jointgap.identification.screening import Sensitivities, Sensitivity, SensitivitySubspaces, simulate_sensitivities
 from jointgap.identification.settings import DEFAULT_SETTINGS, DetectabilitySettings, IdentificationSettings
 
 _Blocks = tuple[np.ndarray, dict[int, np.ndarray]]
-"""Rows of the Jacobian, and of the columns of each signature by its `id`."""
+"""Rows of the Jacobian, and of the columns of each sensitivity by its `id`."""
 
 
 class Detectability:
-    """What is detectable, and what alike, over the samples of some channels of some runs."""
+    """Detectability and confusability of effects, for the samples of some channels and runs."""
 
     def __init__(
         self,
-        signatures: Signatures,
+        sensitivities: Sensitivities,
         lengths: Sequence[int],
         counts: Sequence[int],
         rate: float,
         settings: IdentificationSettings = DEFAULT_SETTINGS,
     ):
-        self.signatures, self.rate, self.settings = signatures, rate, settings
+        self.sensitivities, self.rate, self.settings = sensitivities, rate, settings
         self._excess = settings.detectability.typical_gap**2 - 1.0  # mean square beyond noise
         self.size = sum(counts)
-        self.labels = list(dict.fromkeys(signature.candidate.label for signature in signatures.entries))
-        self._subspaces: dict[frozenset, SignatureSubspaces] = {}
+        self.labels = list(dict.fromkeys(sensitivity.candidate.label for sensitivity in sensitivities.entries))
+        self._subspaces: dict[frozenset, SensitivitySubspaces] = {}
         self._typical: dict[tuple[int, int], float] = {}
-        blocks = [signatures.jacobian, *(signature.columns for signature in signatures.entries)]
+        blocks = [sensitivities.jacobian, *(sensitivity.columns for sensitivity in sensitivities.entries)]
         weight = np.repeat(np.sqrt(np.divide(counts, lengths)), lengths)[:, None]
         share = np.repeat((len(lengths) * np.array(lengths)) ** -0.5, lengths)[:, None]
-        # The same in few rows: as chi2 sees them, and as the gap does, in which each channel of each run counts the
-        # same.
-        self._chi2 = self._by_signature(compress_rows(*(weight * block for block in blocks)))
-        self._gap = self._by_signature(compress_rows(*(share * block for block in blocks)))
+        # compressed to few rows, weighted as in chi2 and as in the gap (equal weight of all channels and runs)
+        self._chi2 = self._by_sensitivity(compress_rows(*(weight * block for block in blocks)))
+        self._gap = self._by_sensitivity(compress_rows(*(share * block for block in blocks)))
 
-    def _by_signature(self, blocks: Sequence[np.ndarray]) -> _Blocks:
+    def _by_sensitivity(self, blocks: Sequence[np.ndarray]) -> _Blocks:
         return blocks[0], {
-            id(signature): block for signature, block in zip(self.signatures.entries, blocks[1:], strict=True)
+            id(sensitivity): block for sensitivity, block in zip(self.sensitivities.entries, blocks[1:], strict=True)
         }
 
     def part(self, rows: np.ndarray, lengths: Sequence[int], counts: Sequence[int]) -> "Detectability":
-        """The same over some of the samples."""
-        signatures = self.signatures
+        """The same for some of the samples."""
+        sensitivities = self.sensitivities
         entries = [
-            replace(signature, columns=signature.columns[rows], origin=signature.origin[rows])
-            for signature in signatures.entries
+            replace(sensitivity, columns=sensitivity.columns[rows], origin=sensitivity.origin[rows])
+            for sensitivity in sensitivities.entries
         ]
         fewer = replace(
-            signatures, jacobian=signatures.jacobian[rows], residual=signatures.residual[rows], entries=entries
+            sensitivities, jacobian=sensitivities.jacobian[rows], residual=sensitivities.residual[rows], entries=entries
         )
         return Detectability(fewer, lengths, counts, self.rate, self.settings)
 
     def detectable_size(self, label: str) -> float:
-        """First amplitude [SI] that is found with a probability of 90 %; infinite where none is.
+        """Smallest first amplitude [SI] that is found with a probability of 90 %; infinite if there is none.
 
-        The median over the shape parameters to start from. Of an effect that replaces a nuisance it lies beyond the
-        nuisance's range; of one whose signatures are secants to finite amplitudes it is no less than these are valid
-        for.
+        The median over the start values of the shape parameters. For an effect that replaces a nuisance it is beyond
+        the nuisance's range; for one with secants it is within their range of validity.
         """
         return self._usual(
-            label, [self._smallest(s, 0, self._chi2, self._noncentrality(s)) for s in self.signatures.of(label)]
+            label, [self._smallest(s, 0, self._chi2, self._noncentrality(s)) for s in self.sensitivities.of(label)]
         )
 
     def typical_size(self, label: str) -> float:
-        """First amplitude [SI] that leaves the typical gap after recalibration, as `detectable_size`."""
-        return self._usual(label, [self._typical_amount(s, 0) for s in self.signatures.of(label)])
+        """First amplitude [SI] with the typical gap after recalibration, as `detectable_size`."""
+        return self._usual(label, [self._typical_amount(s, 0) for s in self.sensitivities.of(label)])
 
     def _usual(self, label: str, sizes: list[float]) -> float:
-        """Of the amplitudes that the signatures of an effect give: the median, or the least where each holds for
-        others."""
+        """The median of amplitudes from several sensitivities, or the least of those from secants."""
         finite = any(
-            signature.amplitudes[0].key in signature.shape_parameters for signature in self.signatures.of(label)
+            sensitivity.amplitudes[0].key in sensitivity.shape_parameters
+            for sensitivity in self.sensitivities.of(label)
         )
         return float(min(sizes) if finite else np.median(sizes))
 
     def cosine(self, label: str, other: str) -> float:
-        """Largest cosine [1] of anything that the two effects change, beyond what nuisances can."""
+        """Largest cosine [1] between the changes by two effects, beyond nuisances."""
         both = self._beyond_nuisances(label, other)
         return max((both.cosine(space, other) for space in both.of[label]), default=0.0)
 
     def merged(self, labels: Sequence[str]) -> list[list[str]]:
-        """Classes of effects that stand for each other at a typical size, in the order of `labels`."""
+        """Classes of effects that are indistinguishable at a typical size, in the order of `labels`."""
         group = {label: {label} for label in labels}
         for i, label in enumerate(labels):
             for other in labels[i + 1 :]:
@@ -117,27 +115,25 @@ class Detectability:
         return classes
 
     def _least_left(self, label: str, other: str) -> float:
-        """chi2 that `other` leaves at least of what `label` typically does, as it would be if nothing had bounds.
+        """Lower bound of chi2 if `other` is fitted to `label` of typical size, without bounds.
 
-        Nothing where the nuisances could take it all up, and only their bounds let the effect be seen. Secants to
-        finite sizes are left out where an effect has a derivative too.
+        It is 0 if only the bounds of nuisances make the effect visible. Secants are ignored if there is a derivative.
         """
         beyond, least = self._beyond_nuisances(other), np.inf
-        for signature in self.signatures.of(label):
-            amount = self._typical_amount(signature, 0)
+        for sensitivity in self.sensitivities.of(label):
+            amount = self._typical_amount(sensitivity, 0)
             if np.isfinite(amount):
-                left = beyond.projected(self._chi2[1][id(signature)][:, :1])
+                left = beyond.projected(self._chi2[1][id(sensitivity)][:, :1])
                 least = min(least, amount**2 * float(np.sum(left**2)))
         cosine = max((beyond.cosine(space, other) for space in beyond.of[label]), default=0.0)
         return (1.0 - cosine**2) * least if np.isfinite(least) else least
 
-    def _noncentrality(self, signature: Signature) -> float:
-        """Of the gain in chi2, so that it exceeds with the power of the settings what the search among all candidates
-        asks for."""
-        dimensions = len(signature.amplitudes)
+    def _noncentrality(self, sensitivity: Sensitivity) -> float:
+        """Noncentrality of the gain in chi2 that exceeds the threshold of the search with the power of the settings."""
+        dimensions = len(sensitivity.amplitudes)
         asked = max(
             stats.chi2.isf(self.rate / len(self.labels), dimensions),
-            len(signature.coordinates) * np.log(self.size) + self.settings.decision.min_delta_bic,
+            len(sensitivity.coordinates) * np.log(self.size) + self.settings.decision.min_delta_bic,
         )
         return float(
             optimize.brentq(
@@ -147,81 +143,80 @@ class Detectability:
             )
         )
 
-    def _kept(self, *signatures: Signature) -> list[int]:
-        """Places of the nuisances that no effect replaces."""
-        replaced = {name for signature in signatures for name in signature.candidate.replaces}
-        return [i for i, p in enumerate(self.signatures.parameters) if p.name not in replaced]
+    def _kept(self, *sensitivities: Sensitivity) -> list[int]:
+        """Indices of the nuisances that no effect replaces."""
+        replaced = {name for sensitivity in sensitivities for name in sensitivity.candidate.replaces}
+        return [i for i, p in enumerate(self.sensitivities.parameters) if p.name not in replaced]
 
     def _room(self, kept: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-        low, high = bounds_of([self.signatures.parameters[i] for i in kept])
-        return low - self.signatures.values[list(kept)], high - self.signatures.values[list(kept)]
+        low, high = bounds_of([self.sensitivities.parameters[i] for i in kept])
+        return low - self.sensitivities.values[list(kept)], high - self.sensitivities.values[list(kept)]
 
-    def _left(self, signature: Signature, size: int, amount: float, measure: _Blocks) -> float:
-        """What recalibration cannot take up of an effect that is there, squared."""
+    def _left(self, sensitivity: Sensitivity, size: int, amount: float, measure: _Blocks) -> float:
+        """Squared change by an effect after recalibration."""
         jacobian, columns = self._chi2
-        effect = -amount * columns[id(signature)][:, size]
+        effect = -amount * columns[id(sensitivity)][:, size]
         step, _ = bounded_step(jacobian, effect, *self._room(range(jacobian.shape[1])))
         jacobian, columns = measure
-        return float(np.sum((jacobian @ step - amount * columns[id(signature)][:, size]) ** 2))
+        return float(np.sum((jacobian @ step - amount * columns[id(sensitivity)][:, size]) ** 2))
 
-    def _smallest(self, signature: Signature, size: int, measure: _Blocks, target: float) -> float:
-        """Amount of which at least `target` is left; infinite where bounds forbid it. A secant says nothing below its
-        reach."""
-        p = signature.amplitudes[size]
+    def _smallest(self, sensitivity: Sensitivity, size: int, measure: _Blocks, target: float) -> float:
+        """Smallest amount [SI] with the squared change `target` after recalibration; infinite if bounds forbid it,
+        within the range of validity for a secant."""
+        p = sensitivity.amplitudes[size]
         if (
-            p.key in signature.shape_parameters
-            and self._left(signature, size, signature.valid_range(p)[0], measure) >= target
+            p.key in sensitivity.shape_parameters
+            and self._left(sensitivity, size, sensitivity.valid_range(p)[0], measure) >= target
         ):
-            return float(signature.valid_range(p)[0])
+            return float(sensitivity.valid_range(p)[0])
         reach = [abs(bound) for bound in (p.low, p.high) if np.isfinite(bound) and bound != 0.0]
         most = max(reach) if np.isfinite(p.high) and reach else self.settings.detectability.max_steps * p.step
-        per_unit = float(np.sum(measure[1][id(signature)][:, size] ** 2))
-        if per_unit == 0.0 or self._left(signature, size, most, measure) < target:
+        per_unit = float(np.sum(measure[1][id(sensitivity)][:, size] ** 2))
+        if per_unit == 0.0 or self._left(sensitivity, size, most, measure) < target:
             return float("inf")
         least = min(np.sqrt(target / per_unit), most)
 
         def excess(logarithm: float) -> float:
-            return self._left(signature, size, float(np.exp(logarithm)), measure) - target
+            return self._left(sensitivity, size, float(np.exp(logarithm)), measure) - target
 
         if least == most or excess(np.log(least)) >= 0.0:
             return float(least)
         return float(np.exp(optimize.brentq(excess, np.log(least), np.log(most), xtol=1e-3)))
 
-    def _typical_amount(self, signature: Signature, size: int) -> float:
-        """Amount [SI] that leaves the typical gap after recalibration; infinite where bounds forbid it."""
-        key = id(signature), size
+    def _typical_amount(self, sensitivity: Sensitivity, size: int) -> float:
+        """Amount [SI] with the typical gap after recalibration; infinite if bounds forbid it."""
+        key = id(sensitivity), size
         if key not in self._typical:
-            self._typical[key] = self._smallest(signature, size, self._gap, self._excess)
+            self._typical[key] = self._smallest(sensitivity, size, self._gap, self._excess)
         return self._typical[key]
 
-    def _beyond_nuisances(self, *labels: str) -> SignatureSubspaces:
-        chosen = [self.signatures.of(label)[0] for label in labels]
-        replaced = frozenset(name for signature in chosen for name in signature.candidate.replaces)
+    def _beyond_nuisances(self, *labels: str) -> SensitivitySubspaces:
+        chosen = [self.sensitivities.of(label)[0] for label in labels]
+        replaced = frozenset(name for sensitivity in chosen for name in sensitivity.candidate.replaces)
         if replaced not in self._subspaces:
             kept = self._kept(*chosen)
             jacobian, columns = self._chi2
             few = [
-                replace(signature, columns=columns[id(signature)], origin=np.zeros(len(jacobian)))
-                for signature in self.signatures.entries
+                replace(sensitivity, columns=columns[id(sensitivity)], origin=np.zeros(len(jacobian)))
+                for sensitivity in self.sensitivities.entries
             ]
-            self._subspaces[replaced] = SignatureSubspaces(
-                replace(self.signatures, jacobian=jacobian[:, kept], entries=few), self.settings.screening
+            self._subspaces[replaced] = SensitivitySubspaces(
+                replace(self.sensitivities, jacobian=jacobian[:, kept], entries=few), self.settings.screening
             )
         return self._subspaces[replaced]
 
     def _mistaken(self, label: str, other: str) -> bool:
-        """Whether `other` fits as well what `label` typically does, within all bounds.
+        """Whether `other` fits `label` of typical size within all bounds.
 
-        For every size that the effect has: an effect with a further one is more than the effect without. For at least
-        half of the shapes and signs: a bias that may go both ways is mistaken for a friction that goes one way.
+        For every amplitude of the effect, and for at least half of the shapes and signs.
         """
-        own = self.signatures.of(label)
+        own = self.sensitivities.of(label)
         for size, p in enumerate(own[0].amplitudes):
-            amounts = [(signature, self._typical_amount(signature, size)) for signature in own]
+            amounts = [(sensitivity, self._typical_amount(sensitivity, size)) for sensitivity in own]
             signs = (1.0, -1.0) if p.low < 0.0 else (1.0,)
             mistaken = [
-                self._fitted(signature, size, sign * amount, other) < self.settings.decision.min_delta_bic
-                for signature, amount in amounts
+                self._fitted(sensitivity, size, sign * amount, other) < self.settings.decision.min_delta_bic
+                for sensitivity, amount in amounts
                 if np.isfinite(amount)
                 for sign in signs
             ]
@@ -229,31 +224,31 @@ class Detectability:
                 return False
         return True
 
-    def _fitted(self, signature: Signature, size: int, amount: float, other: str) -> float:
-        """chi2 that `other` leaves of an effect that is there."""
+    def _fitted(self, sensitivity: Sensitivity, size: int, amount: float, other: str) -> float:
+        """chi2 if `other` is fitted to an effect."""
         jacobian, columns = self._chi2
         left = []
-        for rival in self.signatures.of(other):
+        for rival in self.sensitivities.of(other):
             kept = self._kept(rival)
             low, high = self._room(kept)
             rival_low, rival_high = bounds_of(rival.amplitudes)
             matrix = np.hstack([jacobian[:, kept], columns[id(rival)]])
             bounds = np.concatenate([low, rival_low]), np.concatenate([high, rival_high])
-            left.append(bounded_step(matrix, -amount * columns[id(signature)][:, size], *bounds)[1])
+            left.append(bounded_step(matrix, -amount * columns[id(sensitivity)][:, size], *bounds)[1])
         return min(left)
 
 
 @dataclass(frozen=True)
 class Preflight:
-    """What a campaign can tell."""
+    """Result of a preflight."""
 
-    effects: pd.DataFrame  # Per candidate
+    effects: pd.DataFrame  # One row for each candidate
     cosines: pd.DataFrame  # Labels by labels [1]
-    merged: list[list[str]]  # Effects that cannot be told apart at a gap of 1.5
-    undetectable: list[str]  # Effects that no size within their bounds shows
-    failed: dict[str, str]  # Effects of which nothing is known since they could not be simulated, and why
-    sizes: dict[str, float]  # As smallest_detectable, of the first coordinate [SI]
-    assumed: tuple[str, ...] = ()  # Noise that was assumed where none is stated, by run and channel
+    merged: list[list[str]]  # Indistinguishable effects
+    undetectable: list[str]  # Effects that are not detectable within their bounds
+    failed: dict[str, str]  # Reasons of effects that could not be simulated
+    sizes: dict[str, float]  # Smallest detectable first coordinate [SI]
+    assumed: tuple[str, ...] = ()  # Assumed noise by run and channel
 
 
 def preflight(
@@ -263,7 +258,7 @@ def preflight(
     counts: Mapping[Key, int] | None = None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> Preflight:
-    """Detectability and confusability of every candidate about the nominal model, as far as all is linear."""
+    """Detectability and confusability of all candidates by linearisation about the nominal model."""
     _, detectability, assumed = _detectability(model, noise, rate, counts or {}, settings)
     return _preflight(model, detectability, tuple(assumed.values()))
 
@@ -276,7 +271,7 @@ def advise(
     counts: Mapping[Key, int] | None = None,
     settings: IdentificationSettings = DEFAULT_SETTINGS,
 ) -> tuple[Preflight, pd.DataFrame]:
-    """Which one further run or channel helps a planned campaign most."""
+    """The gain by one further run or channel, the largest first."""
     counts = counts or {}
     problem, detectability, assumed = _detectability(model, noise, rate, counts, settings)
     keys = [part.series.key for part in problem.parts]
@@ -307,7 +302,7 @@ def advise(
 def assumed_noise(
     model: Model, settings: DetectabilitySettings = DEFAULT_SETTINGS.detectability
 ) -> tuple[dict[Key, Noise], dict[Key, str]]:
-    """Noise as stated, or assumed where it is not, and in words what was assumed of which run and channel."""
+    """Stated or assumed noise, and a text for each assumption."""
     noise, assumptions = {}, {}
     for run in runs_of(model):
         predicted = model.simulate(run, {p.name: p.nominal for p in model.nuisances if p.run in (None, run)})
@@ -325,18 +320,18 @@ def assumed_noise(
 
 
 def _assumed_sd(series: Series, predicted: np.ndarray, settings: DetectabilitySettings) -> tuple[float, str]:
-    """Standard deviation [unit], and where it comes from."""
+    """Standard deviation [unit] and its reason."""
     share = settings.assumed_noise_share
     if series.unit == "rad":
-        return float(np.deg2rad(settings.assumed_angle_noise_deg)), "as for every angle"
+        return float(np.deg2rad(settings.assumed_angle_noise_deg)), "default for angles"
     varies, size = float(np.std(predicted)), float(np.sqrt(np.mean(predicted**2)))
     if size == 0.0:
         raise InputError(
-            f"run {series.run}, channel {series.channel}: it is predicted to be 0 throughout; state its `noise`"
+            f"run {series.run}, channel {series.channel}: the prediction is 0 everywhere; state its `noise`"
         )
     if varies > settings.hardly_varies * size:
-        return share * varies, f"{100 * share:.0f} % of what it varies by"
-    return share * size, f"{100 * share:.0f} % of its size, as it hardly varies"
+        return share * varies, f"{100 * share:.0f} % of its variation"
+    return share * size, f"{100 * share:.0f} % of its root mean square, as it is nearly constant"
 
 
 def _detectability(
@@ -346,7 +341,7 @@ def _detectability(
     counts: Mapping[Key, int],
     settings: IdentificationSettings,
 ) -> tuple[Problem, Detectability, dict[Key, str]]:
-    """The planned problem, what it can detect, and the noise that was assumed, in words."""
+    """The planned problem, its detectability, and texts of assumed noise."""
     assumed: dict[Key, str] = {}
     if noise is None:
         noise, assumed = assumed_noise(model, settings.detectability)
@@ -355,13 +350,13 @@ def _detectability(
     differences = FiniteDifferences(problem)
     base = fit_hypothesis(problem, differences=differences)
     if base.status == FAILED:
-        raise SimulationError(f"{model.name}: cannot be simulated as it stands: {base.reason}")
-    signatures = simulate_signatures(problem, base, differences, problem.model.candidates)
-    return problem, Detectability(signatures, *_lengths(problem.parts, counts), rate, settings), assumed
+        raise SimulationError(f"{model.name}: the current model cannot be simulated: {base.reason}")
+    sensitivities = simulate_sensitivities(problem, base, differences, problem.model.candidates)
+    return problem, Detectability(sensitivities, *_lengths(problem.parts, counts), rate, settings), assumed
 
 
 def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], list[int]]:
-    """Samples of each series, and how many they stand for; statistics over cycles stand for themselves."""
+    """Number of samples of each series, and the number that they represent (statistics: the same)."""
     lengths = [part.place.stop - part.place.start for part in parts]
     return lengths, [
         length if part.series.statistic else counts.get(part.series.key, length)
@@ -372,14 +367,14 @@ def _lengths(parts: Iterable, counts: Mapping[Key, int]) -> tuple[list[int], lis
 def _part(
     detectability: Detectability, problem: Problem, keys: Collection[Key], counts: Mapping[Key, int]
 ) -> Detectability:
-    """What these channels and runs alone can detect."""
+    """Detectability for these channels and runs only."""
     parts = [part for part in problem.parts if part.series.key in keys]
     rows = np.concatenate([np.arange(part.place.start, part.place.stop) for part in parts])
     return detectability.part(rows, *_lengths(parts, counts))
 
 
 def _preflight(model: Model, detectability: Detectability, assumed: tuple[str, ...]) -> Preflight:
-    rows, sizes, failed = [], {}, dict(detectability.signatures.failed)
+    rows, sizes, failed = [], {}, dict(detectability.sensitivities.failed)
     for candidate in model.candidates:
         simulated = candidate.label in detectability.labels
         smallest = detectability.detectable_size(candidate.label) if simulated else np.inf
@@ -410,10 +405,9 @@ def _preflight(model: Model, detectability: Detectability, assumed: tuple[str, .
 
 
 def _stated_first(candidate: Candidate, size: float) -> tuple[str, str, float, bool]:
-    """The parameter that a verdict states first, its unit, its value at an amplitude [SI], and whether that falls.
+    """The first parameter in a verdict, its unit, its value for an amplitude [SI], and whether it decreases.
 
-    The value is NaN at infinity; the unit is empty where the parameter is not the coordinate itself, or that and a
-    constant.
+    The value is NaN for infinity; the unit is empty unless the parameter is the coordinate plus a constant.
     """
     first = next(p for p in candidate.coordinates if p.key in candidate.amplitudes)
     shapes = {p.key: p.nominal for p in candidate.coordinates} | dict(candidate.initial_guesses[0])

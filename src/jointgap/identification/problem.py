@@ -16,25 +16,24 @@ from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSet
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of one series, by which its residual is measured."""
+    """Noise of one series."""
 
     sd: np.ndarray  # Marginal standard deviation of the measurement [unit]
     autocorrelation: tuple[float, ...] = ()
-    numerics: np.ndarray | float = 0.0  # Standard deviation of what equally good numerics predict otherwise [unit]
-    source: str = "stated"  # Where `sd` is from, in words
+    numerics: np.ndarray | float = 0.0  # Standard deviation between equivalent solver variants [unit]
+    source: str = "stated"  # Source of `sd`
     drive: np.ndarray | None = None
 
     @property
     def spread(self) -> np.ndarray:
-        """Standard deviation [unit] of a residual of the true model, shape (n,)."""
+        """Standard deviation (n,) [unit] of the residual of a true model."""
         return np.sqrt(self.sd**2 + np.square(self.numerics))
 
 
 def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
-    """Residuals as independent numbers of variance 1 if nothing but noise is in them.
+    """Whitened residuals: independent, of variance 1, if they are noise.
 
-    From each sample its prediction from the samples before it, back to the last gap, is subtracted: exact for an
-    autoregressive process.
+    The prediction from previous samples (back to the last gap) is subtracted: exact for an autoregressive process.
     """
     flat = residual.ndim == 1
     scaled = (residual[:, None] if flat else residual) / noise.spread[:, None]
@@ -44,26 +43,22 @@ def whiten(residual: np.ndarray, noise: Noise) -> np.ndarray:
 
 
 class SharedErrors:
-    """Errors that several series share, beside their noise: after it, they are whitened together."""
+    """Errors common to several series, whitened after their noise."""
 
     def __init__(self, changes: np.ndarray):
         self._directions, sizes, _ = np.linalg.svd(changes, full_matrices=False)
         self._excess = 1.0 - 1.0 / np.hypot(1.0, sizes)
-        self.changes = self._directions * sizes  # as few columns as there are directions
+        self.changes = self._directions * sizes
 
     def whiten(self, residual: np.ndarray) -> np.ndarray:
-        """Residuals (n,) with covariance I + changes changes' as independent numbers of variance 1.
-
-        By the symmetric root, so that each stays with its sample.
-        """
+        """Whiten residuals (n,) with the covariance I + changes changes', by its symmetric root."""
         return residual - self._directions @ (self._excess * (self._directions.T @ residual))
 
 
 def autoregression(autocorrelation: Sequence[float]) -> list[tuple[np.ndarray, float]]:
-    """Weights of the last 0, 1, ..., p samples that predict the next, and the remaining sd (Levinson).
+    """Prediction weights (order,) and remaining standard deviation for the orders 0, 1, ..., p (Levinson).
 
-    Each (weights, sd) is of shapes (order,) and (), in standard deviations of the process; `autocorrelation` is at lags
-    1 ... p.
+    In standard deviations of the process; `autocorrelation` at lags 1 ... p.
     """
     rho = np.concatenate(([1.0], autocorrelation))
     weights, variance = np.empty(0), 1.0
@@ -73,7 +68,7 @@ def autoregression(autocorrelation: Sequence[float]) -> list[tuple[np.ndarray, f
         weights = np.append(weights - reflection * weights[::-1], reflection)
         variance *= 1.0 - reflection**2
         if not variance > 0.0:
-            raise ValueError(f"autocorrelation {list(autocorrelation)} is not that of any process")
+            raise ValueError(f"autocorrelation {list(autocorrelation)} is not positive definite")
         orders.append((weights, float(np.sqrt(variance))))
     return orders
 
@@ -81,7 +76,7 @@ def autoregression(autocorrelation: Sequence[float]) -> list[tuple[np.ndarray, f
 def _innovations(scaled: np.ndarray, orders: list[tuple[np.ndarray, float]]) -> np.ndarray:
     present = np.isfinite(scaled[:, 0])
     index = np.arange(present.size)
-    since_gap = index - np.maximum.accumulate(np.where(present, -1, index))  # samples in a row, this one included
+    since_gap = index - np.maximum.accumulate(np.where(present, -1, index))  # including this one
     innovations = np.full(scaled.shape, np.nan)
     for order, (weights, sd) in enumerate(orders):
         last = order == len(orders) - 1
@@ -103,7 +98,7 @@ def unwhiten(white: np.ndarray, noise: Noise) -> np.ndarray:
     edges = np.flatnonzero(np.diff(np.concatenate(([False], np.isfinite(white), [False]))))
     for begin, end in edges.reshape(-1, 2):
         ahead = min(begin + weights.size, end)
-        for i in range(begin, ahead):  # the first ones have fewer samples before them
+        for i in range(begin, ahead):  # with fewer previous samples
             earlier, innovation = orders[i - begin]
             scaled[i] = innovation * white[i] + earlier @ scaled[begin:i][::-1]
         if ahead < end:
@@ -113,18 +108,18 @@ def unwhiten(white: np.ndarray, noise: Noise) -> np.ndarray:
 
 
 Hypothesis = tuple[Candidate, ...]
-"""Effects that are added to the model together; () is the model as it stands."""
+"""Effects added to the model; () is the current model."""
 
 
 def label_of(hypothesis: Hypothesis) -> str:
-    """``gravity + slider_spring``; ``base`` for the model as it stands."""
+    """``gravity + slider_spring``; ``base`` for the current model."""
     return " + ".join(candidate.label for candidate in hypothesis) or "base"
 
 
 def values_in_run(
     model: Model, run: str, values: Mapping[str, float], hypothesis: Hypothesis = ()
 ) -> tuple[dict[str, float], list[tuple[Candidate, dict[str, float]]]]:
-    """What `Model.simulate` asks for: values [SI] of a run's nuisances by name, and effects with theirs."""
+    """Arguments of `Model.simulate`: nuisances [SI] of a run by name, and effects with their values."""
     replaced = {name for candidate in hypothesis for name in candidate.replaces}
     here = [p for p in model.nuisances if p.run in (None, run)]
     nuisances = {p.name: p.nominal if p.name in replaced else values.get(p.key, p.nominal) for p in here}
@@ -137,16 +132,16 @@ def values_in_run(
 
 @dataclass(frozen=True)
 class Part:
-    """Place of one series in the vector of residuals."""
+    """Position of one series in the vector of residuals."""
 
     series: Series
     noise: Noise
-    used: np.ndarray  # (n,) bool: samples of the series that count here
+    used: np.ndarray  # (n,) bool: used samples of the series
     place: slice
 
 
 class Problem:
-    """The samples of one role, and how a model with an explanation misses them."""
+    """The fitted or held-out samples, and the whitened residuals of a hypothesis."""
 
     def __init__(
         self,
@@ -159,7 +154,7 @@ class Problem:
         self.model = model
         self.settings = settings
         self.simulations = 0
-        self.as_it_stands: Any = None  # kept by `jointgap.identification.likelihood.as_it_stands`
+        self.current_model: Any = None  # kept by `jointgap.identification.likelihood.current_model`
         self.parts: list[Part] = []
         begin = 0
         for series in model.series:
@@ -181,24 +176,24 @@ class Problem:
 
     @cached_property
     def runs(self) -> tuple[str, ...]:
-        """Runs with samples here."""
+        """Runs with used samples."""
         here = {part.series.run for part in self.parts}
         return tuple(run for run in runs_of(self.model) if run in here)
 
     @cached_property
     def has_statistics(self) -> bool:
-        """Whether the motion of a run never repeats, so that statistics over cycles stand for samples."""
+        """Whether a run has non-periodic motion, compared by statistics over cycles."""
         return any(part.series.statistic for part in self.parts)
 
     @cached_property
     def nuisances(self) -> tuple[Parameter, ...]:
-        """Nuisances that matter to the runs here."""
+        """Nuisances of these runs."""
         return tuple(p for p in self.model.nuisances if p.run in (None, *self.runs))
 
     def parameters(self, hypothesis: Hypothesis) -> tuple[Parameter, ...]:
-        """What a fit of `hypothesis` varies, in order: nuisances that no effect replaces, then coordinates.
+        """Parameters of a fit of `hypothesis`: nuisances that no effect replaces, then coordinates.
 
-        Coordinates are renamed ``label.coordinate``; those of other runs are left out.
+        Coordinates are renamed ``label.coordinate``; those of other runs are omitted.
         """
         replaced = {name for candidate in hypothesis for name in candidate.replaces}
         kept = [p for p in self.nuisances if p.name not in replaced]
@@ -210,7 +205,7 @@ class Problem:
     def predict(
         self, run: str, values: Mapping[str, float], hypothesis: Hypothesis = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
-        """What the sensors would read in one run."""
+        """Predicted sensor readings of one run."""
         self.simulations += 1
         report_progress("simulated runs of the rig", self.simulations)
         return self.model.simulate(run, *values_in_run(self.model, run, values, hypothesis), numerics)
@@ -223,7 +218,7 @@ class Problem:
         out: np.ndarray | None = None,
         numerics: int = 0,
     ) -> np.ndarray:
-        """Whitened residuals, shape (size,); independent and of variance 1 where the model is true."""
+        """Whitened residuals (size,): independent, of variance 1, if the model is true."""
         residual = np.empty(self.size) if out is None else out.copy()
         for run in self.runs if runs is None else runs:
             predicted = self.predict(run, values, hypothesis, numerics)
@@ -236,7 +231,7 @@ class Problem:
         return residual
 
     def shared_changes(self, run: str) -> np.ndarray:
-        """What each error that series of a run share, of variance 1, changes in the run's residuals, (n, e)."""
+        """Change (n, e) of a run's residuals by each common error of variance 1."""
         places = np.concatenate([np.arange(p.place.start, p.place.stop) for p in self.parts if p.series.run == run])
         if run not in self._shared:
             return np.zeros((places.size, 0))
@@ -246,14 +241,14 @@ class Problem:
         return changes[places]
 
     def together(self, residual: np.ndarray) -> np.ndarray:
-        """Residuals (n,) of which each series is whitened by itself, with the errors that series share whitened too."""
+        """Residuals (n,), whitened by series, whitened for common errors too."""
         residual = residual.copy()
         for sharing, errors in self._shared.values():
             residual[sharing] = errors.whiten(residual[sharing])
         return residual
 
     def _shared_errors(self, run: str) -> tuple[np.ndarray, SharedErrors] | None:
-        """Places of the residuals of a run that share errors, and these; None where what drives it is exact."""
+        """Indices of the residuals with common errors, and these; None if the drive is exact."""
         parts = [part for part in self.parts if part.series.run == run and part.noise.drive is not None]
         if not parts:
             return None
@@ -265,10 +260,10 @@ class Problem:
 
     def _whitened(self, part: Part, predicted: np.ndarray) -> np.ndarray:
         if not np.isfinite(predicted[part.used]).all():
-            raise SimulationError(f"run {part.series.run}: {part.series.channel} as simulated is not finite")
+            raise SimulationError(f"run {part.series.run}: the simulated {part.series.channel} is not finite")
         value = self._planned.get(part.series.key, part.series.value)
         return whiten(np.where(part.used, value - predicted, np.nan), part.noise)[part.used]
 
     def gap(self, residual: np.ndarray) -> float:
-        """Root of the mean over runs and channels of the mean squared whitened residual; 1 = noise."""
+        """Root of the mean over runs and channels of the mean squared whitened residual; 1 is noise."""
         return float(np.sqrt(np.mean([np.mean(residual[part.place] ** 2) for part in self.parts])))

@@ -1,8 +1,8 @@
-"""From evidence to a verdict: is something missing, what is it, and can the data tell.
+"""Rules that turn evidence into a verdict.
 
-The first row of `OF_FITS` that holds is the verdict of the fits. What that names or calls equivalent is put to the
-held-out data by `OF_HELD_OUT`. Nothing is simulated or fitted here: the table of evidence is made of fits by
-`jointgap.identification.evidence`. The numbers are those of `settings.DecisionSettings`.
+The first rule of `OF_FITS` that holds gives the verdict of the fits. `OF_HELD_OUT` then tests the named or equivalent
+explanations on held-out data. `jointgap.identification.evidence` makes the evidence; the limits are those of
+`settings.DecisionSettings`.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,112 +27,110 @@ ALONE, ALIKE = "alone", "alike"
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What null campaigns, in which nothing is hidden, exceed with the stated rate."""
+    """Limits that null campaigns (without a hidden effect) exceed with the stated rate."""
 
     rate: float  # [1] Share of null campaigns that exceed each threshold
-    omnibus: float  # [1] Of the base's chi2 over its degrees of freedom
-    max_gain_threshold: float  # [BIC] Of the gain of the best candidate
-    numerical_noise: float = 0.0  # [chi2] What a fit may gain by numerical noise alone
+    omnibus: float  # [1] Reduced chi2 of the base
+    max_gain_threshold: float  # [BIC] Gain of the best candidate
+    numerical_noise: float = 0.0  # [chi2] Possible gain of a fit by numerical noise
 
 
 @dataclass(frozen=True)
 class Row:
     """An explanation, or the model without effects, in the table of evidence."""
 
-    fit: Any  # Handed on; no rule looks into it
+    fit: Any  # Not used by the rules
     effects: tuple[str, ...]  # Labels
-    chi2: float  # Infinite where the fit failed
+    chi2: float  # Infinite if the fit failed
     samples: int
-    parameters: int  # How many were fitted
+    parameters: int  # Number of fitted parameters
     bic: float
-    objection: str = ""  # Why it is not admissible: the fit failed, or an effect is not there or is none
-    reason: str = ""  # What the fit says of itself
-    similarity: float = 0.0  # [1] Squared cosine with the effect that is most like it
-    at_bounds: tuple[str, ...] = ()  # Shared nuisances at an end of their range
-    is_rough: bool = False  # Whether motion depends roughly on an effect, so that no slope leads to it
-    # By `weigh`, beside the base:
-    delta_bic: float = 0.0  # BIC of the base less its own: larger is better
-    share: float = np.nan  # [1] Of what exceeds the noise in the base; NaN where that may be noise itself
-    passes: bool = False  # Whether it leaves noise alone
+    objection: str = ""  # Why it is not admissible: the fit failed, or an effect is zero or a nuisance
+    reason: str = ""  # Remark of the fit
+    similarity: float = 0.0  # [1] Squared cosine with the most similar effect
+    at_bounds: tuple[str, ...] = ()  # Shared nuisances at a bound
+    is_nonsmooth: bool = False  # Whether motion is a nonsmooth function of an effect, without useful derivatives
+    # From `weigh`, relative to the base:
+    delta_bic: float = 0.0  # BIC of the base minus its own: larger is better
+    share: float = np.nan  # [1] Of the misfit beyond noise of the base; NaN if that may be noise
+    passes: bool = False  # Whether the residual is consistent with noise
 
     @property
     def label(self) -> str:
-        """The explanation in words."""
         return " + ".join(self.effects)
 
     @property
     def misfit(self) -> float:
-        """chi2 over its degrees of freedom [1]."""
+        """Reduced chi2 [1]."""
         return self.chi2 / max(self.samples - self.parameters, 1)
 
     @property
     def admissible(self) -> bool:
-        """Whether it may be named: all its effects are there, and none is a nuisance within its range."""
+        """Whether it may be named."""
         return not self.objection
 
     @property
     def remark(self) -> str:
-        """Why it is not admissible, or what the fit says."""
         return self.objection or self.reason
 
 
 @dataclass(frozen=True)
 class HeldOutTest:
-    """What becomes of the gap of the held-out data once the effects of a verdict are in the model."""
+    """Change of the gap on held-out data by the effects of a verdict."""
 
-    outcome: str  # ``falls``, ``rises``, ``stays`` though it should fall, or why that is not known
-    before: float = np.nan  # Gap [1] of the runs that could be simulated; NaN where none could
+    outcome: str  # ``falls``, ``rises``, ``stays`` although it should fall, or why that is unknown
+    before: float = np.nan  # Gap [1] of the runs that could be simulated; NaN if none could
     after: float = np.nan
-    after_low: float = np.nan  # Lower end [1] of the 90 % interval of the gap after
+    after_low: float = np.nan  # Lower end [1] of the 90 % interval of `after`
 
     @property
-    def words(self) -> str:
-        """``falls from 3.00 to 1.02``, ``stays at 1.18``; more digits where two show no difference."""
+    def summary(self) -> str:
+        """``falls from 3.00 to 1.02``, ``stays at 1.18``; more digits if two show no difference."""
         digits = next((n for n in (2, 3, 4) if f"{self.before:.{n}f}" != f"{self.after:.{n}f}"), 2)
         before, after = (f"{gap:.{digits if gap < 100 else 0}f}" for gap in (self.before, self.after))
         if self.outcome in (FALLS, RISES):
-            return f"it {self.outcome} from {before} to {after}"
+            return f"{self.outcome} from {before} to {after}"
         if f"{self.before:.2f}" == f"{self.after:.2f}":
-            return f"it stays at {self.after:.2f}"
-        return f"it stays within what noise leaves open, {self.before:.2f} before and {self.after:.2f} after"
+            return f"stays at {self.after:.2f}"
+        return f"does not change significantly ({self.before:.2f} before, {self.after:.2f} after)"
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What all runs show, predicted with the effects of a verdict."""
+    """Gaps of all runs with the effects of a verdict."""
 
     test: HeldOutTest
     gap: float = np.nan  # [1] Of all held-out data together
-    fitted: tuple[float, str] = (0.0, "")  # The largest gap [1] of a channel of the data used for fitting, and which
-    held_out: tuple[float, str] = (0.0, "")  # The same of held-out data
-    noise: tuple[float, str] = (0.0, "")  # The largest part [1] that noise is of what a channel varies by, and which
+    fitted: tuple[float, str] = (0.0, "")  # The channel with the largest gap [1] on the fitted data
+    held_out: tuple[float, str] = (0.0, "")  # The same on held-out data
+    noise: tuple[float, str] = (0.0, "")  # The channel with the largest share [1] of noise in its variation
 
 
 class Need(NamedTuple):
-    """A fit to be made before a name is given."""
+    """A fit that is required before an effect is named."""
 
-    kind: str  # ``alone``: an effect of a pair; ``alike``: all that looks like an effect of the explanation
+    kind: str  # ``alone``: an effect of a pair; ``alike``: all effects confusable with the explanation
     label: str  # Of that effect, or of the explanation
-    fit: Any  # The explanation, from whose nuisances it starts
+    fit: Any  # The explanation whose nuisances are the start
 
 
 @dataclass(frozen=True)
 class Decision:
-    """A verdict, and the fits that it rests on."""
+    """A verdict and its fits."""
 
     verdict: str
-    chosen: Any  # The explanation named; the base where none is, or the nominal model where that is enough
-    base: Any  # The model as it stands, nuisances fitted, that explanations were compared with
-    equivalent: list = field(default_factory=list)  # Explanations that the data cannot tell apart, best first
+    chosen: Any  # The explanation named, the base if none is, or the nominal model if that is enough
+    base: Any  # The current model, nuisances fitted
+    equivalent: list = field(default_factory=list)  # Indistinguishable explanations, best first
     ranking: Sequence[Row] = ()  # All explanations, best first, the failed ones last
-    because: str = ""  # The reason in a sentence
-    best_known: Any = None  # The best explanation, where the verdict is ``unexplained`` and one gains enough
-    needs: tuple[Need, ...] = ()  # What is to be fitted before this counts
+    because: str = ""  # The reason
+    best_known: Any = None  # The best explanation, if the verdict is ``unexplained`` and one gains enough
+    needs: tuple[Need, ...] = ()  # Fits that are required first
 
     @property
     def proposed(self) -> Any:
-        """What the held-out data are asked about: the explanation named, else the first of those that are as good, else
-        the best known; None where nothing is proposed."""
+        """The explanation to test on held-out data: the one named, else the first equivalent one, else the best known;
+        None if there is none."""
         return self.chosen if self.verdict in _NAMES else next(iter(self.equivalent), self.best_known)
 
 
@@ -141,42 +139,42 @@ _NAMES = NAMED, NAMED_WITH_REMAINING_MISFIT
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that a verdict rests on."""
+    """Input of the rules."""
 
-    base: Row  # The model as it stands, nuisances fitted
+    base: Row  # The current model, nuisances fitted
     nominal: Row  # The same at nominal values
     rows: Sequence[Row]
     limits: Thresholds
-    second_effect_gain: float = 0.0  # [BIC] What a pair has to gain over the best single effect at least
-    is_special_case: Callable[[Row, Row], bool] = lambda special, general: False  # The second can do all of the first
-    by_fits: Decision | None = None  # What the fits say, if that is settled
+    second_effect_gain: float = 0.0  # [BIC] Least gain of a pair over the best single effect
+    is_special_case: Callable[[Row, Row], bool] = lambda special, general: False  # The second contains the first
+    by_fits: Decision | None = None  # The verdict of the fits, once there is one
     held_out: HeldOut | None = None
-    doubted: Sequence[str] = ()  # Channels that contradict others
+    inconsistent: Sequence[str] = ()  # Channels
 
 
 class Case:
-    """What the rules ask of evidence."""
+    """Quantities that the rules use."""
 
     def __init__(self, evidence: Evidence, settings: DecisionSettings, said: Decision | None = None):
         self.evidence, self.settings, self.said = evidence, settings, said
         self.base, self.nominal, self.limits = evidence.base, evidence.nominal, evidence.limits
         rows = [weigh(self.base, row, self.limits, settings) for row in evidence.rows]
         self.ranking = sorted(rows, key=lambda row: -row.delta_bic)
-        # The base is a rival too, and the best of many explanations gains something by chance alone.
+        # The base is a rival too, and the best of many explanations gains something by chance.
         self.needed = max(settings.min_delta_bic, self.limits.max_gain_threshold)
         self.apart = settings.min_delta_bic + self.limits.numerical_noise
-        # A share of what hardly shows says nothing; what is left of it would not be called missing either.
-        self.hardly_shows = self.base.misfit <= settings.noise_gap**2
+        # The explained share of a small misfit is meaningless.
+        self.is_small = self.base.misfit <= settings.noise_gap**2
         if said:
             self.held_out, self.test = evidence.held_out, evidence.held_out.test
-            self.leaves_more = self.test.after_low > settings.noise_gap
-            self.leaves_rest = self.leaves_more or said.verdict != NAMED
+            self.exceeds_noise = self.test.after_low > settings.noise_gap
+            self.has_misfit = self.exceeds_noise or said.verdict != NAMED
             self.closed, self.ends = share_closed(self.test.before, self.test.after), ", ".join(self.best.at_bounds)
 
     @cached_property
     def best(self) -> Row | None:
-        """The best explanation, if it gains enough; one of more effects only where it gains enough over the best one of
-        fewer: the more effects, the more explanations there are to choose the luckiest from."""
+        """The best explanation, if it gains enough; one of more effects only if it gains enough over the best one of
+        fewer, as the best of many explanations gains by chance."""
         if self.said:
             return next(row for row in self.ranking if row.fit is self.said.proposed)
         good = [row for row in self.ranking if row.admissible and row.delta_bic > 0.0]
@@ -188,7 +186,7 @@ class Case:
 
     @cached_property
     def others(self) -> list[Row]:
-        """Other explanations of no more effects: no more and no less of the best one, nor one that it is a limit of."""
+        """Other explanations of no more effects; not parts, extensions or limits of the best one."""
         own = {*self.best.effects}
         found = [row for row in self.ranking if row.admissible and len(row.effects) <= len(own)]
         found = [row for row in found if not own <= {*row.effects} and not own > {*row.effects}]
@@ -196,7 +194,7 @@ class Case:
 
     @property
     def rivals(self) -> list[Row]:
-        """Those that are as good as the best one."""
+        """Explanations equivalent to the best one."""
         return [row for row in self.others if row.bic - self.best.bic < self.apart]
 
     @property
@@ -206,33 +204,32 @@ class Case:
 
     @property
     def is_good(self) -> bool:
-        """Whether nearly all is explained, or little is left."""
-        return self.best.passes or self.explains or self.hardly_shows
+        return self.best.passes or self.explains or self.is_small
 
     @property
     def similar(self) -> Row | None:
-        """Another one that explains nearly all and leaves hardly more: of a rest that is no noise BIC says little."""
+        """Another explanation of nearly all with a similar misfit: BIC is no measure of a misfit that is not noise."""
         nearly_all = (row for row in self.others if row.share >= self.settings.min_explained_share)
         return next((row for row in nearly_all if not self.leaves_less(1.0 - row.share)), None)
 
     def leaves_less(self, wrong: float) -> bool:
-        """Whether the best one leaves clearly less than a wrong one [1, of the misfit]."""
+        """Whether the best one leaves clearly less misfit than a wrong one (`wrong`: share [1])."""
         return 1.0 - self.best.share < self.settings.max_share_of_wrong_misfit * wrong
 
     @property
     def counts_held_out(self) -> bool:
-        """Whether sizes of held-out gaps count: at another speed impacts ring in another phase, whatever is true, so
-        that it is enough there if the gap falls."""
-        return not (self.held_out.test.outcome == FALLS and self.best.is_rough)
+        """Whether sizes of held-out gaps count. At another speed impacts have another phase even in a true model, so
+        that a falling gap is enough."""
+        return not (self.held_out.test.outcome == FALLS and self.best.is_nonsmooth)
 
     @property
-    def doubted(self) -> str:
-        """``torque reads``, ``angle and torque read``."""
-        names = [channel.replace("_", " ") for channel in self.evidence.doubted]
-        return f"{' and '.join(names)} {'reads' if len(names) == 1 else 'read'}"
+    def inconsistent(self) -> str:
+        """``torque is``, ``angle and torque are``."""
+        names = [channel.replace("_", " ") for channel in self.evidence.inconsistent]
+        return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'}"
 
     def decided(self, rule: "Rule") -> Decision:
-        """What a rule decides."""
+        """The decision by a rule."""
         because, best, said = rule.because.format(c=self), self.best, self.said
         if said and rule.verdict == UNEXPLAINED:
             said = replace(said, chosen=said.base, equivalent=[], best_known=best.fit)
@@ -243,7 +240,7 @@ class Case:
         chosen = best if rule.verdict in _NAMES else self.nominal if rule.verdict == NO_DISAGREEMENT else self.base
         fits = {"chosen": chosen.fit, "base": self.base.fit, "equivalent": [row.fit for row in equal]}
         fits["best_known"] = known.fit if known else None
-        # One of two effects may be there without the other; what looks like the best was not fitted from its nuisances.
+        # One effect of a pair may suffice; effects confusable with the best were not fitted from its nuisances.
         first = (row for row in self.ranking[:1] if row.delta_bic > 0.0)
         pairs = [row for row in (chosen, *equal, *first) if len(row.effects) > 1]
         needs = [Need(ALONE, effect, row.fit) for row in pairs for effect in row.effects]
@@ -256,7 +253,7 @@ class Rule(NamedTuple):
     """A row of the table of rules."""
 
     verdict: str
-    because: str  # The reason in plain words, which names the rule; {c} is the case
+    because: str  # The reason, unique in the table; {c} is the case
     holds: Callable[[Case], Any]
 
 
@@ -264,124 +261,123 @@ OF_FITS = (
     # Nothing gains enough
     Rule(
         UNEXPLAINED,
-        "no candidate explains the disagreement",
-        lambda c: not c.best and not c.hardly_shows and c.base.misfit > c.limits.omnibus,
+        "no candidate explains the residual",
+        lambda c: not c.best and not c.is_small and c.base.misfit > c.limits.omnibus,
     ),
     Rule(
         NO_DISAGREEMENT,
-        "the model as it stands leaves noise alone",
+        "the current model's residual is consistent with noise",
         lambda c: not c.best and c.nominal.misfit <= c.limits.omnibus and c.nominal.bic - c.base.bic < c.apart,
     ),
-    Rule(PARAMETERS_ONLY, "with parameters within their ranges the model leaves noise alone", lambda c: not c.best),
-    # Something is missing, but the data do not say what
+    Rule(PARAMETERS_ONLY, "with re-fitted parameters the residual is consistent with noise", lambda c: not c.best),
+    # Several explanations
     Rule(AMBIGUOUS, "several explanations fit the data equally well", lambda c: c.rivals and c.is_good),
     Rule(UNEXPLAINED, "several explanations are equally poor", lambda c: c.rivals),
     # One explanation is the best
-    Rule(NAMED, "with it the model leaves noise alone", lambda c: c.best.passes),
+    Rule(NAMED, "with it the residual is consistent with noise", lambda c: c.best.passes),
     Rule(
         UNEXPLAINED,
-        "the best, {c.best.label}, explains {c.best.share:.1%} only",
+        "the best candidate, {c.best.label}, explains only {c.best.share:.1%} of the misfit",
         lambda c: not c.is_good and np.isfinite(c.best.share),
     ),
-    Rule(UNEXPLAINED, "the best, {c.best.label}, leaves as much", lambda c: not c.is_good),
+    Rule(UNEXPLAINED, "the best candidate, {c.best.label}, does not reduce the misfit", lambda c: not c.is_good),
     Rule(
         UNEXPLAINED,
-        "{c.best.label} leaves more than noise, and {c.similar.label} hardly more than that",
+        "the residual with {c.best.label} exceeds noise, and that with {c.similar.label} is hardly larger",
         lambda c: c.similar,
     ),
     Rule(
         NAMED_WITH_REMAINING_MISFIT,
-        "it is far ahead of all others, of a disagreement that hardly shows",
+        "the misfit is small, but it explains it far better than any alternative",
         lambda c: not c.explains,
     ),
     Rule(
         NAMED_WITH_REMAINING_MISFIT,
-        "it explains all but a small rest, and no other explanation does",
+        "it explains nearly everything; no alternative does",
         lambda c: c.best.share >= c.settings.sure_explained_share,
     ),
-    # Were the effect most like it the cause, it would still explain `similarity` of the misfit.
+    # If the most similar effect were the cause, this one would still explain `similarity` of the misfit.
     Rule(
         NAMED_WITH_REMAINING_MISFIT,
-        "it explains nearly all, and more than it could if the nearest other effect were the cause",
+        "it explains most of the misfit, and more than it could if the most similar effect were the cause",
         lambda c: c.leaves_less(1.0 - c.best.similarity),
     ),
     Rule(
         UNEXPLAINED,
-        "{c.best.label} explains {c.best.share:.1%}, as it also would if a similar effect were the cause",
+        "{c.best.label} explains {c.best.share:.1%}, as it would if a similar effect were the cause",
         lambda c: True,
     ),
 )
-"""What the fits say by themselves."""
+"""Rules for the fits."""
 
 OF_HELD_OUT = (
     Rule(
         UNEXPLAINED,
-        "what {c.doubted} contradicts other channels, so no effect can be told from it",
-        lambda c: c.evidence.doubted,
+        "{c.inconsistent} inconsistent with other channels, so no effect can be identified",
+        lambda c: c.evidence.inconsistent,
     ),
-    # Nuisances make up for what the model lacks, and the noise is none.
+    # Nuisances compensate for missing effects, and the noise estimate contains model error.
     Rule(
         UNEXPLAINED,
-        "{c.ends} end at their bounds, and the noise of {c.held_out.noise[1]} is {c.held_out.noise[0]:.0%} of what it "
-        "varies by: the model is wrong in more than one effect",
+        "{c.ends} end at their bounds, and the noise of {c.held_out.noise[1]} is {c.held_out.noise[0]:.0%} of its "
+        "variation: more than one effect is missing",
         lambda c: (
             len(c.best.at_bounds) >= c.settings.many_at_bounds and c.held_out.noise[0] > c.settings.max_noise_share
         ),
     ),
     Rule(
         UNEXPLAINED,
-        "the best, {c.best.label}, leaves a gap of {c.held_out.fitted[0]:.3g} in {c.held_out.fitted[1]} on the "
-        "data used for fitting: no small rest",
+        "with the best candidate, {c.best.label}, the gap of {c.held_out.fitted[1]} on the fitted data is still "
+        "{c.held_out.fitted[0]:.3g}",
         lambda c: c.held_out.fitted[0] > c.settings.max_gap_left,
     ),
     Rule(
         UNEXPLAINED,
-        "the best, {c.best.label}, leaves a gap of {c.held_out.held_out[0]:.3g} in {c.held_out.held_out[1]} on "
-        "the held-out data: no small rest",
+        "with the best candidate, {c.best.label}, the gap of {c.held_out.held_out[1]} on the held-out data is still "
+        "{c.held_out.held_out[0]:.3g}",
         lambda c: c.counts_held_out and c.held_out.held_out[0] > c.settings.max_gap_left,
     ),
     Rule(
         UNEXPLAINED,
-        "the best, {c.best.label}, leaves a gap of {c.held_out.gap:.3g} on the held-out data: no small rest",
+        "with the best candidate, {c.best.label}, the gap on the held-out data is still {c.held_out.gap:.3g}",
         lambda c: c.counts_held_out and c.held_out.gap > c.settings.max_gap_held_out,
     ),
     Rule(AS_THE_FITS_SAY, "several explanations are equally good", lambda c: c.said.verdict == AMBIGUOUS),
-    # Of what the effects change in the held-out data the share a is there: the squared gap falls by (2 a - 1) times
-    # that change's mean square. Where it falls at all, more of the change is there than not.
+    # If the held-out data contain the share a of the change due to the effects, the squared gap falls by (2 a - 1)
+    # times the mean square of that change. If it falls at all, a exceeds one half.
     Rule(
         UNEXPLAINED,
-        "with {c.best.label} the gap on the held-out data does not fall: {c.test.words}",
+        "with {c.best.label} the gap on the held-out data {c.test.summary}, although it should fall",
         lambda c: c.test.outcome == RISES or (c.test.outcome == STAYS and not c.test.after < c.test.before),
     ),
     Rule(
         UNEXPLAINED,
-        "the best, {c.best.label}, is far ahead of all others, but of a disagreement that hardly shows, and no "
-        "held-out data confirm it",
-        lambda c: c.leaves_rest and c.test.outcome != FALLS and (c.hardly_shows or not c.explains),
+        "the misfit is small, and no held-out data confirm the best candidate, {c.best.label}",
+        lambda c: c.has_misfit and c.test.outcome != FALLS and (c.is_small or not c.explains),
     ),
     Rule(
         UNEXPLAINED,
-        "{c.best.label} explains less than half of the gap on the held-out data: {c.test.words}",
-        lambda c: c.counts_held_out and c.leaves_more and 1.0 - c.closed > c.settings.max_share_of_wrong_misfit,
+        "{c.best.label} explains less than half of the gap on the held-out data, which {c.test.summary}",
+        lambda c: c.counts_held_out and c.exceeds_noise and 1.0 - c.closed > c.settings.max_share_of_wrong_misfit,
     ),
-    Rule(AS_THE_FITS_SAY, "the fits leave a rest", lambda c: c.said.verdict == NAMED_WITH_REMAINING_MISFIT),
+    Rule(AS_THE_FITS_SAY, "the fits have a remaining misfit", lambda c: c.said.verdict == NAMED_WITH_REMAINING_MISFIT),
     Rule(
         NAMED_WITH_REMAINING_MISFIT,
-        "it leaves noise alone on the data used for fitting, but more on the held-out data",
-        lambda c: c.leaves_more,
+        "the residual is consistent with noise on the fitted data, but exceeds it on the held-out data",
+        lambda c: c.exceeds_noise,
     ),
     Rule(
         NAMED_WITH_REMAINING_MISFIT,
-        "the gap on the held-out data falls by less than noise leaves open: {c.test.words}",
+        "the gap on the held-out data {c.test.summary}",
         lambda c: c.test.outcome == STAYS,
     ),
-    Rule(AS_THE_FITS_SAY, "noise alone is left of all data", lambda c: True),
+    Rule(AS_THE_FITS_SAY, "the residual of all data is consistent with noise", lambda c: True),
 )
-"""What is left of that once the held-out data are heard."""
+"""Rules for the verdict of the fits on held-out data."""
 
 
 def verdict(evidence: Evidence, settings: DecisionSettings = DEFAULT_SETTINGS.decision) -> Decision:
-    """The decision by the first rule that holds, of the fits and, with held-out evidence, of that."""
+    """The decision by the first rule of `OF_FITS` that holds and, with held-out evidence, of `OF_HELD_OUT`."""
     said = evidence.by_fits
     for rules, asked in ((OF_FITS, not said), (OF_HELD_OUT, bool(evidence.held_out))):
         if asked and (said is None or said.verdict in (*_NAMES, AMBIGUOUS)):
@@ -391,16 +387,16 @@ def verdict(evidence: Evidence, settings: DecisionSettings = DEFAULT_SETTINGS.de
 
 
 def weigh(base: Row, row: Row, limits: Thresholds, settings: DecisionSettings = DEFAULT_SETTINGS.decision) -> Row:
-    """An explanation beside the base: gain, explained share, and whether it leaves noise alone."""
+    """An explanation relative to the base: gain, explained share, and whether its residual is noise."""
     excess = base.chi2 - (base.samples - base.parameters)
-    # within a standard deviation of chi2 it may be noise
+    # within one standard deviation of chi2 the excess may be noise
     share = (base.chi2 - row.chi2) / excess if excess > np.sqrt(2 * base.samples) else np.nan
-    # null campaigns leave much where the noise is known poorly: that says little of what is explained
+    # if the noise is poorly known the omnibus threshold is high: then require an explained share
     explains = row.misfit <= settings.noise_gap**2 or not share < settings.min_explained_share
     passes = bool(row.misfit <= limits.omnibus and explains)
     return replace(row, delta_bic=base.bic - row.bic, share=share, passes=passes)
 
 
 def share_closed(before: float, after: float) -> float:
-    """Share of what exceeds the noise that is gone, in squares; NaN where nothing exceeded it."""
+    """Explained share [1] of the squared gap beyond noise; NaN if the gap did not exceed noise."""
     return 1.0 - (after**2 - 1.0) / (before**2 - 1.0) if before > 1.0 else np.nan

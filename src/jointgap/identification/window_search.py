@@ -1,4 +1,4 @@
-"""The search where joints are loose, or may be: hypotheses are fitted in windows of the record."""
+"""Search with loose joints: hypotheses are fitted in windows of the record."""
 
 import contextlib
 import math
@@ -12,30 +12,31 @@ from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.likelihood import FAILURES, Estimate, compete, fitted, has_windows, noise_alone
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.screening import SignatureRegression, Signatures
+from jointgap.identification.screening import Sensitivities, SensitivityRegression
 from jointgap.identification.verdict import Thresholds
 
 Found = list[tuple[Fit | None, Estimate]]
-"""Estimates where their search ended, and the fits at the ends of those that lead to one."""
+"""Estimates at the end of the search, with a fit if it was completed."""
 
 
 def search_in_windows(
-    baseline: Baseline, signatures: Signatures, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
+    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
 ) -> list[Fit]:
-    """Fits in windows, best first: of what explains most beside joints that are loose; unless one of these leaves
-    noise, of clearances of joints and of films; and of the best of all, unless one of those `alone` is better, with
-    what explains most of the rest, or more than chance if it leaves noise.
+    """Fits in windows, best first.
 
-    Of effects slopes in windows say how much they would explain; of clearances each of many `sizes` is tried by the
-    filter over one turn of each run. Once as many runs are simulated as the settings say, neither second effects nor
-    films are sought.
+    1. With loose joints: single effects selected by their sensitivities.
+    2. Unless one is consistent with noise: clearances, each of many `sizes` tried by the filter over one revolution.
+    3. Unless a fit of `alone` is better: the best so far with a second effect.
+    4. Unless one is consistent with noise: films.
+
+    Steps 3 and 4 are skipped after `max_simulations`.
     """
     problem, base = baseline.problem, baseline.base
     until = problem.simulations + problem.settings.selection.max_simulations
     start = base.mapping if base.in_windows else {k: v for k, v in baseline.nominal.mapping.items() if "@" in k}
     found: Found = []
     if base.in_windows:
-        chosen = _worth(problem, signatures, (), limits, _leaves_noise(base, limits))
+        chosen = _worth(problem, sensitivities, (), limits, _leaves_noise(base, limits))
         found = _fitted(problem, [Estimate(problem, each, base.mapping | at) for each, at in chosen])
 
     def goes_on() -> bool:
@@ -48,7 +49,7 @@ def search_in_windows(
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
     if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
-            about = best[1].signatures([one for one in problem.model.candidates if not one.search_range])
+            about = best[1].sensitivities([one for one in problem.model.candidates if not one.search_range])
             chosen = _worth(problem, about, best[1].hypothesis, limits, not goes_on())
             found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen])
     films = _films(problem, base) if base.in_windows and problem.simulations <= until and goes_on() else []
@@ -64,20 +65,20 @@ def _leaves_noise(fit: Fit, limits: Thresholds) -> bool:
 
 
 def _worth(
-    problem: Problem, signatures: Signatures, effects: Hypothesis, limits: Thresholds, enough: bool = False
+    problem: Problem, sensitivities: Sensitivities, effects: Hypothesis, limits: Thresholds, enough: bool = False
 ) -> list[tuple[Hypothesis, dict[str, float]]]:
-    """Hypotheses of one effect more than `effects` that are worth a fit, and where its own values start: those that
-    slopes promise most of or, where it is `enough` without, more than chance and their rivals."""
+    """Selected hypotheses with one effect more than `effects`, and start values of it: the largest predicted gains or,
+    if the residual is noise already (`enough`), significant ones and their rivals."""
     settings, selection = problem.settings.windows, problem.settings.selection
-    singles = SignatureRegression(signatures, effects).singles()
+    singles = SensitivityRegression(sensitivities, effects).singles()
     if not singles:
         return []
-    before = float(signatures.residual @ signatures.residual)
+    before = float(sensitivities.residual @ sensitivities.residual)
     if enough:
         share = 1.0 if effects else selection.linear_share
         needed = share * max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
         replaced = sum(len(one.replaces) for one in effects)
-        bic = before + (len(signatures.parameters) + replaced) * np.log(signatures.residual.size)
+        bic = before + (len(sensitivities.parameters) + replaced) * np.log(sensitivities.residual.size)
         singles = singles[: selection.partners] if bic - singles[0].bic > needed else []
     else:
         least = before - settings.leading_share * max(before - single.chi2 for single in singles)
@@ -86,8 +87,7 @@ def _worth(
 
 
 def _films(problem: Problem, base: Fit) -> list[Fit]:
-    """The best of all films in place of a dry joint, which is fitted to one trajectory: in a film position and speed
-    are one, so that no state is lost."""
+    """The best film in place of a dry joint, fitted to one trajectory (the state of a film needs no windows)."""
     tried: list[tuple[float, Candidate, dict[str, float]]] = []
     for candidate in problem.model.candidates:
         guesses: Iterable = candidate.initial_guesses if not candidate.search_range else ()
@@ -102,14 +102,15 @@ def _films(problem: Problem, base: Fit) -> list[Fit]:
 
 
 def fit_together(problem: Problem, starts: Sequence[tuple[Hypothesis, Mapping[str, float]]]) -> list[Fit]:
-    """Fits of hypotheses from where each starts, those alone that are near the best."""
+    """Fits of hypotheses from their start values; only those near the best."""
     return [fit for fit, _ in _fitted(problem, [Estimate(problem, *each) for each in starts]) if fit]
 
 
 def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None = None) -> Found:
-    """Fits at all jumps but the first or those `below` some; of what is near the best of them to their ends, of that
-    one, but for clearances, the best of several. A clearance of which windows leave much more than noise goes no
-    further: what it rattles takes minutes."""
+    """Competition of the `estimates` over the jumps `below` a value; then fits of those near the best to the end.
+
+    The best one is polished unless it is a clearance. A clearance with a large misfit is not continued, as its
+    simulation is slow."""
     settings, found = problem.settings.windows, []
     estimates = compete(estimates, settings.jumps[0] if below is None else below)
     for estimate in estimates:
@@ -131,7 +132,7 @@ def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None
 def _best_sizes(
     problem: Problem, candidates: Sequence[Candidate], start: Mapping[str, float]
 ) -> list[tuple[Hypothesis, dict[str, float]]]:
-    """The best of all sizes of clearances, no two of them neighbours, each with the best of its shapes; best first."""
+    """The best clearance sizes that are not neighbours, each with the best of its shapes; best first."""
     settings, found = problem.settings.windows, {}
     grids = {one.label: _sizes(one, settings.size_factor) for one in candidates if one.search_range}
     by_label = {one.label: one for one in candidates}
@@ -166,6 +167,6 @@ def _best_sizes(
 
 
 def _sizes(candidate: Candidate, factor: float) -> np.ndarray:
-    """Sizes by about the same factor over the range of a candidate [SI]."""
+    """Geometric grid of sizes [SI] over the search range of a candidate."""
     low, high = (end - candidate.vanishing_amplitude for end in candidate.search_range)
     return np.geomspace(low, high, max(math.ceil(math.log(high / low) / math.log(factor)), 1) + 1)

@@ -1,34 +1,33 @@
-"""What samples of a channel cannot be, found without a model: clipped, stuck, outliers, a crank that stands still."""
+"""Checks of measured samples without a model: clipping, stuck sensors, outliers, standstill of the crank."""
 
 from math import pi, sqrt, tau
 
 import numpy as np
 
-MIN_SAMPLES = 12  # A run and each of its channels need this many values
-# [1] Mean speed over nominal speed beyond which something other than the speed is wrong, by drive
+MIN_SAMPLES = 12  # Of a run and of each channel
 SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
-ANGLE_OUTLIER = 0.1  # [rad] A crank angle that misses the line between its neighbours by more is doubted
+"""Plausible range of mean speed over nominal speed [1], by drive."""
+ANGLE_OUTLIER = 0.1  # [rad] Largest plausible distance of a crank angle from the line between its neighbours
 
-# All limits are such that noise, steps of an encoder and impacts stay within, and mistaken units and columns do not
+# The limits tolerate noise, encoder steps and impacts, but not wrong units and columns
 
 
 def clipped(values: np.ndarray) -> str | None:
-    """What is wrong with a channel many of whose samples stand at its largest or smallest value; None if nothing is."""
+    """A remark if many samples equal the largest or smallest value, else None."""
     ordered = np.sort(values[np.isfinite(values)])
     starts = np.flatnonzero(np.diff(ordered, prepend=-np.inf) > 1e-9 * np.ptp(ordered))
     counts = np.diff(starts, append=ordered.size)
-    for end, beside in ((-1, -2), (0, 1)):
-        # five samples, 1 % of all and six times as many as have the value next to it are no chance
-        if counts[end] >= max(5, 0.01 * ordered.size, 6.0 * counts[beside]):
+    for end, next_to in ((-1, -2), (0, 1)):
+        if counts[end] >= max(5, 0.01 * ordered.size, 6.0 * counts[next_to]):
             return (
-                f"is clipped: {counts[end]} of {ordered.size} samples are {ordered[starts[end]]:.6g} in SI units, an "
-                "extreme; what lies beyond was not measured, so leave these cells empty"
+                f"is clipped: {counts[end]} of {ordered.size} samples are at the limit {ordered[starts[end]]:.6g} "
+                "(SI); leave these cells empty"
             )
     return None
 
 
 def no_data(values: np.ndarray) -> np.ndarray:
-    """Indices of samples that all have one extreme value far from the others, such as -9999 for 'no data'."""
+    """Indices of samples that share one extreme value far from the others, such as -9999 for 'no data'."""
     finite = values[np.isfinite(values)]
     for level in (finite.min(), finite.max()) if finite.size else ():
         others = finite[finite != level]
@@ -39,11 +38,10 @@ def no_data(values: np.ndarray) -> np.ndarray:
 
 
 def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
-    """The samples in a row at which a channel stands still while the crank turns; None where it does not.
-
-    Where it stands still once a revolution that is the motion's doing, or the channel is clipped.
+    """Consecutive samples at which a channel is constant while the crank turns; None if it recurs every revolution (due
+    to the motion or clipping) or there are none.
     """
-    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)  # a gap, too, differs from its neighbours
+    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)  # NaN differs from its neighbours
     lengths = np.diff(starts, append=values.size)
     longest = int(np.argmax(lengths))
     first, length = int(starts[longest]), int(lengths[longest])
@@ -52,7 +50,6 @@ def stuck(values: np.ndarray, turned: np.ndarray) -> slice | None:
         return None
     meanwhile, total = _range(turned[first : first + length]), _range(turned)
     recurs = np.count_nonzero(here & (lengths > length / 2)) >= max(2.0, total / tau / 2.0) and meanwhile < tau
-    # with the crank at rest all stands still
     return None if recurs or meanwhile < 0.1 else slice(first, first + length)
 
 
@@ -62,14 +59,14 @@ def _range(values: np.ndarray) -> float:
 
 
 def outliers(values: np.ndarray) -> np.ndarray:
-    """Indices of values so far from all others that they may stand for something else, such as 'no data'."""
+    """Indices of values that are implausibly far from the others."""
     low, median, high = np.nanpercentile(values, (25.0, 50.0, 75.0))
     far = np.abs(values - median) > 300.0 * (high - low)
     return np.flatnonzero(far & (high > low))
 
 
 def angle_outliers(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Indices of crank angles far off the line between their neighbours, and farther than the scatter of all others."""
+    """Indices of crank angles far from the line between their neighbours, compared with the scatter."""
     finite = np.flatnonzero(np.isfinite(angle))
     before, here, after = finite[:-2], finite[1:-1], finite[2:]
     share = (time[here] - time[before]) / (time[after] - time[before])
@@ -79,7 +76,7 @@ def angle_outliers(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int, float] | None:
-    """The first sample after a step of the angle that stays, and its size [rad]; None where there is none."""
+    """The first sample after a permanent step of the angle, and its size [rad]; None if there is none."""
     finite = np.flatnonzero(np.isfinite(angle))
     t, a, odd = time[finite], angle[finite], np.searchsorted(finite, angle_outliers(time, angle))
     if not odd.size:
@@ -87,25 +84,23 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
     speeds, usual = np.diff(a) / np.diff(t), float(np.median(np.diff(t)))
     low, high = (ratio * speed for ratio in SPEED_RATIOS["motor"])
     for group in np.split(odd, np.flatnonzero(np.diff(odd) > 1) + 1):
-        # a step has two sides; the neighbours of a wrong sample may be odd too, by half of it
+        # both sides of a step are outliers; so can be the neighbours of a wrong sample
         if len(group) != 2 or group[0] < 3 or group[-1] > t.size - 4:
             continue
         before, after = group[0] - 1, group[-1] + 1
-        beside = np.append(speeds[max(before - 4, 0) : before], speeds[after : after + 4])
-        mean, lapse = float(np.median(beside)), t[after] - t[before]
+        next_to = np.append(speeds[max(before - 4, 0) : before], speeds[after : after + 4])
+        mean, lapse = float(np.median(next_to)), t[after] - t[before]
         step = a[after] - a[before] - mean * lapse
         steady = low < mean < high and lapse <= 5 * usual
-        if steady and abs(step) > 2.0 * max(ANGLE_OUTLIER, float(np.ptp(beside)) * lapse):
+        if steady and abs(step) > 2.0 * max(ANGLE_OUTLIER, float(np.ptp(next_to)) * lapse):
             largest = before + int(np.argmax(np.abs(speeds[before:after] - mean)))
             return int(finite[largest + 1]), float(step)
     return None
 
 
 def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, float, float]:
-    """How far the crank's speed varies within and from turn to turn, the error of that, as shares of its mean [1], and
-    the strongest order.
-
-    A four-stroke engine repeats after two turns: in records of four turns or more half orders are looked for too.
+    """Variation of the crank speed within and from turn to turn, its error (shares of the mean [1]), and the strongest
+    order; with four turns or more including half orders (four-stroke engines).
     """
     finite = np.isfinite(angle)
     time, angle = time[finite] - time[finite][0], angle[finite]
@@ -130,16 +125,17 @@ def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, 
 
 
 def unsteady(time: np.ndarray, angle: np.ndarray) -> str:
-    """By how much a crank turns unsteadily, in words; empty if it does not."""
+    """The significant variation of the crank speed as text; empty if there is none."""
     within, over, error, order = speed_variation(time, angle)
-    half = f"within two turns (most at order {order:g}, as a four-stroke engine's does)"
+    half = f"within two turns (strongest order {order:g}, as of a four-stroke engine)"
     parts = {"within a turn" if order % 1 == 0 else half: within, "from turn to turn": over}
     least = max(0.01, 5.0 * error)
-    return " and ".join(f"by {100 * share:.2g} % either way {where}" for where, share in parts.items() if share > least)
+    return " and ".join(f"by ±{100 * share:.2g} % {where}" for where, share in parts.items() if share > least)
 
 
 def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
-    """Standard deviation of a channel from its value a revolution later, over sqrt(2); NaN of less than two cycles."""
+    """Standard deviation of the difference of a channel over one revolution, over sqrt(2); NaN for less than two
+    cycles."""
     rising = np.maximum.accumulate(angle)
     after = np.searchsorted(rising, rising + tau * (1.0 - 1e-9))
     here = np.flatnonzero((after > 0) & (after < rising.size))
@@ -148,26 +144,25 @@ def cycle_scatter(angle: np.ndarray, values: np.ndarray) -> float:
     share = np.divide(rising[here] + tau - rising[after - 1], step, out=np.ones(step.shape), where=step > 0.0)
     share = np.clip(share, 0.0, 1.0)
     later = np.where(share < 1.0, (1.0 - share) * values[after - 1], 0.0) + share * values[after]
-    squares = (values[here] - later) ** 2 / (1.0 + share**2 + (1.0 - share) ** 2)  # interpolated noise is smaller
+    squares = (values[here] - later) ** 2 / (1.0 + share**2 + (1.0 - share) ** 2)  # interpolation reduces noise
     squares = squares[np.isfinite(squares)]
     return float(np.sqrt(squares.mean())) if squares.size >= 8 else np.nan
 
 
 def standstill(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[float, float, bool] | None:
-    """From when to when [s] a crank stands still, and whether it turns back; None where it turns on, or turns so little
-    at its nominal speed that something else must be wrong.
+    """Begin and end [s] of a standstill of the crank, and whether it reverses; None if there is none, or if the crank
+    is hardly ever near its nominal speed.
     """
     finite = np.isfinite(angle)
     finite[angle_outliers(time, angle)] = False
     time, angle = time[finite], angle[finite]
-    window = 0.25 * pi / speed  # [s] In which the crank turns by an eighth of a turn at nominal speed
+    window = 0.25 * pi / speed  # [s] An eighth of a turn at nominal speed
     begins = time[time + window <= time[-1]]
     ahead = (np.interp(begins + window, time, angle) - angle[: begins.size]) / (0.25 * pi)
     low, high = SPEED_RATIOS["constant_speed"]
     slow = ahead < 0.02
     if not slow.any() or np.mean((ahead > low) & (ahead < high)) < 0.1:
         return None
-    # as far as noise would still let the smooth angle fall
     turning, place = np.flatnonzero(ahead > 0.1), int(np.argmax(slow))
     first = int(turning[turning < place].max(initial=-1)) + 1
     last = int(turning[turning > place].min(initial=begins.size))

@@ -1,4 +1,4 @@
-"""From a run's record and its nuisances to a simulation that passes the samples when the test rig did."""
+"""Drives: simulations with the crank motion of the record and the nuisances of a run."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -24,29 +24,27 @@ from jointgap.rig.sampling import SampleGrid
 
 Values = Mapping[str, float]  # Of nuisances, by name
 
-# [m] Local error of a step. Whitened channels of loose pins with friction are then rough by some hundredths in length,
-# over all samples; 1e-9 saves a sixth of the time and is ten to thirty times as rough, so that fits do not converge
+# [m] Local error of a step. The numerical noise of whitened channels is then some hundredths over all samples; with
+# 1e-9 it is ten to thirty times as large, so that fits do not converge, and only a sixth of the time is saved
 TOLERANCE = 1e-10
-SETTLING_REVOLUTIONS = 2  # Simulated before the first sample, so that the transient of the start decays in contacts
-MAX_SETTLING_REVOLUTIONS = 30  # The most, for slow transients (a bending rod, a motor)
+SETTLING_REVOLUTIONS = 2  # Simulated before the first sample, for the start transient of contacts
+MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
-MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time, every six degrees
-REST_SPEED = 1e-3  # [rad/s] Stands for rest, at which a drive that is parametrised by the crank angle cannot start
-# [1, of the scatter by rounding alone] Up to this scatter of its readings an encoder's step tells how smooth a driving
-# angle is; beyond, a spline that keeps to the step would follow noise
+MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
+REST_SPEED = 1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
+# [1, of the rounding scatter] With a larger scatter of the readings, a spline within the encoder's step would follow
+# noise
 HARDLY_NOISY = 1.15
 
 
 def options_of(speed: float, start_angle: float, tolerance: float, **drive) -> Simulate:
-    """Options of a simulation, not validated: that takes longer than some motions, and the values are known to be
-    good.
-    """
+    """Options of a simulation; not validated, as that is slower than some simulations."""
     return Simulate.model_construct(speed=speed, start_angle=start_angle, tolerance=tolerance, **drive)
 
 
 @compiled
 def prescribed_angles(p, times):
-    """Angles (n,) [rad] of the prescribed crank of parameters `p` at `times` (n,) [s]."""
+    """Angles (n,) [rad] of a prescribed crank with the parameters `p` at `times` (n,) [s]."""
     angles = np.empty(times.size)
     for i in range(times.size):
         angles[i] = crank_motion(p, times[i])[0]
@@ -55,18 +53,18 @@ def prescribed_angles(p, times):
 
 @dataclass(frozen=True)
 class RunPlan:
-    """One run: its samples and what is read there."""
+    """Samples and channels of a run."""
 
     run: CampaignRun
     samples: SampleGrid
-    channels: tuple[str, ...]  # That are compared
+    channels: tuple[str, ...]  # Compared channels
     measured: "MeasuredDrive | None" = None  # A measured angle that drives the crank
     tolerance: float = TOLERANCE  # [m] Local error of a step
 
 
 @dataclass(frozen=True)
 class DrivenRun:
-    """A simulation, and where in it the samples of a run lie."""
+    """A simulation, and the positions of a run's samples in it."""
 
     numbers: Parameters
     angles: np.ndarray  # Crank angles of the samples [rad]
@@ -75,7 +73,6 @@ class DrivenRun:
 
 
 def _prescribed(p: Parameters, begin: float, samples: SampleGrid) -> DrivenRun:
-    """The run of a crank whose angle over time is prescribed."""
 
     def at(elapsed: np.ndarray) -> np.ndarray:
         return prescribed_angles(p, begin + elapsed)
@@ -84,27 +81,27 @@ def _prescribed(p: Parameters, begin: float, samples: SampleGrid) -> DrivenRun:
 
 
 def starts_with_record(run: CampaignRun) -> bool:
-    """Whether the first sample is the start of the motion, so that nothing is simulated before it."""
+    """Whether the motion starts at the first sample."""
     return run.start in ("at_rest", "dead_centre")
 
 
 def began_anywhere(run: CampaignRun) -> bool:
-    """Whether nobody knows where the motion began, as long before the first sample as it takes to settle."""
+    """Whether the start of the motion is unknown; it is simulated from a settling time before the first sample."""
     return run.start in ("settled", "unknown")
 
 
 def _turned_before(run: CampaignRun, start: Start, first: float, speed: float) -> float:
-    """How far the crank turned [rad] from a stated start to the `first` angle [rad], at `speed` [rad/s]."""
+    """Angle turned [rad] from a stated start to the `first` angle [rad], at `speed` [rad/s]."""
     turned = start.turned or (start.ran or 0.0) * speed
     if start.angle is None:
         return turned
-    angle = -start.angle if run.direction == "clockwise" else start.angle  # of its mirror image, as the others
+    angle = -start.angle if run.direction == "clockwise" else start.angle
     part = float(np.mod(first - angle, tau))
     return part + tau * max(round((turned - part) / tau), 0)
 
 
 def _settling(time_constant: float, speed: float) -> float:
-    """How far the crank turns [rad] before the first sample, until a transient of `time_constant` [s] has decayed."""
+    """Angle [rad] turned before the first sample, for the decay of a transient with `time_constant` [s]."""
     needed = math.ceil(SETTLING_TIME_CONSTANTS * time_constant * speed / tau)
     return tau * min(max(SETTLING_REVOLUTIONS, needed), MAX_SETTLING_REVOLUTIONS)
 
@@ -112,7 +109,7 @@ def _settling(time_constant: float, speed: float) -> float:
 def constant_speed_run(
     mechanism: Mechanism, plan: RunPlan, values: Values, offset: float, tolerance: float, earlier: float = 0.0
 ) -> DrivenRun:
-    """A crank of prescribed speed, steady or fluctuating."""
+    """A crank with prescribed speed, constant or fluctuating."""
     run, samples, back = plan.run, plan.samples, earlier
     first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed)
     if isinstance(run.start, Start):
@@ -132,7 +129,7 @@ def constant_speed_run(
     p = parameters(mechanism, options_of(w0, first - back, tolerance))
     begin = back / (w0 * slowed)
     if fluctuation and samples.encoded:
-        for _ in range(4):  # until the straight line through the angles is the one that was read
+        for _ in range(4):  # until the line through the angles is the measured one
             line_first, slope = samples.line(prescribed_angles(p, begin + samples.elapsed))
             p.drive.speed *= speed / slope
             begin = back / (p.drive.speed * slowed)
@@ -141,31 +138,30 @@ def constant_speed_run(
 
 
 def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.ndarray, np.ndarray, sparray, float]:
-    """A record of times [s] from 0 on and angles [rad] with what leads in and out, how their errors come of those of
-    the record, and the time of its first revolution [s].
+    """A record (times [s] from 0, angles [rad]) extended at both ends, the matrix of its errors from those of the
+    record, and the duration of the first revolution [s].
 
-    `back` and a half revolutions like the first one go before, half a revolution like the last one, for an encoder that
-    lags tells the last angles after it.
+    `back` + 1/2 copies of the first revolution precede it, half a copy of the last one follows (for a lagging encoder).
     """
     turn = float(np.interp(angle[0] + tau, angle, time))
     last = float(np.interp(angle[-1] - tau, angle, time))
-    apart = 0.5 * time[-1] / (time.size - 1)  # nearer samples are the one at which two revolutions join
+    apart = 0.5 * time[-1] / (time.size - 1)  # nearer samples are duplicates at a joint of two revolutions
     first = time < turn - apart
     lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
     out = (time > last + apart) & (time < 0.5 * (last + time[-1]))
     after = time[out] + time[-1] - last, angle[out] + tau
     own = eye_array(time.size, format="csr")
-    # a copied revolution is also shifted by what the readings between which it lies are off
+    # a copied revolution is shifted by the errors of the readings at its ends
     led_in, led_out = own[[0]] - _between(time, turn), own[[time.size - 1]] - _between(time, last)
     copied = [own[first] + csr_array(np.full((first.sum(), 1), k)) @ led_in for k in range(back + 1, 0, -1)]
     copied += [own, own[out] + csr_array(np.ones((out.sum(), 1))) @ led_out]
     time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
-    kept = time > -(back + 0.5) * turn  # the smooth angle is weak at its ends: half a revolution more than is simulated
+    kept = time > -(back + 0.5) * turn  # half a revolution more than simulated, as the smooth angle is poor at its ends
     return time[kept], angle[kept], vstack(copied, format="csr")[kept], turn
 
 
 def _between(time: np.ndarray, moment: float) -> sparray:
-    """The samples next to a moment [s], weighted as for a straight line between them: a sparse (1, n) array."""
+    """Weights of linear interpolation at a moment [s]: a sparse (1, n) array."""
     after = min(max(int(np.searchsorted(time, moment)), 1), time.size - 1)
     weight = (moment - time[after - 1]) / (time[after] - time[after - 1])
     return coo_array(([1.0 - weight, weight], ([0, 0], [after - 1, after])), shape=(1, time.size)).tocsr()
@@ -173,23 +169,22 @@ def _between(time: np.ndarray, moment: float) -> sparray:
 
 @dataclass(frozen=True)
 class MeasuredDrive:
-    """A measured angle made smooth."""
+    """A smoothed measured angle."""
 
-    table: np.ndarray  # Its pieces: see `jointgap.dynamics.parameters.knots_record`
-    begin: float  # Time [s] of the record's first sample in it
+    table: np.ndarray  # Pieces: see `jointgap.dynamics.parameters.knots_record`
+    begin: float  # Time [s] of the record's first sample
     made_tables: Callable[[], np.ndarray]
 
     @cached_property
-    def moved(self) -> list["MeasuredDrive"]:
-        """The drive with each of the errors that its angle may have, independently, by one standard deviation."""
+    def perturbed(self) -> list["MeasuredDrive"]:
+        """The drive with each independent error of its angle, of one standard deviation."""
         return [replace(self, table=table) for table in self.made_tables()]
 
 
 def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, back: int) -> MeasuredDrive:
-    """A measured angle made smooth, and how far that may be off.
+    """Smooth a measured angle and estimate its errors.
 
-    The record is led in by revolutions like its first one, and led out by half a revolution like its last one; time 0
-    is where they begin.
+    The record is extended as by `_led_in_and_out`; time 0 is the begin of the extension.
     """
     finite = np.isfinite(samples.read)
     begins, readings = float(samples.elapsed[finite][0]), samples.read[finite]
@@ -197,22 +192,21 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
     time += begins
     rounding = resolution / math.sqrt(12.0)
     scatter = _scatter(readings, rounding, noise)
-    # else a spline that keeps to the step would follow noise
     stepped = 0.0 < scatter < HARDLY_NOISY * rounding
     smooth = smooth_angle(time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None)
     begin = -time[0] - back * turn
     if (still := standstill_time(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
         still += time[0]
-        if still < begins:  # the lead-in repeats the first revolution
+        if still < begins:  # in a copy of the first revolution
             still = begins + (still - begins) % turn
         raise InputError(
-            f"the smooth crank angle stands still or falls at {samples.time[0] + still:.6g} s; cut the record there, "
-            "or give crank_angle its resolution, for noise to be smoothed"
+            f"the smoothed crank angle stands still or falls at {samples.time[0] + still:.6g} s; cut the record there, "
+            "or give crank_angle its resolution, so that noise is smoothed"
         )
     pieces = np.unique(np.append(smooth.x[smooth.x > begin], begin))[:-1]
     if len(pieces) > MOST_KNOTS:
         raise InputError(
-            f"channels: the smooth crank angle needs {len(pieces)} pieces, more than {MOST_KNOTS}; "
+            f"channels: the smoothed crank angle has {len(pieces)} pieces, more than {MOST_KNOTS}; "
             "give crank_angle its resolution, or shorter runs"
         )
     table = np.zeros((len(pieces), 7))
@@ -236,10 +230,10 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
 
 
 def _scatter(readings: np.ndarray, rounding: float, noise: float | None) -> float:
-    """Standard deviation [rad] of readings of an angle that are noisy and rounded by so much.
+    """Standard deviation [rad] of angle readings with noise and rounding.
 
-    Where the noise is not stated, fourth differences of readings that are one, two or three samples apart tell it: the
-    least of them, for a motion that is rough adds to them, and roundings that alternate add to one alone.
+    Noise that is not stated is estimated from fourth differences at one, two and three samples distance: the least
+    estimate, as rough motion and alternating rounding only increase them.
     """
     if noise is not None:
         return math.hypot(noise, rounding)
@@ -248,10 +242,10 @@ def _scatter(readings: np.ndarray, rounding: float, noise: float | None) -> floa
 
 
 def _rounding(angle: np.ndarray, step: float, noise: float) -> tuple[np.ndarray, float]:
-    """What roundings of angles (n,) [rad] have in common, as errors (n, m) [rad], and the share of them that is left.
+    """Correlated rounding errors (n, m) [rad] of angles (n,) [rad], and the uncorrelated share [1].
 
-    Roundings of two angles are alike as far as the angles are whole steps apart, for which zero of the steps is true
-    nobody knows. The sawtooth's Fourier series says how far, and `noise` [rad] before the rounding flattens it.
+    Roundings correlate if angles are full steps apart (the zero of the steps is unknown): Fourier series of the
+    sawtooth, damped by `noise` [rad] before the rounding.
     """
     orders = np.arange(1, 6)
     shares = 6.0 / (math.pi * orders) ** 2 * np.exp(-((tau * orders * noise / step) ** 2))
@@ -262,7 +256,7 @@ def _rounding(angle: np.ndarray, step: float, noise: float) -> tuple[np.ndarray,
 
 def measured_angle_run(mechanism: Mechanism, plan: RunPlan, offset: float, lag: float, tolerance: float) -> DrivenRun:
     """A crank that follows the measured angle."""
-    table, begin = plan.measured.table.copy(), max(plan.measured.begin + lag, 0.0)  # no more is known of the motion
+    table, begin = plan.measured.table.copy(), max(plan.measured.begin + lag, 0.0)
     table[:, 6] -= offset
     speed, first = plan.samples.speed, float(table[0, 6])
     p = parameters(mechanism, options_of(speed, first, tolerance))
@@ -279,7 +273,7 @@ def motor_run(
     tolerance: float,
     earlier: float,
 ) -> DrivenRun:
-    """A crank that a motor turns; where angles were read, they agree with the simulated ones in the mean."""
+    """A crank driven by a motor; measured angles agree with the simulated ones in the mean."""
     run, samples = plan.run, plan.samples
     line = {key: values[key] for key in MOTOR_LINE if key in values}
     motor, speed = motor.model_copy(update=line), values.get("speed", run.speed)
@@ -290,11 +284,11 @@ def motor_run(
     elif not starts_with_record(run):
         crank = mechanism.crank
         inertia = motor.inertia + crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
-        # more than the mean of what moves to and fro at the crank
+        # an upper bound for the reciprocating masses
         inertia += (mechanism.slider.mass + mechanism.rod.mass) * crank.length**2
         back = _settling(inertia * motor.no_load_speed / motor.stall_torque, speed) + earlier
     p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
-    # a little more than the crank turns at no load, the fastest that it can be
+    # a little more than at no-load speed
     reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, tau)
     count = math.ceil((back + reach) / tau * MOTOR_SAMPLES_PER_REVOLUTION)
     coarse = p.drive.start_angle + np.arange(count + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)

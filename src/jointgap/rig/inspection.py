@@ -1,4 +1,4 @@
-"""Measured data before anything is fitted: cycles, speeds, gaps, and every channel over the crank angle."""
+"""Figures and numbers of the measured data: cycles, speeds, gaps, channels over the crank angle."""
 
 from math import tau
 from typing import TYPE_CHECKING
@@ -14,39 +14,39 @@ from jointgap.rig.recording import Measurements, Recording
 if TYPE_CHECKING:
     from jointgap.core.plot import Drawing
 
-MARKED_BELOW = 100.0  # [samples a revolution] Each is marked then, as a line alone would hide the gaps
+MARKED_BELOW = 100.0  # [samples per revolution] Below, samples are marked, as a line alone would hide gaps
 
 
 def inspect(campaign: Campaign, measurements: Measurements) -> "tuple[pd.DataFrame, dict[str, Drawing]]":
-    """Numbers and figures of measured data."""
+    """Table `LOOK` and a figure for each run."""
     recordings = [(run, measurements.runs[run.id]) for run in campaign.runs if run.id in measurements.runs]
     numbers = [row for run, recording in recordings for row in _numbers(run, recording)]
     return pd.DataFrame(numbers), {run.id: _draw(campaign, run, recording) for run, recording in recordings}
 
 
 def _turned(run: CampaignRun, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Crank angle (n,) [rad]: measured, gaps bridged; else from times and the nominal speed, from 0 on. And its
-    departure from the straight line nearest to it, NaN in gaps.
+    """Crank angle (n,) [rad], measured with gaps interpolated, or from times and nominal speed; and its deviation from
+    steady rotation, NaN in gaps.
     """
     angle, known = recording.crank_angle, np.isfinite(recording.crank_angle)
     if not recording.has_angle:
         return run.speed * (recording.time - recording.time[0]), angle
     if not recording.has_time:
         return angle, np.full(angle.size, np.nan)
-    time = recording.time - recording.time[0]  # times since an epoch would leave no digits
+    time = recording.time - recording.time[0]  # keeps the digits of times since an epoch
     steady = np.polyval(np.polyfit(time[known], angle[known], 1), time)
-    departure = angle - steady
-    return np.where(known, angle, steady + np.interp(time, time[known], departure[known])), departure
+    deviation = angle - steady
+    return np.where(known, angle, steady + np.interp(time, time[known], deviation[known])), deviation
 
 
 def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
     angle, _ = _turned(run, recording)
     total, samples = angle[-1] - angle[0], angle.size
-    revolutions = total * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample stands for a step too
+    revolutions = total * (1.0 + 1.0 / (samples - 1)) / tau  # the last sample counts as a step
     mean = spread = np.nan
     if recording.has_time and recording.has_angle:
         mean = total / (recording.time[-1] - recording.time[0])
-        rising = np.maximum.accumulate(angle)  # an encoder's noise may step back
+        rising = np.maximum.accumulate(angle)  # noise of an encoder can decrease
         passed = np.interp(np.arange(angle[0], angle[-1] + 1e-9, tau), rising, recording.time)
         spread = float(np.std(tau / np.diff(passed), ddof=1)) if passed.size > 2 else np.nan
     rows = []
@@ -64,25 +64,25 @@ def _numbers(run: CampaignRun, recording: Recording) -> list[dict]:
 
 
 def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawing":
-    """Every channel over the crank angle, cycles on top of each other; the angle as departure from steady rotation."""
+    """All channels over the crank angle with superposed cycles; the angle as deviation from steady rotation."""
     from jointgap.core import plot
     from jointgap.core.plot import CRANK_ANGLE, DENSE_LINE, Quantity, Sheet
 
-    angle, departure = _turned(run, recording)
+    angle, deviation = _turned(run, recording)
     cycle = np.floor(angle / tau).astype(int)
     within = angle - cycle * tau
-    mirrored = run.direction == "clockwise" and recording.has_angle  # recordings of a clockwise crank are mirror images
+    mirrored = run.direction == "clockwise" and recording.has_angle  # recordings of a clockwise crank are mirrored
     shown = np.degrees(tau - within if mirrored else within)
     look = {"linewidth": 0.9, "rasterized": angle.size > DENSE_LINE}
     if angle.size * tau / (angle[-1] - angle[0]) < MARKED_BELOW:
         look |= {"marker": ".", "markersize": 3.0}
     abscissa = CRANK_ANGLE
     if not recording.has_angle:
-        abscissa = Quantity("crank angle since the first sample, at nominal speed", "deg")
+        abscissa = Quantity("crank angle from the first sample, at nominal speed", "deg")
     panels = []
     if recording.has_angle and recording.has_time:
-        degrees = (-1.0 if mirrored else 1.0) * np.degrees(departure)
-        panels.append(("departure from steady rotation", Quantity("departure", "deg"), degrees))
+        degrees = (-1.0 if mirrored else 1.0) * np.degrees(deviation)
+        panels.append(("deviation from steady rotation", Quantity("deviation", "deg"), degrees))
     for name, values in recording.channels.items():
         unit, factor = campaign.shown_unit(name)
         title = format_name(name)

@@ -19,7 +19,7 @@ from jointgap.effects import EFFECTS
 from jointgap.effects.base import GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionScale
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
-from jointgap.rig.contradictions import contradictions
+from jointgap.rig.consistency_checks import consistency_checks
 from jointgap.rig.drives import SETTLING_REVOLUTIONS, RunPlan, Values, measured_drive, starts_with_record
 from jointgap.rig.read_files import check_runs_left
 from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
@@ -29,32 +29,28 @@ from jointgap.rig.simulate_run import (
     augmented_mechanism,
     channels_read,
     friction_speed,
-    lasting_damping,
     numerics_for,
+    steady_contact_damping,
     with_nuisances,
 )
 from jointgap.rig.statistics import BINS, chaotic_channels, chaotic_run, measured_statistics, simulated_statistics
 from jointgap.rig.windows import RunInWindows, run_in_windows
 
-STEP_SHARE_OF_BOUNDS = 0.02  # [1] Typical change of a nuisance over the width of its bounds (experience)
-# [1] Friction may be regularised over a sliding speed lower or higher by this factor than the contact says: nobody
-# measures it
-FRICTION_SPEED_FACTOR = 4.0
-# [1] A contact that lasts may be damped less or more by this factor than it says: the last impacts before pins stay in
-# contact, whose damping the published laws keep, come at 0.02 to 0.22 m/s beside the 0.05 m/s of the default
-LASTING_DAMPING_FACTOR = 4.0
-FIRST_ANGLE_REACH = math.pi / 6  # [rad] Of a first angle found by a search: the model as it stands may lack an effect
-FIRST_ANGLES_TRIED = 720  # Per revolution, where the first angle is unknown; the fit goes on from there
-# Of a chaotic run that is planned as long as it was recorded: beyond, the simulated cycles limit what is told
+STEP_SHARE_OF_BOUNDS = 0.02  # [1] Step of a nuisance over the width of its bounds (experience)
+FRICTION_SPEED_FACTOR = 4.0  # [1] Half width of the bounds of `friction_speed`, which is not measured
+# [1] Half width of the bounds of steady-contact damping: the last impacts before steady contact, whose damping the
+# published laws keep, have 0.02 to 0.22 m/s (default: 0.05 m/s)
+STEADY_CONTACT_DAMPING_FACTOR = 4.0
+FIRST_ANGLE_REACH = math.pi / 6  # [rad] Bounds of a searched first angle, as the current model may lack an effect
+FIRST_ANGLES_TRIED = 720  # Per revolution, if the first angle is unknown; start of the fit
+# Of a planned chaotic run: for longer ones the simulated cycles limit the accuracy
 MAX_PLANNED_REVOLUTIONS = 60
-# [1, of the crank's speed] Frequency of a force that swings by itself, before data tell it: near no harmonic
+# [1, of the crank speed] Start value of the frequency of a harmonic force without data: near no harmonic
 PLANNED_FORCE_ORDER = 1.37
 
 
 def physical_candidates(context: FitContext) -> list[Candidate]:
-    """Effects that could be missing in a mechanism, by what they act on; those that it has, or that cannot act in it,
-    are left out.
-    """
+    """Possible missing effects by group, without those that the mechanism has or that cannot act in it."""
     found = []
     for effect in EFFECTS.values():
         for candidate in effect.candidates(context):
@@ -66,7 +62,7 @@ def physical_candidates(context: FitContext) -> list[Candidate]:
 
 
 def _is_possible(context: FitContext, candidate: Candidate) -> bool:
-    """Whether a mechanism file may hold the effect at a small size: what it refuses would be named in vain."""
+    """Whether the effect is valid in a mechanism file at a small size."""
     small = {
         f"{candidate.label}.{p.key}": min(max(p.step, p.low), p.high) if p.key in candidate.amplitudes else p.nominal
         for p in candidate.coordinates
@@ -83,7 +79,7 @@ def _parameter(name: str, nominal: float, low: float, high: float, unit: str, ru
 
 
 def _listed(campaign: Campaign, keys: Iterable[str], run: str | None = None) -> list[Parameter]:
-    """Those of the nuisances `keys` that a campaign lists and that have something to act on."""
+    """The nuisances `keys` that a campaign lists and that have an effect."""
     return [
         _parameter(key, nominal, *campaign.bounds(key, nominal), NUISANCES[key] or "1", run)
         for key in keys
@@ -93,20 +89,20 @@ def _listed(campaign: Campaign, keys: Iterable[str], run: str | None = None) -> 
 
 
 def shared_nuisances(campaign: Campaign) -> tuple[Parameter, ...]:
-    """Those of the mechanism and its sensors that all runs share."""
+    """Nuisances shared by all runs."""
     found = _listed(campaign, (key for key in campaign.nuisance if key not in RUN_NUISANCES))
     if (width := friction_speed(campaign.mechanism)) is not None:
         low, high = width / FRICTION_SPEED_FACTOR, width * FRICTION_SPEED_FACTOR
         found.append(_parameter("friction_speed", width, low, high, "m/s"))
-    reach = math.log(LASTING_DAMPING_FACTOR)
-    names = lasting_damping(campaign.mechanism).values()
+    reach = math.log(STEADY_CONTACT_DAMPING_FACTOR)
+    names = steady_contact_damping(campaign.mechanism).values()
     return (*found, *(_parameter(name, 0.0, -reach, reach, "1") for name in names))
 
 
 def check_bounds(campaign: Campaign) -> None:
-    """Make sure that the mechanism is possible at the ends of its nuisances' bounds.
+    """InputError if the mechanism is impossible at a bound of its nuisances.
 
-    One at a time, the others at nominal; and where lengths and clearances together leave the crank least room to turn.
+    Each alone, the others nominal, and the most unfavourable combination of lengths and clearances.
     """
     bounds = {p.name: (p.low, p.high) for p in shared_nuisances(campaign) if p.name in campaign.nuisance}
     tightest = {"crank_length": 1, "rod_length": 0} | {f"{pin}_clearance": 1 for pin in PINS}
@@ -118,14 +114,13 @@ def check_bounds(campaign: Campaign) -> None:
         try:
             validate(Mechanism, with_nuisances(campaign.mechanism, values).model_dump(), source)
         except InputError as error:
-            raise InputError(f"{error}; or give narrower bounds") from error
+            raise InputError(f"{error}; or narrow the bounds") from error
 
 
 def run_nuisances(campaign: Campaign, run: CampaignRun, samples: SampleGrid, searched: bool) -> tuple[Parameter, ...]:
-    """What a run has for itself, as far as it is not exact: zeros of its sensors, speed, first angle (perhaps found by
-    a search), motor's line.
+    """Nuisances of a run: sensor zeros, speed, first angle (`searched`: found by a search), motor line.
 
-    Where the measured angle drives the crank, its speed and first angle are in the drive, and are no nuisances.
+    If the measured angle drives the crank, speed and first angle are no nuisances.
     """
     found = _listed(campaign, (key for key in RUN_NUISANCES if key != "speed"), run.id)
     if campaign.drive == "measured_angle":
@@ -142,28 +137,32 @@ def run_nuisances(campaign: Campaign, run: CampaignRun, samples: SampleGrid, sea
     return tuple(found)
 
 
-# Channels smooth enough for what grows with their rate to be the time stamps' doing
+# Channels so smooth that errors proportional to their rate are due to time stamps
 POSITIONS = ("crank_angle", "slider_position", "rod_angle")
 
 
 class RunData(NamedTuple):
-    """One run: how it is simulated, and what was measured."""
+    """Simulation plan and measured data of one run."""
 
     plan: RunPlan
-    values: dict[str, np.ndarray]  # By channel [SI]; NaN where the run is yet to be measured
-    held_out: np.ndarray  # Samples that take no part in fitting or choosing
+    values: dict[str, np.ndarray]  # By channel [SI]; NaN for a planned run
+    held_out: np.ndarray  # Samples not used for fitting and selection
     searched: bool = False  # Whether the first angle was found by a search
 
 
 class SliderCrankModel:
-    """A `jointgap.core.candidates.Model` of a slider-crank; `left_out` says why a run of the campaign is missing."""
+    """A `jointgap.core.candidates.Model` of a slider-crank; `left_out`: the reason for each run that is not used."""
 
     def __init__(
-        self, campaign: Campaign, runs: Mapping[str, RunData], left_out: Mapping[str, str], told_encoder_offset=None
+        self,
+        campaign: Campaign,
+        runs: Mapping[str, RunData],
+        left_out: Mapping[str, str],
+        estimated_encoder_offset=None,
     ):
         self.campaign, self.name, self.left_out = campaign, campaign.name, left_out
         self.plans = {run: data.plan for run, data in runs.items()}
-        self._told_encoder_offset = told_encoder_offset
+        self._estimated_encoder_offset = estimated_encoder_offset
         own = [run_nuisances(campaign, data.plan.run, data.plan.samples, data.searched) for data in runs.values()]
         self.nuisances: tuple[Parameter, ...] = sum(own, shared_nuisances(campaign))
         self.numerics = numerics_for(campaign)
@@ -185,7 +184,7 @@ class SliderCrankModel:
         self.series = tuple(series)
 
     def nominal(self, run: str) -> dict[str, float]:
-        """Nominal values [SI] of every nuisance that a run has, by name."""
+        """Nominal values [SI] of the nuisances of a run, by name."""
         return {p.name: p.nominal for p in self.nuisances if p.run in (None, run)}
 
     def chaotic(self, run: str) -> tuple[str, ...]:
@@ -199,14 +198,14 @@ class SliderCrankModel:
         samples, run, jitter = data.plan.samples, data.plan.run.id, self.campaign.jitter
         rows = self._rows[run, channel]
         if jitter is None and not (samples.timed and channel in POSITIONS):
-            jitter = 0.0  # what impacts do not repeat in velocities and accelerations is a motion
+            jitter = 0.0  # cycle-to-cycle variation of velocities and accelerations is due to impacts
         resolution = (self.campaign.channels[channel].resolution or 0.0) * self.campaign.factor(channel)
         sd = None if noise is None else np.full(np.count_nonzero(rows), noise)
         columns = [column[rows] for column in (data.values[channel], samples.time, samples.angle, data.held_out)]
         return Series(run, channel, CHANNELS[channel], *columns, sd, resolution=resolution, jitter=jitter)
 
     def _statistics(self, run: str, data: RunData) -> Iterator[Series]:
-        """Series of the chaotic channels: statistics of the samples for fitting, then of those held out."""
+        """Series of the chaotic channels: statistics of the fitted, then of the held-out samples."""
         chaotic, angle, held_out = self._chaotic[run], data.plan.samples.angle, data.held_out
         groups = [part for part in (False, True) if (held_out == part).any()]
         parts = []
@@ -225,14 +224,14 @@ class SliderCrankModel:
         plan = replace(self.plans[run], channels=self._sampled(run))
         if plan.measured is None or not plan.channels:
             return {}
-        usual = self._read(plan, values)
-        moved = [self._read(replace(plan, measured=each), values) for each in plan.measured.moved]
-        changes = {channel: [each[channel] - usual[channel] for each in moved] for channel in usual}
-        return {channel: np.array(each).reshape(-1, usual[channel].size).T for channel, each in changes.items()}
+        nominal = self._read(plan, values)
+        perturbed = [self._read(replace(plan, measured=each), values) for each in plan.measured.perturbed]
+        changes = {channel: [each[channel] - nominal[channel] for each in perturbed] for channel in nominal}
+        return {channel: np.array(each).reshape(-1, nominal[channel].size).T for channel, each in changes.items()}
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
-        """Every effect and every fault of a sensor that could be missing."""
+        """All possible missing effects and sensor faults."""
         campaign, runs = self.campaign, tuple(self.plans)
         scale = motion_scale(self)
         read = channels_read(campaign, self.plans[runs[0]], self.nominal(runs[0]))
@@ -240,7 +239,7 @@ class SliderCrankModel:
         shared = {p.name: p for p in self.nuisances if p.run is None}
         constant, frequency = campaign.drive == "constant_speed", PLANNED_FORCE_ORDER * scale.turning / tau
         context = FitContext(campaign.mechanism, scale, shared, constant, frequency, runs)
-        # in a single run for fitting a zero of its own is the offset that all runs have
+        # with a single fitted run its zero is the common offset
         several = sum(plan.run.role != "confirm" for plan in self.plans.values()) > 1
         encoder = [ENCODER_OFFSET] if "crank_angle" in campaign.channels else []
         listed = {p.name for p in self.nuisances}
@@ -248,7 +247,7 @@ class SliderCrankModel:
             encoder.append(ENCODER_ZEROS)
         if encoder and campaign.drive == "measured_angle":
             encoder.append(ENCODER_LAG)
-        sensors = sensor_candidates(spreads, encoder, scale.turning, listed, runs, self._told_encoder_offset)
+        sensors = sensor_candidates(spreads, encoder, scale.turning, listed, runs, self._estimated_encoder_offset)
         return (*physical_candidates(context), *sensors)
 
     def simulate(self, run: str, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
@@ -258,7 +257,7 @@ class SliderCrankModel:
         if chaotic is not None:
             statistics = simulated_statistics(self.campaign, chaotic, values, effects, numerics)
             sizes = {series.channel: series.value.size for series in self.series if series.run == run}
-            # the same for the samples for fitting and for those held out
+            # the same for fitted and held-out samples
             read |= {name: np.tile(bins, sizes[name] // bins.size) for name, bins in statistics.items()}
         return read
 
@@ -269,7 +268,7 @@ class SliderCrankModel:
         return run_in_windows(self.campaign, plan, values, effects, rows)
 
     def _read(self, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
-        """What the sensors read, each at its own rows."""
+        """Sensor readings at the rows of each channel."""
         read = channels_read(self.campaign, plan, values, effects, numerics)
         return {channel: value[self._rows[plan.run.id, channel]] for channel, value in read.items()}
 
@@ -281,7 +280,7 @@ def motion_scale(model: SliderCrankModel) -> MotionScale:
 
 
 def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
-    """One candidate for each term of a force on the slider and of a torque on the crank."""
+    """A candidate for each term of a slider force or crank torque."""
     scale = motion_scale(model)
     symbols = {"Y": f"(x - {scale.middle!r})", "S": f"tanh(v/{SLIDER_SIGN_SPEED!r})"}
     slider = "1 v |v| S v*|v| v^3 Y Y^3 |Y| cos(theta) sin(theta) Y*v Y*|v| Y*S v*cos(theta) v*sin(theta)"
@@ -300,16 +299,16 @@ def library(model: SliderCrankModel) -> tuple[Candidate, ...]:
     return tuple(found)
 
 
-def remaining_doubts(
+def remaining_inconsistencies(
     model: SliderCrankModel, measurements: Measurements, explanations: Sequence[Fit]
 ) -> tuple[str, ...]:
-    """Channels whose readings contradict others' with at least one of several explanations."""
+    """Channels that are inconsistent with at least one of the explanations."""
     return tuple(dict.fromkeys(channel for fit in explanations for channel in _left(model, measurements, fit)))
 
 
 def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list[str]:
-    """Channels in doubt once the faults of a fit are taken out; a run with a fault of its own that is not fitted, such
-    as the zero of an encoder in a held-out run, is left out.
+    """Channels that are inconsistent after removing the sensor faults of a fit; without runs whose own fault is not
+    fitted, such as the encoder zero of a held-out run.
     """
     corrected, erring = {}, False
     sensors = tuple(candidate for candidate in fit.hypothesis if candidate.sensor)
@@ -323,19 +322,19 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
             erring |= bool(faults)
     left = measurements.contradictions
     if erring:
-        # what is clipped or stuck cannot be undone: there any fault of that sensor counts
+        # clipped or stuck samples cannot be corrected: any fault of that sensor explains them
         sites = {candidate.site for candidate in sensors}
         lost = [one for one in left if one.kind in OF_SAMPLES and one.channel not in sites]
-        left = lost + contradictions(model.campaign, corrected)
+        left = lost + consistency_checks(model.campaign, corrected)
     return [one.channel for one in left if one.doubtful]
 
 
 def build_model(
     campaign: Campaign, measurements: Measurements | None = None, revolutions: Mapping[str, float] | None = None
 ) -> SliderCrankModel:
-    """The model of a campaign; without measurements of the runs as they are planned, chaotic ones for `revolutions`.
+    """The model of a campaign; without measurements of the planned runs (chaotic ones with `revolutions`).
 
-    A measured run that cannot be simulated is left out.
+    Measured runs that cannot be simulated are not used.
     """
     check_bounds(campaign)
     runs, left_out = {}, dict(measurements.left_out) if measurements else {}
@@ -349,9 +348,9 @@ def build_model(
                 left_out[run.id] = str(error)
     check_runs_left(campaign, left_out)
     campaign = campaign.model_copy(update={"runs": tuple(run for run in campaign.runs if run.id in runs)})
-    doubts = measurements.contradictions if measurements else ()
-    told = next((doubt.phase for doubt in doubts if (doubt.channel, doubt.kind) == ("crank_angle", "phase")), None)
-    return SliderCrankModel(campaign, runs, left_out, told)
+    found = measurements.contradictions if measurements else ()
+    offset = next((one.phase for one in found if (one.channel, one.kind) == ("crank_angle", "phase")), None)
+    return SliderCrankModel(campaign, runs, left_out, offset)
 
 
 def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
@@ -384,7 +383,7 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     measured = {**recording.channels, "crank_angle": recording.crank_angle}
     values = {channel: measured[channel] for channel in plan.channels}
     if constant and "crank_angle" not in campaign.channels:
-        # what is held out of a run that is split may not tell how its beginning turned
+        # held-out samples of a split run must not influence its speed and first angle
         hidden = recording.held_out & (not recording.held_out.all())
         fitted = {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
         if "speed" in campaign.nuisance:
@@ -396,7 +395,7 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
             plan = _with_first_angle(campaign, plan, fitted)
     for channel, read in channels_read(campaign, plan, _nominal(campaign, plan)).items():
         if not np.isfinite(read).all():
-            raise SimulationError(f"{channel} as simulated is not finite")
+            raise SimulationError(f"the simulated {channel} is not finite")
     return RunData(plan, values, recording.held_out, searched)
 
 
@@ -411,12 +410,12 @@ def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
 
 
 def _first_angle(run: CampaignRun) -> float | None:
-    """As stated [rad]; of a clockwise crank the mirror image turns, as its angles are read."""
+    """The stated first angle [rad], mirrored for a clockwise crank."""
     return -run.first_angle if run.first_angle is not None and run.direction == "clockwise" else run.first_angle
 
 
 def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
-    """The plan with the first angle at which the model as it stands agrees best with what was measured."""
+    """The plan with the first angle at which the current model agrees best with the measurement."""
     own, count = plan.samples, FIRST_ANGLES_TRIED
     turn = np.arange(count) / count
     dense = replace(own, time=turn * (tau / own.speed), read=np.full(count, np.nan), angle=tau * turn, first_angle=0.0)
@@ -428,6 +427,6 @@ def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.
         spread = max(float(np.std(simulated[channel])), float(np.std(value[finite])), 1e-300)
         for shift in range(count):
             away = value[finite] - simulated[channel][(phase[finite] + shift) % count]
-            misfit[shift] += np.median(np.abs(away)) / spread  # a median: spikes of impacts lie a little aside
+            misfit[shift] += np.median(np.abs(away)) / spread  # the median tolerates shifted impact spikes
     first = float(np.argmin(misfit)) * tau / count
     return replace(plan, samples=replace(own, first_angle=first, angle=own.angle - own.first_angle + first))

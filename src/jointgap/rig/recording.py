@@ -8,38 +8,38 @@ import pandas as pd
 
 from jointgap.config.campaign import Campaign
 
-# Kinds of contradictions that are told by a channel's samples alone; no gain or zero of a sensor undoes them
+# Kinds of contradictions in the samples of one channel, which no gain or zero corrects
 OF_SAMPLES = ("clipped", "stuck", "no_data")
-# Kinds for which a run is left out: its crank angle steps and stays there, or the crank does not turn on
+# Kinds that make a run unusable
 OF_A_RUN = ("step", "standstill", "turns_back")
 
 
 @dataclass(frozen=True)
 class Contradiction:
-    """What one channel of one run cannot be."""
+    """An inconsistency of one channel in one run."""
 
     run: str
-    channel: str  # ``time`` also where it may be the run's speed that is wrong
+    channel: str  # ``time`` also if the run's speed may be wrong
     kind: str  # sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time or speed
-    remark: str  # In a sentence, without the place
-    other: str = ""  # The channel that it is swapped with; empty where there is none
-    factor: float = np.nan  # [1] Measured over expected; NaN where there is none
-    phase: float = np.nan  # [rad] By how much the channel is ahead of what is expected; NaN where there is none
-    doubtful: bool = True  # Whether the channel's readings are in doubt
+    remark: str  # A sentence without run and file
+    other: str = ""  # The swapped channel
+    factor: float = np.nan  # [1] Measured over expected
+    phase: float = np.nan  # [rad] Lead of the channel
+    doubtful: bool = True  # Whether the channel's readings may be wrong
 
     @property
     def stops(self) -> bool:
-        """Whether it is to be corrected before an analysis, unlike the zero of an encoder, which an analysis finds."""
+        """Whether it prevents an analysis; an encoder zero does not, as the analysis identifies it."""
         return self.doubtful and (self.channel, self.kind) != ("crank_angle", "phase")
 
 
 def sentences(found: Sequence[Contradiction]) -> list[str]:
-    """The remarks of `found`, each once with the runs that it is of."""
-    told = []
+    """Each remark of `found` once, with its runs."""
+    lines = []
     for remark in dict.fromkeys(one.remark for one in found):
         runs = dict.fromkeys(one.run for one in found if one.remark == remark)
-        told.append(f"run{'s' if len(runs) > 1 else ''} {', '.join(runs)}: {remark}")
-    return told
+        lines.append(f"run{'s' if len(runs) > 1 else ''} {', '.join(runs)}: {remark}")
+    return lines
 
 
 @dataclass(frozen=True)
@@ -47,25 +47,23 @@ class Recording:
     """The samples of one run."""
 
     run: str
-    time: np.ndarray  # As measured [s], rising; all NaN where the campaign has no channel time
-    crank_angle: np.ndarray  # [rad], continuous over turns and rising on the whole
+    time: np.ndarray  # As measured [s], increasing; all NaN without the channel time
+    crank_angle: np.ndarray  # [rad], continuous over turns
     channels: dict[str, np.ndarray]
     noise: dict[str, float | None]
-    held_out: np.ndarray  # Samples that take no part in fitting or choosing
+    held_out: np.ndarray  # Samples not used for fitting and selection
 
     @property
     def has_time(self) -> bool:
-        """Whether times were measured."""
         return bool(np.isfinite(self.time).any())
 
     @property
     def has_angle(self) -> bool:
-        """Whether the crank angle was measured."""
         return bool(np.isfinite(self.crank_angle).any())
 
     @property
     def all_channels(self) -> dict[str, np.ndarray]:
-        """The channels, the crank angle first where it was measured."""
+        """The channels, with the crank angle first if it was measured."""
         return ({"crank_angle": self.crank_angle} if self.has_angle else {}) | self.channels
 
 
@@ -73,13 +71,13 @@ class Recording:
 class Measurements:
     """All runs of a campaign."""
 
-    runs: dict[str, Recording]  # In the campaign's order; without those that cannot be used
-    remarks: tuple[str, ...] = ()  # What a reader of the results should know of the data, in sentences
-    contradictions: tuple[Contradiction, ...] = ()  # What channels cannot be what they are said to be
+    runs: dict[str, Recording]  # In the campaign's order, without unusable runs
+    remarks: tuple[str, ...] = ()  # For the summary page
+    contradictions: tuple[Contradiction, ...] = ()
 
     @property
     def left_out(self) -> dict[str, str]:
-        """Why a run of the campaign cannot be used, by run."""
+        """The reason for each unusable run."""
         return {found.run: found.remark for found in self.contradictions if found.kind in OF_A_RUN}
 
 
@@ -90,7 +88,7 @@ def noise_of(campaign: Campaign, run: str) -> dict[str, float | None]:
 
 
 def to_frame(measurements: Measurements) -> pd.DataFrame:
-    """Measurements as a tidy table: one row per run, channel and sample."""
+    """Table `MEASURED`: one row per run, channel and sample."""
     parts = [
         {"run": recording.run, "channel": channel, "sample": np.arange(values.size), "time": recording.time}
         | {"crank_angle": recording.crank_angle, "value": values, "held_out": recording.held_out}
@@ -103,7 +101,7 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
 def from_frame(
     frame: pd.DataFrame, campaign: Campaign, remarks: tuple[str, ...] = (), found: tuple[Contradiction, ...] = ()
 ) -> Measurements:
-    """The measurements in a table that `to_frame` made."""
+    """Inverse of `to_frame`."""
     runs = {}
     for run, own in frame.groupby("run", sort=False, observed=True):
         parts = dict(list(own.groupby("channel", sort=False, observed=True)))

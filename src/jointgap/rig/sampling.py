@@ -1,4 +1,4 @@
-"""Where in time and crank angle the samples of a run lie, as far as the record itself tells."""
+"""Times and crank angles of the samples of a run, estimated from the record."""
 
 import math
 from collections.abc import Sequence
@@ -7,13 +7,14 @@ from math import tau
 
 import numpy as np
 
-OUTLIER = 5.0  # [1, robust standard deviations] A reading of the crank angle farther from its straight line
-EVEN_ROWS = math.radians(0.5)  # [rad] Angles without times this near a line over their rows were sampled evenly in time
-# [1] An estimated speed or phase may be off by this many standard errors, which are twice as large as those of
-# independent readings, for errors of an encoder repeat: bounds that no fit should meet
+OUTLIER = 5.0  # [1, robust standard deviations] Distance of an outlier of the crank angle from its line
+EVEN_ROWS = math.radians(
+    0.5
+)  # [rad] Angles without times that are nearer to a line over their rows are uniform in time
+# [1] Bounds of estimated speed and phase: five standard errors, doubled as errors of an encoder repeat
 REACH = 2.0 * 5.0
-SPEED_HARMONICS = 6  # Of the Fourier series whose misfit tells the speed of a crank without encoder
-SPEED_STEP = 0.02  # [revolutions over the whole record] An eighth of the period of the sixth harmonic
+SPEED_HARMONICS = 6  # Of the Fourier series that estimates the speed of a crank without encoder
+SPEED_STEP = 0.02  # [revolutions over the record] An eighth of the period of the sixth harmonic
 
 
 @dataclass(frozen=True)
@@ -21,17 +22,17 @@ class SampleGrid:
     """Samples of one run."""
 
     time: np.ndarray  # [s], as recorded, or from angle and speed
-    read: np.ndarray  # Crank angle as read [rad]; NaN where it was not
-    angle: np.ndarray  # Crank angle of the samples [rad] at constant speed, about as true as the record allows
-    first_angle: float  # Crank angle at the first sample [rad] and mean speed [rad/s]
-    speed: float  # Crank angle at the first sample [rad] and mean speed [rad/s]
-    first_reach: float = 0.0  # How far these estimates may be off [rad], [rad/s]
-    speed_reach: float = 0.0  # How far these estimates may be off [rad], [rad/s]
-    timed: bool = True  # Whether times were recorded; else samples lie at angles
+    read: np.ndarray  # Measured crank angle [rad]; NaN if not measured
+    angle: np.ndarray  # Crank angle of the samples [rad] at constant speed, best estimate
+    first_angle: float  # Crank angle at the first sample [rad]
+    speed: float  # Mean speed [rad/s]
+    first_reach: float = 0.0  # Largest error of `first_angle` [rad]
+    speed_reach: float = 0.0  # Largest error of `speed` [rad/s]
+    timed: bool = True  # Whether times were recorded
 
     @property
     def encoded(self) -> bool:
-        """Whether times and angles were both recorded: the mean speed follows from them."""
+        """Whether times and angles were both recorded."""
         return self.timed and bool(np.isfinite(self.read).any())
 
     @property
@@ -41,16 +42,16 @@ class SampleGrid:
 
     @property
     def turned(self) -> float:
-        """How far the crank turns in the record [rad]."""
+        """Angle turned in the record [rad]."""
         return float(self.angle.max() - self.angle.min())
 
     def first(self, turned: float) -> "SampleGrid":
-        """The record's samples until the crank has `turned` [rad]."""
+        """The samples of the first `turned` [rad]."""
         kept = self.angle < self.angle[0] + turned
         return replace(self, time=self.time[kept], read=self.read[kept], angle=self.angle[kept])
 
     def extended(self, turned: float) -> "SampleGrid":
-        """The record, going on evenly where it ends before the crank has `turned` [rad]."""
+        """The record, extended uniformly to `turned` [rad] if it is shorter."""
         count = self.time.size
         more = max(math.ceil((turned / self.turned - 1.0) * (count - 1)), 0)
         time, read, angle = (
@@ -60,14 +61,14 @@ class SampleGrid:
         return replace(self, time=time, read=read, angle=angle)
 
     def refined(self, factor: int) -> "SampleGrid":
-        """The record with `factor` samples for each of its own: itself every `factor`-th."""
+        """The record with `factor` times as many samples, which include its own."""
         count = self.time.size
         places = np.arange((count - 1) * factor + 1) / factor
         time, read, angle = (np.interp(places, np.arange(count), v) for v in (self.time, self.read, self.angle))
         return replace(self, time=time, read=read, angle=angle)
 
     def line(self, angle: np.ndarray) -> tuple[float, float]:
-        """First value [rad] and slope [rad/s] of the straight line through `angle` (n,) [rad] where it was read."""
+        """First value [rad] and slope [rad/s] of the line through `angle` (n,) [rad] at measured angles."""
         finite = np.isfinite(self.read)
         slope, first = np.polyfit(self.elapsed[finite], angle[finite], 1)
         return float(first), float(slope)
@@ -76,8 +77,8 @@ class SampleGrid:
 def planned_grid(
     speed: float, first_angle: float, encoded: bool, revolutions: int = 4, per_revolution: int = 120
 ) -> SampleGrid:
-    """Samples of a run that is yet to be measured, at even times: four cycles tell what repeats from what does not, 120
-    samples resolve the orders that effects have.
+    """Samples of a planned run at uniform times: four cycles separate noise from motion, 120 samples resolve the orders
+    of effects.
     """
     count = revolutions * per_revolution
     elapsed = np.arange(count) * (tau / speed / per_revolution)
@@ -88,14 +89,14 @@ def planned_grid(
 def sample_grid(
     time: np.ndarray, read: np.ndarray, speed: float, first: float | None, step: float = 0.0, constant: bool = True
 ) -> SampleGrid:
-    """The samples of a recording whose encoder reads in steps [rad]."""
+    """The samples of a recording whose encoder has the resolution `step` [rad]."""
     finite, timed = np.isfinite(read), bool(np.isfinite(time).all())
     if timed and finite.sum() >= 2:
         elapsed = time - time[0]
         slope, first, sd = _robust_line(elapsed[finite], read[finite])
         error, span = REACH * sd / math.sqrt(finite.sum()), max(float(np.ptp(elapsed[finite])), 1e-300)
         angle = first + slope * elapsed if constant else np.interp(elapsed, elapsed[finite], read[finite])
-        # of a line through n points the first value has twice the standard error of the mean, the slope sqrt(12) / span
+        # standard errors of a line: first value 2, slope sqrt(12) / span times that of the mean
         first_reach = 2.0 * error + 0.5 * step
         speed_reach = (math.sqrt(12.0) * error + 0.5 * step) / span
         return SampleGrid(time, read, angle, first, slope, first_reach, speed_reach)
@@ -111,9 +112,9 @@ def sample_grid(
 
 
 def own_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """Rows of a channel at its own rate, (n,) bool: of files of several loggers joined on time each fills some rows.
+    """Rows (n,) bool of a channel at its own rate, for joined files of several loggers.
 
-    Those with a value, and those in gaps longer than its usual step; all of a channel that is yet to be measured.
+    Rows with a value, and those in gaps longer than its median step; all rows of a planned channel.
     """
     kept = np.isfinite(value)
     known = np.flatnonzero(kept)
@@ -125,7 +126,7 @@ def own_rows(elapsed: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
-    """Slope, value at 0 and residual sd of a straight line; points far off are left out."""
+    """Slope, value at 0 and residual standard deviation of a line, without outliers."""
     kept = np.ones(x.size, bool)
     for _ in range(3):
         slope, first = np.polyfit(x[kept], y[kept], 1)
@@ -136,9 +137,9 @@ def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
 
 
 def speed_from_periodicity(elapsed: np.ndarray, values: Sequence[np.ndarray], low: float, high: float) -> float:
-    """The speed [rad/s] with which channels repeat best, of a crank whose angle nobody read.
+    """The speed [rad/s] of a crank without encoder at which channels are most periodic.
 
-    A Fourier series of the crank angle is fitted at each speed; the one that leaves least is refined by a parabola.
+    The residual of a Fourier series over the crank angle is minimised over the speed and refined by a parabola.
     """
     step = tau * SPEED_STEP / max(float(elapsed[-1]), 1e-300)
     speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)

@@ -28,40 +28,39 @@ from jointgap.rig.sensors import Faults
 
 Columns = Mapping[str, np.ndarray]  # Channels of a motion (n,), by column
 
-FILM_TOLERANCE = 1e-11  # [m] Local error where a joint is lubricated: films are stiff, steps are short anyway
-# [1] A revolution stands for all later ones if what is read changed by less than this, over the noise and all samples
+FILM_TOLERANCE = 1e-11  # [m] Local error with a lubricated joint: films are stiff, steps are short anyway
+# [1] Periodic steady state: norm of the change of all readings between revolutions, over the noise
 SETTLED_LENGTH = 1.0
-SETTLED_AFTER = (3, 12)  # Least and most revolutions dropped before the one that is kept
-COMPARED_SAMPLES = 120  # Samples of a revolution that are compared: each costs about as much as a step
-TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier than this after the start is simulated in full
-# How much earlier the motion begins for another start: one, and the part of the next that meets no symmetry of a
-# slider-crank (the golden section)
+SETTLED_AFTER = (3, 12)  # Least and largest number of revolutions dropped as transient
+COMPARED_SAMPLES = 120  # Compared samples of a revolution: each costs about as much as a step
+TRANSIENT_REVOLUTIONS = 1.5  # A record that begins earlier after the start is simulated in full
+# Earlier begin of the motion for another start: not at a symmetry of the slider-crank (golden section)
 OTHER_START_REVOLUTIONS = 1.382
-UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise where it is not stated
+UNSTATED_NOISE_SHARE = 0.02  # [1, of a channel's standard deviation] Noise if it is not stated
 
 
 def friction_speed(mechanism: Mechanism) -> float | None:
-    """Sliding speed [m/s] over which friction is regularised in the first loose pin that has any; None where none has.
+    """Regularisation speed [m/s] of friction in the first loose pin with friction; None if there is none.
 
-    Nobody measures it, and it moves what is read near reversals by many times the noise: so it is fitted as a nuisance,
-    which stands for the other pins' in proportion.
+    It is not measured but has a large influence near reversals, so it is fitted as a nuisance; the speeds of other pins
+    scale with it.
     """
     contacts = [mechanism.joint(pin).contact for pin in mechanism.loose]
     return next((contact.friction_speed for contact in contacts if contact.friction > 0), None)
 
 
-def lasting_damping(mechanism: Mechanism) -> dict[str, str]:
-    """Name of the nuisance by loose joint whose contact has a memory that fades: the damping of its lasting contact.
+def steady_contact_damping(mechanism: Mechanism) -> dict[str, str]:
+    """Name of the damping nuisance of each loose joint with fading contact memory.
 
-    Nobody measures it, and how each reversal of load rings down depends on it. The nuisance is the natural logarithm of
-    damping over what the contact says, on which readings depend about linearly; on the damping itself less so.
+    The nuisance is the natural logarithm of the damping of steady contact over that of the mechanism file, on which
+    readings depend about linearly. It is not measured but determines the ringing after load reversals.
     """
     fading = [pin for pin in mechanism.loose if mechanism.joint(pin).contact.reference_speed is not None]
     return {pin: f"lasting_damping_{pin}" for pin in fading}
 
 
 def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
-    """`mechanism` with other masses, lengths, clearances, friction and restitution."""
+    """`mechanism` with the `values` of its nuisances."""
     lengths = (values.get(f"{body}_length", getattr(mechanism, body).length) for body in ("crank", "rod"))
     modified = mechanism.with_lengths(*lengths)
     rod = {key: values[f"rod_{key}"] for key in ("mass", "inertia") if f"rod_{key}" in values}
@@ -72,7 +71,7 @@ def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
         own, contact = joint.contact, {}
         if pin in PINS:
             contact["friction"] = values.get(f"joint_friction_{pin}", values.get("joint_friction", own.friction))
-            if own.restitution is not None:  # not every law of contact has one
+            if own.restitution is not None:
                 shared = values.get("restitution", own.restitution)
                 contact["restitution"] = values.get(f"restitution_{pin}", shared)
         if "friction_speed" in values:
@@ -90,13 +89,13 @@ def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
 
 
 def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
-    """`mechanism` with physical effects added to those that it has."""
+    """`mechanism` with additional effects."""
     added, formulas = [], {}
     for candidate, values in effects:
         if candidate.name.startswith("discovered_"):
             formulas.setdefault(candidate.name.partition("[")[0], []).append((candidate, values))
         elif not candidate.sensor:
-            # keys of an effect's sizes, and their names within a run
+            # keys of amplitudes with and without run
             sizes = {name for key in candidate.amplitudes for name in (key, key.partition("@")[0])}
             if EFFECTS[candidate.name].ACTS_AT_ZERO or any(values[key] for key in sizes & values.keys()):
                 added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
@@ -111,19 +110,19 @@ def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
 
 
 def _formula(name: str, terms: Effects) -> Effect:
-    """One law of several found terms: a candidate ``discovered_slider_force[v^3]`` has one size, its coefficient."""
+    """One law of several terms, each with a coefficient: ``discovered_slider_force[v^3]``."""
     parts, coefficients = [], {}
     for place, (candidate, values) in enumerate(terms, 1):
         term = candidate.name.partition("[")[2].removesuffix("]")
         if not term:
-            raise InputError(f"{candidate.name}: has no term; name it such as {name}[v^3]")
+            raise InputError(f"{candidate.name}: has no term; use a name such as {name}[v^3]")
         parts.append(f"c{place}*({term})")
         coefficients[f"c{place}"] = values[candidate.amplitudes[0]]
     return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients})
 
 
 def simulated_effects(effects: Effects) -> tuple[list, list, float]:
-    """Effects as they can be simulated, those that can be as they are, and what share of the others' effect acts."""
+    """Effects within simulation limits, those that need no limit, and the share of the limited effects."""
     limited, exact, share = [], [], 1.0
     for candidate, values in effects:
         effect = EFFECTS.get(candidate.name)
@@ -137,39 +136,35 @@ def simulated_effects(effects: Effects) -> tuple[list, list, float]:
 def augmented_mechanism(
     mechanism: Mechanism, hypothesis: Sequence[Candidate] = (), values: Mapping[str, float] | None = None
 ) -> Mechanism:
-    """The mechanism with re-fitted nuisances and physical effects written in."""
+    """The mechanism with re-fitted nuisances and effects."""
     values = values or {}
     modified = with_nuisances(mechanism, {key: v for key, v in values.items() if "@" not in key})
     effects = []
     for candidate in hypothesis:
-        # those that a fit has: of held-out runs it has none
+        # a fit has no values of held-out runs
         keys = {p.key: f"{candidate.label}.{p.key}" for p in candidate.coordinates}
         own = {key: values[name] for key, name in keys.items() if name in values}
         effects.append((candidate, own))
-        # a nuisance that an effect replaced in part, such as the other pin's friction
+        # a partly replaced nuisance, such as the other pin's friction
         modified = with_nuisances(modified, own)
-    return validate(Mechanism, with_effects(modified, effects).model_dump(), "the mechanism with what was found")
+    return validate(Mechanism, with_effects(modified, effects).model_dump(), "the augmented mechanism")
 
 
-# Other numerics that are as good as the usual ones, in words: what they change in a prediction is no disagreement. The
-# last one is for joints that are loose and a start that nobody knows
+# Equivalent solver variants; their differences count as solver error. The last one requires loose joints and an unknown
+# start
 NUMERICS = ("friction regularised by Threlfall's law", "a tenth of the tolerance", "another start")
 
 
 def numerics_for(campaign: Campaign) -> tuple[str, ...]:
-    """Those of `NUMERICS` that can change anything in a campaign."""
-    return NUMERICS if _free_runs(campaign) and campaign.mechanism.applied().loose else NUMERICS[:-1]
-
-
-def _free_runs(campaign: Campaign) -> list[str]:
-    """Runs of which nobody knows where their motion began."""
-    return [run.id for run in campaign.runs if campaign.drive != "measured_angle" and drives.began_anywhere(run)]
+    """The solver variants that matter in a campaign."""
+    free = campaign.drive != "measured_angle" and any(map(drives.began_anywhere, campaign.runs))
+    return NUMERICS if free and campaign.mechanism.applied().loose else NUMERICS[:-1]
 
 
 def channels_read(
     campaign: Campaign, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0, perturbation=None
 ) -> dict[str, np.ndarray]:
-    """What the sensors of a run read at its samples."""
+    """Sensor readings of a run at its samples, by channel."""
     effects, without, share = simulated_effects(effects)
     read = _read_at_limit(campaign, plan, values, effects, numerics, perturbation)
     if share < 1.0:
@@ -179,7 +174,7 @@ def channels_read(
 
 
 class Prepared(NamedTuple):
-    """A run with values put in, ready to be simulated."""
+    """A run ready for simulation."""
 
     driven: drives.DrivenRun
     faults: Faults
@@ -194,10 +189,10 @@ def prepared(
     numerics: int = 0,
     tolerance: float | None = None,
 ) -> Prepared:
-    """A run ready to be simulated, to a local error of `tolerance` [m], or to that of its plan."""
+    """A run ready for simulation with the local error `tolerance` [m] (default: that of its plan)."""
     clockwise = plan.run.direction == "clockwise"
     faults, nuisances = Faults(effects, clockwise, values), dict(values)
-    for candidate, own in effects:  # a nuisance that an effect took over in part, such as the other pin's friction
+    for candidate, own in effects:  # a partly replaced nuisance, such as the other pin's friction
         nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
     if clockwise:
@@ -209,7 +204,7 @@ def prepared(
     driven = _driven_run(campaign, plan, mechanism, nuisances, faults, tolerance, earlier)
     change(driven.numbers)
     harmonic = driven.numbers.effects
-    # phases of forces count from the record's time 0, that of the simulation is earlier
+    # phases refer to time 0 of the record, not of the simulation
     harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
     return Prepared(driven, faults, tolerance)
 
@@ -217,7 +212,7 @@ def prepared(
 def _read_at_limit(
     campaign: Campaign, plan: RunPlan, values: Values, effects: Effects, numerics: int, perturbation
 ) -> dict[str, np.ndarray]:
-    """`channels_read` of a rod that is no stiffer than can be simulated."""
+    """`channels_read` with effects within simulation limits."""
     run = prepared(campaign, plan, values, effects, numerics)
     count = run.driven.angles.size
     change = _change_over_noise(campaign, plan, count) if drives.began_anywhere(plan.run) else None
@@ -229,7 +224,7 @@ def _read_at_limit(
 
 
 def other_numerics(numerics: int) -> tuple[float, Callable[[Parameters], None]]:
-    """Factor of the tolerance, and what changes the numbers of a simulation, for `numerics` of `channels_read`."""
+    """Factor on the tolerance and change of the parameters, for `numerics` of `channels_read`."""
     if numerics == 1:
         return 1.0, _threlfall
     return (0.1 if numerics == 2 else 1.0), lambda p: None
@@ -248,7 +243,7 @@ def _driven_run(
     campaign: Campaign, plan: RunPlan, mechanism: Mechanism, values, faults: Faults, tolerance: float, earlier: float
 ) -> drives.DrivenRun:
     samples = plan.samples
-    offset = faults.offset - faults.lag * values.get("speed", samples.speed)  # an encoder that lags reads less
+    offset = faults.offset - faults.lag * values.get("speed", samples.speed)  # a lagging encoder reads less
     if plan.measured is not None:
         driven = drives.measured_angle_run(mechanism, plan, faults.offset, faults.lag, tolerance)
     elif campaign.drive == "motor":
@@ -256,9 +251,9 @@ def _driven_run(
     else:
         driven = drives.constant_speed_run(mechanism, plan, values, offset, tolerance, earlier)
     effects = driven.numbers.effects
-    if effects.table_over == 2:  # a load over time: that of the record, which begins later than the simulation
+    if effects.table_over == 2:  # over time of the record, not of the simulation
         if not samples.timed:
-            raise InputError("slider_force_table: a load over time needs the channel time; add it, or give its angle")
+            raise InputError("slider_force_table: a load over time requires the channel time; add it, or use angle")
         effects.table_begin += driven.begin - samples.time[0]
     return driven
 
@@ -266,7 +261,7 @@ def _driven_run(
 def read(
     campaign: Campaign, plan: RunPlan, run: Prepared, motion: Callable[[np.ndarray], Columns]
 ) -> dict[str, np.ndarray]:
-    """What the sensors make, at the samples, of a `motion`: its channels at crank angles (m,) [rad], in any order."""
+    """Sensor readings at the samples of a `motion`, which returns its channels at crank angles (m,) [rad]."""
     driven, faults = run.driven, run.faults
     channels = {name: campaign.channels[name] for name in plan.channels}
     samples, delay = plan.samples, faults.lag if plan.measured is None else 0.0
@@ -280,7 +275,7 @@ def read(
         padding = sensors.PADDING_REVOLUTIONS * revolution
         last = samples.elapsed[-1] + (0.0 if plan.measured else padding)  # a measured angle ends with the record
         grid = sensors.filter_times(-min(padding, driven.begin), last, revolution, corners)
-    # the motion is simulated at the times that a late sensor reads: impacts stay as sharp as they are
+    # a delay is simulated, not interpolated: impacts stay sharp
     delays = list(dict.fromkeys([0.0, *map(faults.delay, channels)]))
     earlier = [driven.at(np.maximum(samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
     angles = np.concatenate([driven.angles, *earlier, driven.at(grid)])
@@ -304,7 +299,7 @@ def read(
             fine = sensors.low_pass(fine, grid[1] - grid[0], channel.bandwidth, channel.filter == "causal")
             read = CubicSpline(grid, fine)(times)
         if faults.need_grid(name):
-            # the lag's change is interpolated, not the reading: without a filter impacts stay as sharp as they are
+            # only the change by the lag is interpolated: impacts stay sharp
             change = faults.act("over_time", name, fine, grid[1] - grid[0]) - fine
             read = read + CubicSpline(grid, change)(times)
         readings[name] = faults.act("after_filter", name, read)
@@ -312,10 +307,10 @@ def read(
 
 
 def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callable:
-    """Length of the change of what is read at `count` samples, over its noise, by those that are compared.
+    """A function: norm of the change of readings over noise, extrapolated from compared samples to `count`.
 
-    Where the noise is not stated, it is taken for a share of what the channel varies by. Filters and faults are left
-    out: they make it no larger.
+    Noise that is not stated is a share of the channel's standard deviation. Filters and faults are ignored, as they do
+    not increase the change.
     """
     stated = noise_of(campaign, plan.run.id)
     channels = [name for name in plan.channels if name != "crank_angle"]
@@ -330,23 +325,18 @@ def _change_over_noise(campaign: Campaign, plan: RunPlan, count: int) -> Callabl
     return change
 
 
-# Channels at given crank angles, in as few operations as a fit's thousands of simulations need
-
-
 def tolerance_for(mechanism: Mechanism, usual: float = TOLERANCE) -> float:
-    """Local error of a step [m] for a fit: smaller where steps would jump over the contacts of a small clearance."""
+    """Local error of a step [m] for a fit: smaller for films and small clearances."""
     film = any(mechanism.effect("lubricated_joint", joint) for joint in mechanism.loose)
     shares = [TOLERANCE_SHARE * mechanism.clearance(joint) for joint in mechanism.loose]
     return min([FILM_TOLERANCE if film else usual, *shares])
 
 
 def has_settled(earlier: Columns, before: Columns, last: Columns, change: Callable[[Columns, Columns], float]) -> bool:
-    """Whether the last of three revolutions is near the one before it, and near to where they go.
+    """Whether three revolutions have converged to a periodic steady state.
 
-    Where each change is z times the one before it, and z turns its phase too, as a mode that rings does, the last
-    revolution is |z / (1 - z)| of the last change away from its limit: the last change squared over the change of the
-    changes. Many small changes in one direction then count as what they add up to, and the scatter of the integration,
-    which has no direction, as itself.
+    For changes in a geometric sequence with the (complex) ratio z, the distance to the limit is |z / (1 - z)| times the
+    last change: the last change squared over the change of the changes (Aitken's extrapolation).
     """
     changed = change(before, last)
     if changed >= SETTLED_LENGTH:
@@ -363,7 +353,7 @@ def channels_at(
     change: Callable[[Columns, Columns], float] | None = None,
     read: int | None = None,
 ) -> dict[str, np.ndarray]:
-    """All channels at crank angles, by column of `jointgap.dynamics.sampling`, with the ``time`` [s]."""
+    """Channels at crank angles by column of `jointgap.dynamics.sampling`, with the ``time`` [s]."""
     if _is_kinematic(p):
         return _sampled(p, angles, lambda sorted_angles: _kinematic_motion(p, sorted_angles))
     progress = beginning(p, *start_state(p, perturbation), 0.0)
@@ -376,7 +366,7 @@ def channels_at(
     back = (angles.min() - p.drive.start_angle) / tau
     if change is None or perturbation is not None or not _may_repeat(p) or back <= TRANSIENT_REVOLUTIONS:
         return _sampled(p, angles, integrate)
-    # One settled revolution stands for all of them, if what is read no longer changes from one to the next.
+    # in a periodic steady state one revolution is simulated
     within = p.drive.start_angle + np.mod(angles - p.drive.start_angle, tau)
     whole_record = {"crank_angle": angles, "time": _times(p, angles)}
     first, last = (max(dropped, round(back)) for dropped in SETTLED_AFTER)
@@ -389,12 +379,12 @@ def channels_at(
         if has_settled(earlier, before, now, change):
             return motion | whole_record
         earlier, before = before, now
-    later = (last + 1 - math.floor(back)) * tau  # so much later it has settled at least this far
+    later = (last + 1 - math.floor(back)) * tau  # not settled: simulate the record after the dropped revolutions
     return _sampled(p, angles + later, integrate) | whole_record
 
 
 def _spread(angles: np.ndarray, count: int) -> np.ndarray:
-    """Places of `count` of the `angles`, or of all if they are fewer, evenly in their order."""
+    """Indices of at most `count` of the `angles`, evenly distributed."""
     order = np.argsort(angles, kind="stable")
     return order[np.linspace(0, order.size - 1, min(count, order.size)).round().astype(int)]
 
@@ -402,7 +392,7 @@ def _spread(angles: np.ndarray, count: int) -> np.ndarray:
 def _sampled(
     p: Parameters, angles: np.ndarray, integrate: Callable[[np.ndarray], IntegrationResult]
 ) -> dict[str, np.ndarray]:
-    """Channels at `angles`, in any order."""
+    """Channels at unsorted `angles`."""
     sorted_angles, places = np.unique(angles, return_inverse=True)
     motion = integrate(sorted_angles)
     columns = motion.observed(p) | {"time": motion.times}
@@ -410,13 +400,13 @@ def _sampled(
 
 
 def _times(p: Parameters, angles: np.ndarray) -> np.ndarray:
-    """Times (n,) [s] at which a prescribed crank passes `angles` (n,) [rad], in any order."""
+    """Times (n,) [s] of a prescribed crank at unsorted `angles` (n,) [rad]."""
     sorted_angles, places = np.unique(np.append(p.drive.start_angle, angles), return_inverse=True)
     return crank_times(p, sorted_angles)[places[1:]]
 
 
 def _may_repeat(p: Parameters) -> bool:
-    """Whether nothing but the state tells one revolution from the next."""
+    """Whether the equations of motion have the period of one revolution."""
     e, drive = p.effects, p.drive
     steady = drive.kind == CONSTANT or (drive.kind == FLUCTUATING and drive.order == round(drive.order))
     over_turns = e.table_over == 2 or (e.table_over == 1 and e.table_period > 1.5 * tau)
@@ -426,12 +416,12 @@ def _may_repeat(p: Parameters) -> bool:
 
 
 def _is_kinematic(p: Parameters) -> bool:
-    """Whether the motion is that of the ideal mechanism under a prescribed crank: nothing is left to integrate."""
+    """Whether the motion is prescribed: ideal joints and prescribed crank, nothing to integrate."""
     return not (p.switches.auxiliary or any(getattr(p, joint).loose for joint in JOINTS)) and p.drive.kind != MOTOR
 
 
 def _kinematic_motion(p: Parameters, angles: np.ndarray) -> IntegrationResult:
-    start_state(p)  # refuses a rod that does not reach the slide
+    start_state(p)  # raises for a rod that does not reach the slide
     count = angles.size
     times, states, auxiliary = crank_times(p, angles), np.zeros((count, STATES)), np.zeros((count, AUXILIARY_STATES))
     contacts = (np.full((count, 3), value) for value in (math.inf, math.inf, math.nan))

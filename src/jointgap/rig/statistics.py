@@ -19,28 +19,25 @@ from jointgap.rig.simulate_run import UNSTATED_NOISE_SHARE, channels_read
 
 Columns = Sequence[np.ndarray]  # Values (n,) [SI] of each channel
 
-BINS = 24  # Of the crank angle: 15 deg, as long as a contact's ringing at usual speeds (experience)
-MEDIAN_ANGLES = 144  # Of the median course, six in a bin: the course turns little between them
-# [1, mean sizes of a deviation] Scale k of the compression k tanh(u / k): rare spikes would hold nearly all of a mean's
-# scatter
-COMPRESSION_MEAN_SIZES = 3.0
-PREDICTING_BINS = 2  # Bins before one from which it is predicted: contacts ring no longer (experience)
-EDGE_SHARE_OF_BIN = 1e-6  # Within it a sample lies on its bin's edge and counts for the bin that begins
+BINS = 24  # Of the crank angle: 15 deg, about the duration of contact ringing (experience)
+MEDIAN_ANGLES = 144  # Of the median curve: six in a bin
+COMPRESSION_MEAN_SIZES = 3.0  # [1, mean absolute deviations] Scale k of k tanh(u / k), which limits rare spikes
+PREDICTING_BINS = 2  # Previous bins that predict one: duration of contact ringing (experience)
+EDGE_SHARE_OF_BIN = 1e-6  # Nearer to an edge a sample counts for the bin that begins there
 START_DISTANCE = 1e-7  # [m] Between the two starts whose motions are compared: far below any clearance
-# [1] Samples are compared while the two motions differ by less than this share of the noise; then they add 4 % to its
-# standard deviation
+# [1] Largest difference of the two motions, over the noise, for a comparison by samples; it adds 4 % to the standard
+# deviation
 MAX_DEPARTURE_SHARE_OF_NOISE = 0.3
-# [m] Local error of a step: from 1e-11 to 1e-7 statistics do not depend on it beyond their scatter, and 1e-9 saves a
-# quarter to a half of the time that 1e-10 takes
+# [m] Local error of a step: statistics do not depend on it from 1e-11 to 1e-7
 STATISTICS_TOLERANCE = 1e-9
 CYCLES = 18  # Simulated in every evaluation
-LEARNING_CYCLES = 180  # Simulated once to learn how statistics scatter: they tell a variance within 10 % (experience)
-CYCLES_PER_SIMULATION = 9  # That count. Several short simulations run in parallel
-SETTLING_CYCLES = 1  # Before those that count
-REMEMBERED_CYCLES = 30  # Of one simulation to learn from: slow changes make a record's mean less sure
-SAMPLES_PER_REVOLUTION = 320  # Simulated, at least: what lies between the record's makes a mean surer
-PRIOR_CYCLES = 60  # The simulated scatter counts as much as this many measured cycles (experience)
-MIN_SCATTER_CYCLES = 3  # Measured cycles from which on their own scatter is looked at
+LEARNING_CYCLES = 180  # Simulated once to estimate variances within 10 % (experience)
+CYCLES_PER_SIMULATION = 9  # Several short simulations run in parallel
+SETTLING_CYCLES = 1  # Additional, not counted
+REMEMBERED_CYCLES = 30  # Of one learning simulation: slow changes increase the variance of a record's mean
+SAMPLES_PER_REVOLUTION = 320  # Least number of simulated samples
+PRIOR_CYCLES = 60  # Weight of the simulated variance in measured cycles (experience)
+MIN_SCATTER_CYCLES = 3  # Least number of measured cycles for their own variance
 
 KINDS = ("mean", "spread")
 
@@ -49,24 +46,24 @@ KINDS = ("mean", "spread")
 class CycleStatistics:
     """Statistics of the channels of one run.
 
-    A row of statistics, shape (m,), holds the bins of the first channel's mean, of its spread, of the second channel's
-    mean, and so on.
+    A row of statistics (m,) contains the bins of the first channel's mean, of its spread, of the second channel's mean,
+    and so on.
     """
 
     channels: tuple[str, ...]
-    angles: np.ndarray  # Crank angles of the median course, growing over somewhat more than a revolution [rad]
-    median_curves: np.ndarray  # Median course of each channel [SI]
+    angles: np.ndarray  # Crank angles of the median curves, slightly more than a revolution [rad]
+    median_curves: np.ndarray  # For each channel [SI]
     compression: np.ndarray  # k [SI]
-    weights: list[tuple[np.ndarray, np.ndarray]]  # For every statistic, which others predict it and how
+    weights: list[tuple[np.ndarray, np.ndarray]]  # For each statistic: predicting statistics and weights
 
     @classmethod
     def of(
         cls, channels: Sequence[str], angle: np.ndarray, values: Sequence[np.ndarray], finer: int = 1
     ) -> "CycleStatistics":
-        """Learnt from many simulated cycles."""
+        """Estimated from many simulated cycles."""
         within = _within_revolution(angle)
         fine = np.minimum((within * (MEDIAN_ANGLES / tau)).astype(int), MEDIAN_ANGLES - 1)
-        # a bin's medians belong to its samples' angle: where these keep to a few angles, that is not its middle
+        # a bin's median belongs to the median angle of its samples, not to its middle
         angles, *median_curves = (
             np.array([np.median(value[fine == place]) for place in np.unique(fine)]) for value in (within, *values)
         )
@@ -83,7 +80,7 @@ class CycleStatistics:
         return [np.interp(_within_revolution(angle), self.angles, curve) for curve in self.median_curves]
 
     def cycles(self, angle: np.ndarray, values: Sequence[np.ndarray]) -> np.ndarray:
-        """Statistics of every cycle, shape (cycles, m); NaN where a bin has no sample."""
+        """Statistics of every cycle (cycles, m); NaN for a bin without samples."""
         first, bins = np.floor(np.min(angle) / tau), BINS
         place = np.floor((angle / tau - first) * bins + EDGE_SHARE_OF_BIN).astype(int)
         count = int(place.max()) // bins + 1
@@ -100,7 +97,7 @@ class CycleStatistics:
         return rows[np.isfinite(rows).any(axis=1)]
 
     def independent(self, rows: np.ndarray) -> np.ndarray:
-        """Statistics `rows` (..., m) less what those before them let expect, of the same shape."""
+        """Statistics `rows` (..., m) minus their prediction from others, of the same shape."""
         independent = rows.copy()
         for place, (others, weights) in enumerate(self.weights):
             if others.size:
@@ -110,9 +107,8 @@ class CycleStatistics:
     def noise(
         self, angle: np.ndarray, measured: Columns, simulated_angle: np.ndarray, simulated: Columns
     ) -> np.ndarray:
-        """Standard deviation (channels,) [SI] of noise: what measured channels spread beyond noise-free simulated ones.
-
-        Bins count by how well they tell, so that the quiet ones do.
+        """Standard deviation (channels,) [SI] of noise: excess spread of measured over noise-free simulated channels,
+        averaged over bins by inverse variance.
         """
         squares, variances = [], []
         for angles, values in ((angle, measured), (simulated_angle, simulated)):
@@ -122,7 +118,7 @@ class CycleStatistics:
             variances.append(4.0 * mean**2 * cycle_variance(rows) / np.isfinite(rows).sum(axis=0))
         weight = 1.0 / sum(variances)
         excess = np.sum(weight * (squares[0] - squares[1]), axis=1) / np.sum(weight, axis=1)
-        return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))  # of a normal number's mean size
+        return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))  # from mean absolute to standard deviation
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
         """Statistics `row` (m,) by the name of their series, (bins,) each."""
@@ -131,12 +127,12 @@ class CycleStatistics:
 
 
 def _within_revolution(angle: np.ndarray) -> np.ndarray:
-    """Crank angles within a revolution [rad]; those on its edge begin one, whichever way they were rounded."""
+    """Crank angles within a revolution [rad], tolerant of rounding at its begin."""
     return np.mod(angle + EDGE_SHARE_OF_BIN * tau / BINS, tau)
 
 
 def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each statistic the least-squares weights of those that may predict it."""
+    """Least-squares weights of the predicting statistics, for each statistic."""
     places = np.arange(rows.shape[1]).reshape(channels, len(KINDS), BINS)
     centred = rows - np.nanmean(rows, axis=0)
     sizes = np.maximum(np.nanstd(rows, axis=0), 1e-300)
@@ -158,33 +154,33 @@ def cycle_variance(rows: np.ndarray) -> np.ndarray:
 
 
 def persistence(rows: np.ndarray, block: int) -> np.ndarray:
-    """How many times the variance of the mean of many cycles is what it would be if they were independent."""
+    """Variance of the mean of many cycles over that of independent cycles."""
     blocks = np.nanmean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
     ratio = block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows)
     return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, BINS), axis=1), 1.0), BINS)
 
 
-# fractions of multiples of the golden and the plastic ratio: they spread starts evenly, however many there are
+# quasi-random sequence: multiples of the golden and the plastic ratio
 _SPREADING = np.array([0.6180339887, 0.7548776662, 0.5698402910])
 
 
 @dataclass(frozen=True)
 class ChaoticRun:
-    """What stands for the samples of chaotic channels of one run."""
+    """Statistics that replace the samples of the chaotic channels of a run."""
 
     plan: RunPlan  # Of one member of the simulated ensemble
     statistics: CycleStatistics
-    variance: np.ndarray  # Of statistics from cycle to cycle [SI^2], sampled as the record is
+    variance: np.ndarray  # Of statistics from cycle to cycle [SI^2], at the samples of the record
     persistence: np.ndarray
     members: int  # Simulations of an evaluation
-    error: np.ndarray  # Standard error of what an evaluation simulates [SI]
-    noise: Mapping[str, float]  # Of the samples, by channel [SI]; it is added to what is simulated
+    error: np.ndarray  # Standard error of simulated statistics [SI]
+    noise: Mapping[str, float]  # Of the samples, by channel [SI]; added to simulated channels
 
 
 def chaotic_channels(
     campaign: Campaign, plan: RunPlan, values: Values, noise: Mapping[str, float | None]
 ) -> tuple[str, ...]:
-    """Channels in which two simulations from starts that hardly differ come out farther apart than noise would hide."""
+    """Channels in which two simulations from nearly equal starts differ significantly compared with noise."""
     if not campaign.mechanism.applied().loose:
         return ()
     start = _start(campaign.mechanism, np.full(3, START_DISTANCE), np.zeros(3))
@@ -207,9 +203,9 @@ def _start(mechanism: Mechanism, distance: np.ndarray, direction: np.ndarray) ->
 def chaotic_run(
     campaign: Campaign, plan: RunPlan, channels: tuple[str, ...], values: Values, measured: Mapping, noise: Mapping
 ) -> ChaoticRun:
-    """Learn the statistics of a run's chaotic channels from its model as it stands."""
+    """Estimate the statistics of a run's chaotic channels from the current model."""
     recorded = max(int(plan.samples.turned / tau) - SETTLING_CYCLES, 1)
-    # a measured angle ends with the record; a crank that turns by itself goes on
+    # a measured angle ends with the record
     cycles = CYCLES_PER_SIMULATION if plan.measured is None else min(CYCLES_PER_SIMULATION, recorded)
     finer = math.ceil(SAMPLES_PER_REVOLUTION * plan.samples.turned / tau / plan.samples.angle.size)
 
@@ -240,17 +236,17 @@ def chaotic_run(
 def measured_statistics(
     chaotic: ChaoticRun, angle: np.ndarray, measured: Mapping[str, np.ndarray]
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Statistics of what was measured and their standard errors, those of the simulated ones included."""
+    """Measured statistics and their standard errors, including those of the simulation."""
     own = chaotic.statistics
     rows = own.independent(own.cycles(angle, [measured[channel] for channel in own.channels]))
     cycles = np.isfinite(rows).sum(axis=0)
     count = np.maximum(cycles, 1)
-    if not len(rows):  # yet to be measured
+    if not len(rows):  # planned
         count[:] = max(round(float(np.ptp(angle)) / tau), 1)
     simulated, several = chaotic.variance, cycles >= MIN_SCATTER_CYCLES
     variance = simulated.copy()
     if several.any():
-        # few cycles tell their own scatter badly: mostly its ratio to the simulated one over all bins counts
+        # the variance of few cycles is uncertain: combine it with the median ratio to the simulated one
         ratio = cycle_variance(rows[:, several]) / simulated[several]
         weight = count[several] / (count[several] + PRIOR_CYCLES)
         variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
@@ -265,7 +261,7 @@ def measured_statistics(
 def simulated_statistics(
     campaign: Campaign, chaotic: ChaoticRun, values: Values, effects: Effects, numerics: int
 ) -> dict[str, np.ndarray]:
-    """Statistics (bins,) [SI] of the chaotic channels, by the name of their series: the same for the same arguments."""
+    """Statistics (bins,) [SI] of the chaotic channels by series name; deterministic."""
     angle, read = _ensemble(campaign, chaotic.plan, values, effects, numerics, chaotic.members)
     own = chaotic.statistics
     noisy = [_noisy(read[channel], chaotic.noise[channel], place) for place, channel in enumerate(own.channels)]
@@ -277,9 +273,8 @@ def _noisy(values: np.ndarray, sd: float, seed: int) -> np.ndarray:
 
 
 def _ensemble(campaign, plan, values, effects, numerics, count) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Crank angles, and what is read there, of `count` simulations from spread starts, one behind the other.
-
-    Between members whole revolutions are left out, so that cycles stay whole.
+    """Crank angles and readings of `count` simulations from distributed starts, concatenated with a distance of full
+    revolutions.
     """
     spread = np.mod((np.arange(count)[:, None] + 0.5) * _SPREADING, 1.0)
     mechanism = campaign.mechanism.applied()
@@ -288,7 +283,7 @@ def _ensemble(campaign, plan, values, effects, numerics, count) -> tuple[np.ndar
     )
 
     def member(place: int) -> dict[str, np.ndarray]:
-        # the square root spreads starts evenly over the disc
+        # the square root distributes starts uniformly over the disc
         start = _start(campaign.mechanism, radius * np.sqrt(spread[place]), tau * spread[place][::-1])
         return channels_read(campaign, plan, values, effects, numerics, start)
 

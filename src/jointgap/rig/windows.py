@@ -1,4 +1,4 @@
-"""A measured run in windows, each from a state of its own."""
+"""Simulation of a measured run in windows, each with its own initial state."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -15,22 +15,18 @@ from jointgap.rig import sensors
 from jointgap.rig.drives import RunPlan, Values
 from jointgap.rig.simulate_run import Columns, Prepared, prepared, read, simulated_effects
 
-TOLERANCE = 1e-11  # [m] Of a step's local error: at 1e-10 some differences are half noise, at less steps are shorter
-DIRECTIONS = {1: 12, 2: 8, 3: 6}  # In which each loose joint may be at the beginning, by how many there are
-MOTIONS_KEPT = (
-    8  # Of what was simulated last: the present motion of each of a few runs, when others are compared with it
-)
-LEAD = 1e-3  # [revolutions] By which the first window begins before the record
+TOLERANCE = 1e-11  # [m] Local error of a step: at 1e-10 some finite differences are half noise
+DIRECTIONS = {1: 12, 2: 8, 3: 6}  # Tried initial directions of each loose joint, by number of loose joints
+MOTIONS_KEPT = 8  # Cached simulations
+LEAD = 1e-3  # [revolutions] Begin of the first window before the record
 
 
 def run_in_windows(
     campaign: Campaign, plan: RunPlan, values: Values, effects: Effects, rows: Mapping[str, np.ndarray]
 ) -> "RunInWindows | None":
-    """A run with `values` and `effects` put in; None where it is not cut in windows.
+    """A run in windows; None without channels besides the crank angle, with ideal joints, a motor or a film.
 
-    That is where nothing but the crank angle is compared by samples, all joints are ideal, a motor turns the crank, or
-    a film fills a joint, in which position and speed are one. `rows` (n,) are those of the samples that each channel
-    has.
+    `rows` (n,) are the samples of each channel.
     """
     if not {*plan.channels} - {"crank_angle"}:
         return None
@@ -45,7 +41,7 @@ _KEPT: dict[bytes, tuple] = {}
 
 
 def _simulated(p: Parameters, rows: windows.Rows, states: windows.WindowStates, tolerance: float) -> tuple:
-    """`windows.simulate_windows`; the last motions are kept, as faults of sensors do not change them."""
+    """`windows.simulate_windows` with a cache, as sensor faults do not change the motion."""
     numbers = (rows.angles, rows.found.times, states.slow, *states.carried, *p)
     key = b"".join(np.ascontiguousarray(each).tobytes() for each in numbers) + bytes(repr(tolerance), "ascii")
     found = _KEPT.pop(key, None) or windows.simulate_windows(p, rows, states.slow, states.carried, tolerance)
@@ -56,8 +52,8 @@ def _simulated(p: Parameters, rows: windows.Rows, states: windows.WindowStates, 
 
 
 class RunInWindows:
-    """A `jointgap.core.candidates.WindowedRun` of a slider-crank: of each loose joint the angle of its pin on the
-    clearance circle, and that angle's rate in rates of the crank."""
+    """A `jointgap.core.candidates.WindowedRun` of a slider-crank. State of each loose joint: angle of the pin on the
+    clearance circle, and its rate over the crank speed."""
 
     def __init__(self, campaign: Campaign, plan: RunPlan, run: Prepared, rows: Mapping[str, np.ndarray], size: int):
         self._campaign, self._plan, self._run, self._rows_of, self.size = campaign, plan, run, rows, size
@@ -65,8 +61,7 @@ class RunInWindows:
         self.channels = tuple(name for name in plan.channels if name != "crank_angle")
 
     def _edges(self, per_turn: int, turns: float) -> np.ndarray:
-        """Edges (k + 1,) of windows in times since the first sample [s], a little or, where sensors remember what was
-        before the record, more before it."""
+        """Edges (k + 1,) of windows since the first sample [s]; they begin earlier for sensors with memory."""
         samples, faults = self._plan.samples, self._run.faults
         last, turn = float(samples.elapsed[-1]), tau / samples.speed
         count = max(round(last / turn * per_turn), 1)
@@ -97,7 +92,7 @@ class RunInWindows:
         return windows.WindowStates(edges, slow, windows.resting(self._run.driven.numbers, len(slow)))
 
     def settled(self, states: windows.WindowStates) -> windows.WindowStates:
-        """As of `WindowedRun.settled`: as a filter goes on that reads nothing."""
+        """As of `WindowedRun.settled`: by the filter without readings."""
         edges, p = states.edges, self._run.driven.numbers
         length = float(np.median(np.diff(edges)))
         before = np.arange(edges[0] - length, -self._run.driven.begin - length, -length)[::-1]
@@ -133,11 +128,9 @@ class RunInWindows:
         jump: float,
         turns: float,
     ) -> FoundStates:
-        """As of `WindowedRun.find`. The filter does not know filters, lags and delays of sensors: it finds states to
-        start from.
+        """As of `WindowedRun.find`: start values, as the filter ignores filters, lags and delays of sensors.
 
-        A first time it goes over two turns from any direction, then over all windows from where the motion was a turn
-        later, when the first state no longer mattered.
+        A first pass covers two turns from all directions; the second covers all windows from the state one turn later.
         """
         edges = self._edges(per_turn, turns)
         count, p = edges.size - 1, self._run.driven.numbers
@@ -168,14 +161,13 @@ class RunInWindows:
         measured: Mapping[str, np.ndarray],
         noise: Mapping[str, np.ndarray],
     ) -> windows.Readings:
-        """What the filter compares at the `rows` until a time `last` [s]; `places` (n,) are those of the samples in
-        sorted order."""
+        """Readings for the filter at the `rows` until the time `last` [s]; `places` (n,): order of the samples."""
         n, names = rows.angles.size, self.channels
         data, weight = np.zeros((n, len(names))), np.zeros((n, len(names)))
         factor, shift = np.ones(len(names)), np.zeros(len(names))
         at_rows, elapsed = rows.sample >= 0, self._plan.samples.elapsed
         for c, name in enumerate(names):
-            if name not in measured:  # of which no sample counts here
+            if name not in measured:  # no sample is used
                 continue
             zero, one = self._reading(name, 0.0), self._reading(name, 1.0)
             factor[c], shift[c] = one - zero, zero
@@ -189,7 +181,7 @@ class RunInWindows:
         return windows.Readings(columns, factor, shift, data, weight)
 
     def _reading(self, name: str, true: float) -> float:
-        """What the sensor of a channel reads of a value that does not change."""
+        """Sensor reading of a constant value."""
         faults, value = self._run.faults, np.array([true])
         if self._plan.run.direction == "clockwise" and name in sensors.MIRRORED:
             value = -value

@@ -1,9 +1,9 @@
-"""Channels held against the ideal motion before anything is fitted: sign, scale, phase, columns swapped, times.
+"""Consistency checks of channels with the ideal motion: sign, scale, phase, swapped columns, times.
 
-Every channel's low orders over the crank angle are compared with those of rigid links without clearance: what the
-geometry makes of positions, speeds and accelerations, and inverse dynamics of torque and forces. Loads, friction and
-clearance change accelerations' low orders hardly, and forces by no more than inertia where the crank turns fast; so
-forces are doubted only for what no load does alike in runs at speeds far apart."""
+The low orders of each channel over the crank angle are compared with those of the ideal mechanism: kinematics of
+positions, speeds and accelerations, inverse dynamics of torque and forces. Loads, friction and clearance hardly change
+the low orders of accelerations. They change forces; so forces are checked only for deviations that are alike in runs at
+very different speeds."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -19,18 +19,18 @@ from jointgap.dynamics.kinematics import FORCES, SPEED_POWERS, ideal_orders
 from jointgap.rig.recording import Contradiction, Recording
 from jointgap.rig.sampling import speed_from_periodicity
 
-MAX_ORDER = 4  # Orders of the crank that are held against the ideal motion
-MIN_CORRELATION, MIN_CORRELATION_OF_FORCES = 0.9, 0.8  # From these on a factor between two channels means something
-GAINS, GAINS_OF_FORCES = (0.8, 1.25), (0.5, 2.0)  # Factors that a sensor's gain or a load may make
-ALIKE = 1.35  # Ratio up to which factors of several runs are one, and from which speeds are far apart
-SEARCHED_TURNS = 20.0  # Turns in which a speed is searched for
+MAX_ORDER = 4  # Highest crank order compared with the ideal motion
+MIN_CORRELATION, MIN_CORRELATION_OF_FORCES = 0.9, 0.8  # Required for a factor between two channels
+GAINS, GAINS_OF_FORCES = (0.8, 1.25), (0.5, 2.0)  # Plausible factors by a sensor's gain or a load
+ALIKE = 1.35  # Ratio up to which factors of several runs are equal, and from which speeds are very different
+SEARCHED_TURNS = 20.0  # Turns used to search a speed
 _PHASES = np.arange(-180, 180) * (pi / 180)
-_REFERENCE = "what the mechanism makes of the crank's motion"
+_REFERENCE = "the value computed from the crank motion"
 
 
 @dataclass(frozen=True)
 class Orders:
-    """Low orders of a channel in one run: channel [SI] = Re sum C_k exp(i k angle)."""
+    """Low crank orders of a channel in one run: channel [SI] = Re sum C_k exp(i k angle)."""
 
     measured: np.ndarray
     expected: np.ndarray
@@ -40,60 +40,61 @@ class Orders:
 
     @property
     def factor(self) -> float:
-        """Size of the measured orders over that of those expected."""
+        """Norm of the measured over that of the expected orders."""
         return float(np.linalg.norm(self.measured) / np.linalg.norm(self.expected))
 
     @property
     def correlation(self) -> float:
-        """Cosine between measured and expected orders; NaN where nothing is measured."""
+        """Cosine between measured and expected orders; NaN if one is zero."""
         size = np.linalg.norm(self.measured) * np.linalg.norm(self.expected)
         return float(np.real(np.vdot(self.expected, self.measured)) / size) if size else np.nan
 
     def shifted(self, phase: float) -> "Orders":
-        """The same with the expected motion ahead by `phase` [rad]."""
+        """The same with the expected orders advanced by `phase` [rad]."""
         return replace(self, expected=self.expected * np.exp(1j * phase * np.arange(1, self.expected.size + 1)))
 
     def misfit(self, scale: float = 1.0) -> float:
-        """Distance of `scale` times the measured orders from those expected, over the size of these."""
+        """Relative distance of `scale` times the measured orders from the expected ones."""
         return float(np.linalg.norm(scale * self.measured - self.expected) / np.linalg.norm(self.expected))
 
     def is_clear(self, share: float) -> bool:
-        """Whether noise is below a `share` of what is measured or expected."""
+        """Whether noise is below a `share` of the measured or expected orders."""
         return self.error < share * max(np.linalg.norm(self.measured), np.linalg.norm(self.expected))
 
 
-AllOrders = Mapping[str, Mapping[str, Orders]]  # By run and channel, of runs whose crank turns steadily
+AllOrders = Mapping[str, Mapping[str, Orders]]  # By run and channel, of runs with a steady crank
 
 
-def contradictions(campaign: Campaign, recordings: Mapping[str, Recording]) -> list[Contradiction]:
-    """What channels contradict each other, or the mechanism's ideal motion."""
+def consistency_checks(campaign: Campaign, recordings: Mapping[str, Recording]) -> list[Contradiction]:
+    """Channels that are inconsistent with each other or with the ideal motion."""
     runs = [run for run in campaign.runs if run.id in recordings]
     orders, times = {}, []
     for run in runs:
         if (crank := _crank(campaign, run, recordings[run.id])) is not None:
-            angle, speed, doubts = crank
+            angle, speed, wrong_times = crank
             orders[run.id] = _orders(campaign, recordings[run.id], angle, speed)
-            times += doubts
+            times += wrong_times
     zeros = _encoder_zeros(campaign, orders) if "crank_angle" in campaign.channels else {}
-    # what is ahead by the encoder's offset in the mechanism is read at a larger angle
     shifted = {run: {c: o.shifted(-zeros.get(run, 0.0)) for c, o in own.items()} for run, own in orders.items()}
     swapped = _swapped(campaign, shifted)
     exchanged = {one.channel for one in swapped}
     others = swapped + [one for one in _copied(recordings, orders) if one.channel not in exchanged]
-    told = {(one.run, one.channel) for one in others}
+    reported = {(one.run, one.channel) for one in others}
     for channel in campaign.channels:
-        own = {run: each[channel] for run, each in shifted.items() if channel in each and (run, channel) not in told}
+        own = {
+            run: each[channel] for run, each in shifted.items() if channel in each and (run, channel) not in reported
+        }
         others += _of_channel(campaign, channel, own)
-    speeds = (doubt for run in runs for doubt in _crank_speed(campaign, run, recordings[run.id]))
-    return [*times, *speeds, *_doubts_of_zeros(campaign, orders, zeros), *others]
+    speeds = (found for run in runs for found in _crank_speed(campaign, run, recordings[run.id]))
+    return [*times, *speeds, *_wrong_zeros(campaign, orders, zeros), *others]
 
 
-# How the crank turns in one run, with the sign of the file: angles [rad], speed [rad/s], doubts of the times
+# Crank motion of one run with the sign of the file: angles [rad], speed [rad/s], inconsistent times
 Crank = tuple[np.ndarray, float, list[Contradiction]]
 
 
 def _crank(campaign: Campaign, run: CampaignRun, recording: Recording) -> Crank | None:
-    """How the crank turns; None where it is not known, or not steady."""
+    """The crank motion; None if unknown or unsteady."""
     sign = -1.0 if run.direction == "clockwise" else 1.0
     if not recording.has_angle:
         return _crank_without_encoder(campaign, run, recording, sign * run.speed)
@@ -110,11 +111,10 @@ def _crank(campaign: Campaign, run: CampaignRun, recording: Recording) -> Crank 
 
 
 def _timed(campaign: Campaign, run: CampaignRun, recording: Recording, angle: np.ndarray, speed: float) -> Crank:
-    """The crank with a doubt of the times or of the stated speed, where both are more than 10 % apart, and at the
-    speed which the other channels bear out.
+    """The crank at the speed that the other channels confirm; a contradiction if the stated speed and that from times
+    differ by more than 10 %.
 
-    Where times and crank angles are measured the stated speed is of no use, and the times are in doubt only where
-    other channels say so.
+    If times and crank angles are measured the stated speed is not used; then only other channels can refute the times.
     """
     ratio = log(abs(speed) / run.speed)
     if campaign.drive != "constant_speed" or abs(ratio) < log(1.1):
@@ -122,25 +122,30 @@ def _timed(campaign: Campaign, run: CampaignRun, recording: Recording, angle: np
     orders = _orders(campaign, recording, angle, speed)
     rates = {c: o for c, o in orders.items() if SPEED_POWERS[c] and abs(o.correlation) > 0.5}
     rates = {c: o for c, o in rates.items() if c not in FORCES} or rates
-    # a rate that is as large as it is at the stated speed says that the times are wrong
+    # rates that agree with the stated speed refute the times
     votes = [-log(own.factor) / (SPEED_POWERS[channel] * ratio) for channel, own in rates.items()]
-    kind, which = "time", "either may be wrong"
+    kind, which = "time", "correct one of them"
     if votes:
         kind = "time" if np.median(votes) > 0.5 else "speed"
-        which = {"time": "the stated speed, so the times are wrong", "speed": "that one, so the stated speed is wrong"}
-        which = f"the other channels are as large as at {which[kind]}"
-    source = "with crank_angle" if recording.has_angle else f"by what repeats in {', '.join(orders)}"
+        which = (
+            "the other channels agree with the "
+            + {
+                "time": "stated speed, so correct the times",
+                "speed": "times, so correct the stated speed",
+            }[kind]
+        )
+    source = "crank_angle" if recording.has_angle else f"the period of {', '.join(orders)}"
     sentence = (
-        f"the times of the file make {60 * abs(speed) / tau:.4g} rpm {source}, but the run's speed is "
+        f"the speed from the times and {source} is {60 * abs(speed) / tau:.4g} rpm, but the run's speed is "
         f"{60 * run.speed / tau:.4g} rpm; {which}"
     )
     doubtful = not recording.has_angle or (kind == "time" and bool(votes))
-    doubt = Contradiction(run.id, "time", kind, sentence, factor=abs(speed) / run.speed, doubtful=doubtful)
-    return angle, float(np.copysign(run.speed, speed)) if kind == "time" else speed, [doubt]
+    found = Contradiction(run.id, "time", kind, sentence, factor=abs(speed) / run.speed, doubtful=doubtful)
+    return angle, float(np.copysign(run.speed, speed)) if kind == "time" else speed, [found]
 
 
 def _crank_without_encoder(campaign: Campaign, run: CampaignRun, recording: Recording, stated: float) -> Crank | None:
-    """It turns at the stated speed, unless channels repeat at another one and there agree much better with the ideal
+    """The crank at the stated speed, or at the speed of the channels' period if that agrees much better with the ideal
     motion.
     """
     if campaign.drive != "constant_speed":
@@ -161,8 +166,8 @@ def _crank_without_encoder(campaign: Campaign, run: CampaignRun, recording: Reco
 
 
 def _agreement(orders: Mapping[str, Orders]) -> tuple[float, float]:
-    """Mean share of the variance that the ideal motion explains at the best first angle, and that angle [rad]; of the
-    channels that follow from the geometry where there are any, for loads change the others.
+    """Mean share of the variance explained by the ideal motion at the best first angle, and that angle [rad]; without
+    forces if there are other channels.
     """
     asked = [own for name, own in orders.items() if name not in FORCES] or list(orders.values())
     phases = np.arange(180) * (tau / 180)
@@ -176,10 +181,10 @@ def _agreement(orders: Mapping[str, Orders]) -> tuple[float, float]:
 
 
 def _orders(campaign: Campaign, recording: Recording, angle: np.ndarray, speed: float) -> dict[str, Orders]:
-    """`Orders` of the channels of a run whose crank is at `angle` (n,) [rad] at a mean `speed` [rad/s], by regression.
+    """`Orders` of the channels by regression, for the crank angles `angle` (n,) [rad] and the mean `speed` [rad/s].
 
-    Of forces only where no load but gravity is known, and the crank's own inertia takes no torque. What the low orders
-    leave may come back every turn, so no more samples count than those of a turn.
+    Forces only at constant speed and without loads besides gravity. As the residual may repeat every turn, the error
+    counts the samples of one turn.
     """
     finite = angle[np.isfinite(angle)]
     per_turn = finite.size * tau / abs(finite[-1] - finite[0])
@@ -203,7 +208,7 @@ def _orders(campaign: Campaign, recording: Recording, angle: np.ndarray, speed: 
 
 
 def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:
-    """Complex factors (k,) of the low-pass that a channel's samples went through at `frequencies` (k,) [rad/s]."""
+    """Frequency response (k,) of a channel's low-pass at `frequencies` (k,) [rad/s]."""
     if channel.bandwidth is None:
         return np.ones(frequencies.size)
     top, bottom = butter(FILTER_ORDER, tau * channel.bandwidth, analog=True)
@@ -212,7 +217,7 @@ def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:
 
 
 def _crank_speed(campaign: Campaign, run: CampaignRun, recording: Recording) -> Iterator[Contradiction]:
-    """Whether a channel of the crank's speed is the rate of its angle, or else near the run's speed, on the mean."""
+    """Check the mean of crank_speed against the rate of crank_angle or the run's speed."""
     if "crank_speed" not in recording.channels:
         return
     speed, source = run.speed, "the speed of the run"
@@ -228,26 +233,26 @@ def _crank_speed(campaign: Campaign, run: CampaignRun, recording: Recording) -> 
 
 
 def _off_by(factor: float, campaign: Campaign, run: str, channel: str, reference: str) -> Contradiction:
-    """A channel that is a `factor` times its `reference`, with the sign or the unit that would fit."""
+    """A channel that is `factor` times its `reference`, with the sign or unit that fits."""
     stated, unit = campaign.channels[channel], CHANNELS[channel]
     if factor < 0.0:
         fix = "remove the channel's sign: -1" if stated.sign == -1 else "give the channel sign: -1"
-        sentence = f"{channel} has the opposite sign of {reference}; check the sensor's direction, or {fix}"
+        sentence = f"{channel} has the opposite sign of {reference}; check the sensor direction, or {fix}"
         return Contradiction(run, channel, "sign", sentence, factor=factor)
     fix, own = "the units of both", campaign.factor(channel)
     if stated.scale is not None:
         fix = f"channels.{channel}.scale = '{stated.scale}'"
     elif fitting := [other for other in UNITS[unit] if abs(factor * unit_factor(other, unit) / own - 1.0) < 0.05]:
-        fix += f": did you mean '{fitting[0]}' by channels.{channel}.unit = '{stated.unit}'?"
+        fix += f": did you mean '{fitting[0]}' instead of channels.{channel}.unit = '{stated.unit}'?"
     return Contradiction(
         run, channel, "scale", f"{channel} is {factor:.4g} times {reference}; check {fix}", factor=factor
     )
 
 
 def _encoder_zeros(campaign: Campaign, orders: AllOrders) -> dict[str, float]:
-    """By how much [rad] the encoder of each run reads too much, where that is far: one amount in all, or each its own.
+    """Large encoder offsets [rad] by run, common to all runs or not.
 
-    One channel that is off in one run alone is no evidence of the encoder, unless its zero is listed as not known.
+    A single channel of a single run is no evidence, unless encoder_zero is listed as a nuisance.
     """
     if common := _common_phase(orders):
         return dict.fromkeys(orders, common)
@@ -257,9 +262,9 @@ def _encoder_zeros(campaign: Campaign, orders: AllOrders) -> dict[str, float]:
 
 
 def _common_phase(orders: AllOrders) -> float:
-    """Offset [rad] of the encoder's reading at which all channels of all runs follow, where they do not without; or 0.
+    """Encoder offset [rad] that makes all channels of all runs consistent, if they are not already; else 0.
 
-    Forces are asked only where there is no other channel.
+    Forces are used only if there is no other channel.
     """
     series = [(name, own) for each in orders.values() for name, own in each.items() if own.is_clear(0.3)]
     asked, least = [own for name, own in series if name not in FORCES], MIN_CORRELATION
@@ -272,39 +277,36 @@ def _common_phase(orders: AllOrders) -> float:
     agreement = np.array([[own.shifted(-phase).correlation for own in asked] for phase in _PHASES])
     best = int(np.argmax(agreement.sum(axis=1)))
     phase = float(_PHASES[best])
-    if agreement[best].min() < least or abs(phase) < 0.5:  # less is left to the analysis, which names it
+    if agreement[best].min() < least or abs(phase) < 0.5:  # the analysis identifies a smaller one
         return 0.0
-    # one channel of the opposite sign or of another kind is no evidence of the encoder
+    # a channel with a wrong sign is no evidence of an encoder offset
     flipped = np.mean([min(own.misfit(1.0 / own.factor), own.misfit(-1.0 / own.factor)) for own in asked])
     return phase if np.mean([own.shifted(-phase).misfit(1.0 / own.factor) for own in asked]) < 0.7 * flipped else 0.0
 
 
 def _no_load_does(runs: list[Orders]) -> bool:
-    """Whether a force is about as large as expected in runs at speeds at which loads are not."""
+    """Whether a force is about as large as expected in runs at very different speeds."""
     factors, speeds = [own.factor for own in runs], [abs(own.speed) for own in runs]
     usual = GAINS_OF_FORCES[0] < min(factors) and max(factors) < GAINS_OF_FORCES[1]
     return usual and max(factors) <= ALIKE * min(factors) and max(speeds) >= ALIKE * min(speeds)
 
 
-def _doubts_of_zeros(campaign: Campaign, orders: AllOrders, zeros: Mapping[str, float]) -> Iterator[Contradiction]:
-    """Doubts of the encoder's zero [rad], by run, beyond the bounds that are listed for it."""
+def _wrong_zeros(campaign: Campaign, orders: AllOrders, zeros: Mapping[str, float]) -> Iterator[Contradiction]:
+    """Encoder zeros [rad] by run outside their listed bounds."""
     low, high = campaign.nuisance.get("encoder_zero", (0.0, 0.0))
     step = _PHASES[1] - _PHASES[0]
     for run, zero in zeros.items():
         if not low - step < zero < high + step:
             channels = sorted({channel for other in zeros if zeros[other] == zero for channel in orders[other]})
             sentence = (
-                f"the zero of crank_angle is off: {', '.join(channels)} follow from the mechanism if it reads "
-                f"{degrees(zero):.0f} deg too much; correct it, or see whether encoder_offset is named"
+                f"crank_angle has a wrong zero: {', '.join(channels)} are consistent if it reads "
+                f"{degrees(zero):.0f} deg too much; correct it, or check whether encoder_offset is identified"
             )
             yield Contradiction(run, "crank_angle", "phase", sentence, phase=zero)
 
 
 def _swapped(campaign: Campaign, orders: AllOrders) -> list[Contradiction]:
-    """Pairs of channels each of which is what the other is said to be.
-
-    Both have to be off by 15 % of what is expected, and by less with their columns exchanged; of forces loads are left.
-    """
+    """Pairs of channels with exchanged columns: both deviate by more than 15 %, and by less when exchanged."""
     pairs = []
     for first, second in combinations(campaign.channels, 2):
         runs = [run for run, own in orders.items() if first in own and second in own]
@@ -315,7 +317,7 @@ def _swapped(campaign: Campaign, orders: AllOrders) -> list[Contradiction]:
             found = [replace(orders[run][channel], measured=orders[run][other].measured) for run in runs]
             return float(np.median([own.misfit(factor) for own in found]))
 
-        scale = campaign.factor(second) / campaign.factor(first)  # the columns were read in each other's unit
+        scale = campaign.factor(second) / campaign.factor(first)  # for columns read in each other's unit
         as_is = off(first, first, 1.0), off(second, second, 1.0)
         exchanged = off(first, second, 1.0 / scale), off(second, first, scale)
         forces, gain = [channel in FORCES for channel in (first, second)], sum(exchanged) / sum(as_is)
@@ -328,8 +330,8 @@ def _swapped(campaign: Campaign, orders: AllOrders) -> list[Contradiction]:
             taken |= {first, second}
             columns = [campaign.channels[channel].column for channel in (first, second)]
             sentence = (
-                f"{first} and {second} are swapped: column {columns[0]} is what the mechanism makes of {second}, and "
-                f"column {columns[1]} of {first}; exchange the two columns in the campaign file"
+                f"{first} and {second} are swapped: column {columns[0]} agrees with {second}, and column {columns[1]} "
+                f"with {first}; exchange the two columns in the campaign file"
             )
             sides = ((first, second), (second, first))
             found += [Contradiction(run, one, "swapped", sentence, other) for one, other in sides for run in runs]
@@ -337,7 +339,7 @@ def _swapped(campaign: Campaign, orders: AllOrders) -> list[Contradiction]:
 
 
 def _copied(recordings: Mapping[str, Recording], orders: AllOrders) -> Iterator[Contradiction]:
-    """Channels that have another run's samples, in the run in which they agree less with the mechanism."""
+    """Channels with the samples of another run, for the run that agrees less with the mechanism."""
     for pair in combinations(recordings, 2):
         for name in recordings[pair[0]].channels:
             values, others = (recordings[run].channels[name] for run in pair)
@@ -347,12 +349,12 @@ def _copied(recordings: Mapping[str, Recording], orders: AllOrders) -> Iterator[
                 known_orders = [run for run in pair if name in orders.get(run, {})]
                 wrong = min(known_orders, key=lambda run: orders[run][name].correlation, default=pair[0])
                 other = pair[wrong == pair[0]]
-                sentence = f"{name} has the samples of run {other}; give the column that was measured in this run"
+                sentence = f"{name} has the samples of run {other}; give the column measured in this run"
                 yield Contradiction(wrong, name, "unrelated", sentence)
 
 
 def _of_channel(campaign: Campaign, channel: str, orders: Mapping[str, Orders]) -> Iterator[Contradiction]:
-    """What is wrong with one channel, run by run; of forces only what is wrong in all runs alike."""
+    """Contradictions of one channel by run; of forces only those alike in all runs."""
     clear = {run: own for run, own in orders.items() if own.is_clear(0.25)}
     if not clear:
         return
@@ -375,16 +377,13 @@ def _of_channel(campaign: Campaign, channel: str, orders: Mapping[str, Orders]) 
             if not gains[0] < factor < gains[1]:
                 yield _off_by(factor, campaign, run, channel, _REFERENCE)
         elif not (correlation >= 0.5 and own.factor * correlation >= 0.4):
-            sentence = f"{channel} is not {_REFERENCE} (correlation {correlation:.2f}); check column, sensor and run"
+            sentence = f"{channel} does not match {_REFERENCE} (correlation {correlation:.2f}); check column and sensor"
             yield Contradiction(run, channel, "unrelated", sentence, factor=own.factor)
 
 
 def _speeds_apart(factor: float) -> float:
-    """Ratio of speeds [1] at which a load that grows in proportion to them does not make forces `factor` times what is
-    expected in all runs alike.
-
-    Beside inertia, which grows with the square, it is the smaller the faster the run: the ratio of what it would have
-    to be at factors that are still alike.
+    """Ratio of speeds [1] above which a load proportional to speed cannot explain the same force `factor` in all runs:
+    relative to inertia, which grows with the square of the speed, it would have to differ by more than `ALIKE` allows.
     """
     loads = abs(factor * sqrt(ALIKE) - 1.0), abs(factor / sqrt(ALIKE) - 1.0)
     return max(loads) / min(loads)
