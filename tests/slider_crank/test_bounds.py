@@ -35,7 +35,10 @@ def test_bounds_up_to_the_ends_of_what_is_possible_are_accepted():
 
 def test_bounds_at_which_the_crank_cannot_turn_are_refused_by_the_model():
     cases = [
-        ({"crank_length": [0.1, 0.8]}, "crank_length = 0.8 m: crank.length 0.8 m plus ~ cannot turn ~ narrow the bounds"),
+        (
+            {"crank_length": [0.1, 0.8]},
+            "crank_length = 0.8 m: crank.length 0.8 m plus ~ cannot turn ~ narrow the bounds",
+        ),
         (
             {"crank_length": [0.1, 0.4], "rod_length": [0.3, 0.6]},
             "at the bound crank_length = 0.4 m, rod_length = 0.3 m: crank.length 0.4 m plus",

@@ -149,7 +149,9 @@ def test_what_makes_no_mechanism_is_refused_with_the_name_of_the_effect_or_the_d
         ("slider_coulomb_friction", {"force_N": -5.0}, "slider_coulomb_friction: parameters.force_N"),
     ]
     refused(lambda label, values: with_effects(made(), [(candidates[label], values)]), cases)
-    refused(lambda values: augmented_mechanism(made(), (), values), [({"slider_mass": -1.0}, "augmented mechanism ~ mass")])
+    refused(
+        lambda values: augmented_mechanism(made(), (), values), [({"slider_mass": -1.0}, "augmented mechanism ~ mass")]
+    )
 
 
 def test_a_rod_that_is_too_stiff_to_simulate_is_simulated_at_the_limit_with_its_share(candidates):
