@@ -126,14 +126,14 @@ def test_the_file_is_looked_for_beside_the_mechanism_that_lists_it(tmp_path, tab
 def test_a_table_that_is_no_load_of_one_period_is_refused(table):
     below_zero = {"force": None, "pressure": {"column": "F", "unit": "bar"}, "bore": 0.07}
     cases = [
-        (TURN, TURN, {}, "column F: the period does not close ~ 358 N apart"),
+        (TURN, TURN, {}, "column F: not periodic ~ 358 N"),
         (1.5 * TURN, WAVE, {}, "span 537 deg ~ neither 360 nor 720 deg"),
-        (TURN[::-1], WAVE, {}, "row 3: does not rise"),
+        (TURN[::-1], WAVE, {}, "row 3: not increasing"),
         (TURN[:5], WAVE[:5], {}, "5 rows; give 8 to 4096"),
         (TURN, WAVE, {"angle": {"column": "at", "unit": "mm"}}, "unit = 'mm' ~ requires rad"),
-        (TURN, WAVE, {"period": 1.0}, "it is 360 or 720 deg; remove it"),
-        (TURN, WAVE, {"bore": 0.07}, "pressure and bore go together"),
-        (TURN, WAVE, below_zero, "column F, row 48: an absolute pressure is not below zero"),
-        (TURN, WAVE, {"time": {"column": "t", "unit": "s"}}, "needs angle or time, one of them"),
+        (TURN, WAVE, {"period": 1.0}, "period is only for a table over time"),
+        (TURN, WAVE, {"bore": 0.07}, "pressure and bore require each other"),
+        (TURN, WAVE, below_zero, "column F, row 48: negative"),
+        (TURN, WAVE, {"time": {"column": "t", "unit": "s"}}, "requires either angle or time"),
     ]
     refused(lambda place, load, more: listed(table(place, load, **more)), cases)
