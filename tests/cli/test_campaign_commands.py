@@ -100,7 +100,7 @@ def test_a_whole_analysis_ends_with_its_verdict_and_what_fails_beside_it_does_no
     assert told["failed"].keys() == {"preflight", "locate", "augment", "gaps"}
     for what in told["failed"]:
         assert f"failed: {what}: ValueError: x should be ascending" in ran.output
-    assert "could not be made: ValueError: x should be ascending" in (again / "summary.md").read_text()
+    assert "failed: ValueError: x should be ascending" in (again / "summary.md").read_text()
     with pytest.raises(ValueError, match="ascending"):
         asked("locate", DEMONSTRATION, "--folder", again)
     asked("locate", DEMONSTRATION, "--folder", again, "--go-on")

@@ -94,5 +94,5 @@ def test_a_line_is_of_each_run_for_itself_with_bounds_that_hold_the_stated_motor
     for run in LINES:
         assert keys[f"stall_torque@{run}"] == pytest.approx((28.5, 31.5))
         assert keys[f"no_load_speed@{run}"] == (38.0, 42.0)
-    with pytest.raises(InputError, match=r"stall_torque is 30, outside of \[31, 40\]"):
+    with pytest.raises(InputError, match=r"stall_torque is 30, outside of its bounds \[31, 40\]"):
         load_campaign(rig(tmp_path, stall_torque=[31.0, 40.0]))
