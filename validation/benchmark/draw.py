@@ -42,7 +42,7 @@ def draw(folder: Path, count: int = 100, cores: int = 2, sets: str = "config/bli
 
 def _drawn(seed: int, campaigns: Path, plan: Trial) -> dict[str, Any]:
     """Write the campaign of a trial, all runs as CSV, and return the truth."""
-    shutil.rmtree(campaigns / plan.id, ignore_errors=True)  # what an interruption left
+    shutil.rmtree(campaigns / plan.id, ignore_errors=True)  # of an interrupted draw
     return make_trial(plan, seed, campaigns / plan.id, endings=("csv", "csv", "csv"))
 
 

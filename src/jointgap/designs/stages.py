@@ -138,13 +138,14 @@ def sweep(scenario: "Scenario", folder: _Folder, workers: Workers) -> str:
     """
     from jointgap.designs.run import write_dataset
     from jointgap.designs.sampling import designs_of
-    from jointgap.designs.sweep import draw, page
+    from jointgap.designs.sweep import draw, page, with_largest_force
 
     designs, dataset = designs_of(scenario), folder / "designs"
     check_writable(folder / "summary.html", folder / "summary.md")
     code = DESIGN_STAGES["sweep-designs"].digest
     write_dataset(designs, dataset, scenario.sweep.designs_per_job, code, workers)
-    return _write(folder, page(designs, dataset), {}, draw(designs, dataset))
+    frame = with_largest_force(designs, dataset)
+    return _write(folder, page(designs, dataset, frame), {}, draw(designs, frame))
 
 
 @_study((*_SWEPT, "sensitivity"), minutes=60)

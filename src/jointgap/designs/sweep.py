@@ -151,15 +151,15 @@ def has_map(designs: Designs) -> bool:
     return designs.sweep.design == "grid" and len(designs.axes) in (2, 3)
 
 
-def _with_largest_force(designs: Designs, dataset: Path) -> pd.DataFrame:
+def with_largest_force(designs: Designs, dataset: Path) -> pd.DataFrame:
     """All designs, with the largest force in any joint (NaN without clearance)."""
     names = [*(axis.key for axis in designs.axes), *(column.name for column in designs.measured)]
     frame = parquet.read_columns(dataset, names).to_pandas()
     return frame.assign(peak_force=frame.filter(like="_peak_force").max(axis=1).astype(float))
 
 
-def draw(designs: Designs, dataset: Path) -> Iterator[tuple[str, Drawing]]:
-    frame = _with_largest_force(designs, dataset)
+def draw(designs: Designs, frame: pd.DataFrame) -> Iterator[tuple[str, Drawing]]:
+    """The figure of the designs in `frame`, of `with_largest_force`."""
     if has_map(designs):
         yield MAP, grid_map(frame, designs.axes)
     elif frame["peak_force"].notna().any():
@@ -214,7 +214,7 @@ _KINDS = {
 _MOST_DIGITS = 8
 
 
-def page(designs: Designs, dataset: Path) -> Page:
+def page(designs: Designs, dataset: Path, frame: pd.DataFrame) -> Page:
     failed, kind = failures(dataset), designs.sweep.design
     introduction = (
         f"{designs.number} designs {_KINDS[kind]}"
@@ -233,7 +233,6 @@ def page(designs: Designs, dataset: Path) -> Page:
     )
     rows = (_row(format_measure(c.name), c.unit, _column(dataset, c.name)) for c in designs.measured)
     heads = ("measure", "unit", "smallest", "5 %", "median", "95 %", "largest")
-    frame = _with_largest_force(designs, dataset)
     has_force = frame["peak_force"].notna().any()
     figure = [FigureBlock(MAP, "Map of the grid")] if has_map(designs) else []
     if not figure and has_force:
