@@ -107,14 +107,9 @@ def recalibrate(state: "CampaignState") -> None:
     """Fit the uncertain parameters within their ranges."""
     from jointgap.campaign.fits_on_disk import noise_to_frames
     from jointgap.identification.baseline import recalibrate as recalibrated
-    from jointgap.identification.noise import numerics_noise
 
     baseline = state.baseline = recalibrated(state.model, state.noise, state.settings)
-    of_all_runs = numerics_noise(
-        state.model, baseline.base.mapping, state.noise, state.settings.noise, of_drives_alone=baseline.base.in_windows
-    )
-    of_fitted_runs = {part.series.key: part.noise for part in baseline.problem.parts}
-    state.noise_with_numerics = of_all_runs | of_fitted_runs
+    state.noise_with_numerics = baseline.problem.noise
     state.folder.write_all(noise_to_frames(state.noise_with_numerics), "recalibrate")
     state.write_fits([baseline.nominal], "recalibrate/nominal")
     state.write_fits([baseline.base], "recalibrate/base")

@@ -15,7 +15,7 @@ from jointgap.core.candidates import Candidate, Model
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import TABLES
-from jointgap.identification.baseline import Baseline, differences_at
+from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.fit import Fit
 from jointgap.identification.noise import NoiseEstimate
 from jointgap.identification.problem import Problem
@@ -119,7 +119,7 @@ class CampaignState:
         """The model with re-fitted nuisances, the reference of all explanations."""
         problem = Problem(self.model, self.noise_with_numerics, settings=self.settings)
         (nominal,), (base,) = (self._read_fits(f"recalibrate/{which}", problem) for which in ("nominal", "base"))
-        return Baseline(problem, differences_at(problem, base), nominal, base)
+        return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
     @cached_property
     def verdict_baseline(self) -> Baseline:

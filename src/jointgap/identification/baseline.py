@@ -19,7 +19,6 @@ from jointgap.identification.fit import (
     fit_hypothesis,
 )
 from jointgap.identification.initial_fit import with_nuisances_of
-from jointgap.identification.likelihood import fitted, has_windows
 from jointgap.identification.noise import numerics_noise
 from jointgap.identification.problem import Noise, Problem
 from jointgap.identification.settings import (
@@ -215,7 +214,7 @@ def _simulated(problem: Problem, fit: Fit, live: np.ndarray, points: np.ndarray)
 class Baseline:
     """The current model, the reference of all hypotheses."""
 
-    problem: Problem  # Its noise includes solver error, unless the base is in windows
+    problem: Problem  # Its noise includes solver error
     differences: FiniteDifferences
     nominal: Fit  # Shared nuisances at nominal; only run-specific values (speed, first angle) are fitted
     base: Fit  # All nuisances fitted
@@ -224,20 +223,9 @@ class Baseline:
 def recalibrate(
     model: Model, noise: Mapping[tuple[str, str], Noise], settings: IdentificationSettings = DEFAULT_SETTINGS
 ) -> Baseline:
-    """Fit the nuisances, add solver error to the noise, and fit again; a single fit in windows, without solver
-    error."""
+    """Fit the nuisances, add solver error to the noise, and fit again."""
     first = Problem(model, noise, settings=settings)
     nominal_values = {p.key: p.nominal for p in first.nuisances}
-    if has_windows(first, (), {}):
-        counted = numerics_noise(model, nominal_values, noise, settings.noise, of_drives_alone=True)
-        problem = Problem(model, counted, settings=settings)
-        base = fitted(problem)
-        if base.status == FAILED:
-            raise SimulationError(f"{model.name}: the current model cannot be simulated: {base.reason}")
-        nominal = replace(base, status=FAILED, reason="not fitted, as the re-fitted model exceeds noise", states=None)
-        if base.chi2 <= settings.decision.max_gap_of_noise**2 * problem.size:
-            nominal = fitted(problem, vary=[p for p in problem.nuisances if p.run is not None])
-        return Baseline(problem, differences_at(problem, base), nominal, base)
     differences = probed_differences(first, nominal_values)
     start = fit_hypothesis(first, differences=differences)
     start = deepest_base(first, start, differences, _enough(first, start))
@@ -255,7 +243,7 @@ def recalibrate(
     if problem.has_statistics:
         base = fit_over_ensembles(problem, base, _enough(problem, base))
     # probed again, as a later stage does that reads the fits from files
-    return Baseline(problem, differences_at(problem, base), nominal, base)
+    return Baseline(problem, probed_differences(problem, base.mapping), nominal, base)
 
 
 def deepest_base(problem: Problem, base: Fit, differences: FiniteDifferences, enough: float) -> Fit:
@@ -284,11 +272,6 @@ def _enough(problem: Problem, fit: Fit) -> float:
     """Upper limit of chi2 for noise."""
     dof = max(problem.size - len(fit.parameters), 1)
     return dof + problem.settings.baseline.noise_sigmas * float(np.sqrt(2.0 * dof))
-
-
-def differences_at(problem: Problem, fit: Fit) -> FiniteDifferences:
-    """Finite differences with the numerical noise at a fit (none in windows)."""
-    return FiniteDifferences(problem) if fit.in_windows else probed_differences(problem, fit.mapping)
 
 
 def probed_differences(problem: Problem, values: Mapping[str, float]) -> FiniteDifferences:

@@ -286,7 +286,7 @@ class StoppingRule:
         self.settings, self.size = settings, size
         self._numerical_noise, self._sufficient = numerical_noise_chi2, sufficient_chi2
         self._stalled = max(settings.stalled_decrease, numerical_noise_chi2)
-        self._renewed, self._chi2_at_renewal = 0, np.inf
+        self._renewed, self._chi2_at_renewal, self._far = 0, np.inf, 0
         self.chi2: list[float] = []
 
     def record(self, chi2: float) -> None:
@@ -313,6 +313,12 @@ class StoppingRule:
             return False
         slow = self._before(window) - chi2 < progress * chi2
         return slow and progress * chi2 > progress * settings.poor_chi2_per_sample * self.size
+
+    def dominated(self, minimum: float) -> bool:
+        """Record the predicted `minimum` of a linear model that has proved right; whether it is far above a sufficient
+        chi2 for the second time."""
+        self._far += minimum > self._sufficient + self.settings.dominated_excess
+        return self._far > 1
 
     def stalled(self, iteration: int) -> bool:
         """Whether a long fit hardly improves with its corrected Jacobian."""
@@ -519,6 +525,9 @@ def _descend(descent: "_Descent", stopping: StoppingRule, damping: DampingSettin
             descent.renew()
         min_decrease = stopping.min_decrease()
         step, predicted = descent.propose()
+        is_linear = iteration and descent.trusted and not descent.damping
+        if is_linear and stopping.dominated(descent.chi2 - predicted):
+            return STOPPED, "another effect fits far better"
         if predicted < min_decrease and (descent.fresh or descent.trusted):
             return (CONVERGED, "") if descent.damping < damping.rough else (STOPPED, _NONSMOOTH)
         gain_ratio = -np.inf  # no predicted decrease: treat as a failed step

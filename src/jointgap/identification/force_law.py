@@ -14,14 +14,17 @@ import numpy as np
 from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import with_intervals
 from jointgap.identification.evidence import reduced_chi2, weigh_fit
-from jointgap.identification.fit import FAILED, FiniteDifferences, Fit
+from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import fit_screened
-from jointgap.identification.likelihood import fitted, sensitivities_about
 from jointgap.identification.problem import Hypothesis, Problem
-from jointgap.identification.screening import LinearizedFit, Sensitivity, SensitivityRegression
+from jointgap.identification.screening import (
+    LinearizedFit,
+    Sensitivity,
+    SensitivityRegression,
+    simulate_sensitivities,
+)
 from jointgap.identification.settings import IdentificationSettings, ModelSelectionSettings
 from jointgap.identification.verdict import Row, Thresholds
-from jointgap.identification.window_search import fit_together
 
 COEFFICIENTS = ("c1", "c2")
 """Names of the coefficients in a formula."""
@@ -104,7 +107,7 @@ def find_force_law(
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
-    sensitivities = sensitivities_about(problem, base, differences, library)
+    sensitivities = simulate_sensitivities(problem, base, differences, library)
     until = problem.simulations + problem.settings.selection.max_simulations
     screen, settings = SensitivityRegression(sensitivities), problem.settings.selection
     sums = [screen.explained(chosen) for chosen in _subsets(sensitivities.entries)]
@@ -122,21 +125,13 @@ def find_force_law(
     sums.sort(key=lambda screened: screened.bic)
 
     def each(chosen: Sequence[LinearizedFit]) -> list[Fit]:
-        if base.in_windows:
-            here = {
-                p.key: float(value) for p, value in zip(sensitivities.parameters, sensitivities.values, strict=True)
-            }
-            starts = [(one.hypothesis, here | one.own_start) for one in chosen[: problem.settings.windows.leading]]
-            return fit_together(problem, starts)
         return [fit_screened(problem, differences, sensitivities, screened) for screened in chosen]
 
     fits = each(_singles(sums, settings))
     if not fits:
         return ForceLawResult(None, False, "no law could be simulated", failed=sensitivities.failed)
     alone = min(fits, key=lambda fit: fit.bic)
-    # with loose joints fits are expensive: no pairs if the single term explains little
-    leads = weigh_fit(base, alone, limits).share >= problem.settings.family.least_share
-    if not base.in_windows or (leads and problem.simulations <= until):
+    if problem.simulations <= until:
         fits += each(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
     cost = {fit.label: fit.bic + choice_cost(fit.hypothesis) for fit in fits}
     fits.sort(key=lambda fit: cost[fit.label])
@@ -152,8 +147,7 @@ def find_force_law(
     rivals = [fit for fit in rest if cost[fit.label] - cost[best.label] < min_delta_bic and _differs(fit, best, base)]
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
-    if not best.in_windows:
-        best = fitted(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
+    best = fit_hypothesis(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
     best = with_intervals(problem, best)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
     return ForceLawResult(best, accepted, because, rivals, others, sensitivities.failed, ranking)

@@ -41,10 +41,8 @@ def fit_singles(
     """Fit every selected single effect of one part.
 
     Failed fits are included with their reason. Once a fit is consistent with noise, dominated ones of the same part end
-    early. Slow effects of finite size, such as films, come last. With loose joints `fit_pairs` fits all.
+    early. Slow effects of finite size, such as films, come last.
     """
-    if baseline.base.in_windows:
-        return [], []
     shortlist = shortlist_singles(sensitivities, limits, baseline.problem.settings)
     shortlist.sort(key=lambda single: _is_never_small(single.hypothesis))
     return _fit_each(baseline, [(single, sensitivities) for single in shortlist[part::parts]], limits, ())
@@ -73,21 +71,13 @@ def fit_pairs(
 
     If a pair is selected, the first part searches clearances too, as a clearance can resemble two effects.
     """
-    if baseline.base.in_windows:
-        begin = time.monotonic()
-        fits = (
-            best_fit_per_hypothesis(search_in_windows(baseline, sensitivities, limits, sizes=not inconsistent))
-            if part == 0
-            else []
-        )
-        return fits, [(time.monotonic() - begin) / max(len(fits), 1)] * len(fits)
     if _insufficient(baseline, alone, limits):
         return _search(baseline, sensitivities, limits, alone, inconsistent) if part == 0 else ([], [])
     pairs = _pairs_of_best(baseline, sensitivities, limits, alone)
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
     if pairs and part == 0 and not inconsistent:
         begin = time.monotonic()
-        searched = search_in_windows(baseline, sensitivities, limits)
+        searched = search_in_windows(baseline, limits)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
     kept = {id(fit) for fit in best_fit_per_hypothesis(fits)}
@@ -122,7 +112,7 @@ def _search(
     # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    fits = search_in_windows(baseline, sensitivities, limits, alone, sizes=not inconsistent)
+    fits = search_in_windows(baseline, limits, alone, sizes=not inconsistent)
     until = problem.simulations + _max_simulations(problem)
 
     def singles() -> list[Fit]:

@@ -12,11 +12,13 @@ import numpy as np
 from scipy.stats import chi2 as chi_squared
 
 from jointgap.core.candidates import Candidate, LawFamily
+from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, with_intervals
 from jointgap.identification.evidence import weigh_fit
 from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit
 from jointgap.identification.likelihood import fitted
-from jointgap.identification.problem import Problem
+from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.screening import orthonormal
 from jointgap.identification.verdict import (
     AMBIGUOUS,
     NAMED,
@@ -61,11 +63,7 @@ def fit_shape(
     Starts: the member's shape (unless parameters are inactive there), then the next shapes in use until a fit
     converges, each with all initial guesses of the law.
     """
-    prefix = f"{member.label}."
-    hypothesis = tuple(family.law if candidate is member else candidate for candidate in found.hypothesis)
-    own = {name.removeprefix(prefix): value for name, value in found.mapping.items() if name.startswith(prefix)}
-    start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
-    start |= {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
+    hypothesis, start = _with_law(found, member, family)
     fits: list[Fit] = []
     # at the member's shape the law is the found effect: only the end of the fit is repeated
     vary = problem.parameters(hypothesis) if found.in_windows and not family.inactive_at_default else None
@@ -85,12 +83,12 @@ def profile_shape(
 ) -> ShapeProfile | None:
     """Profile chi2 over the shape, outward from the best value until the interval or the range ends.
 
-    In windows, where fits are expensive, chi2 is approximated by a parabola.
+    The first step is half the interval of the linear model, further ones extrapolate the root of the rise. In windows,
+    where fits are expensive, chi2 is approximated by a parabola.
     """
     settings, place = problem.settings.family, _place(free, family)
     shape = free.parameters[place]
     centre, variance = float(free.values[place]), free.covariance(released=(place,))[place, place]
-    step = float(np.clip(np.sqrt(variance), settings.least_step, settings.largest_step))
     vary = tuple(p for p in free.parameters if p.key != shape.key)
     chi2, rise = {centre: free.chi2}, rise_to_exclude(family, settings.level)
     if free.in_windows:
@@ -98,15 +96,19 @@ def profile_shape(
         shapes = np.clip(centre + away, shape.low, shape.high)
         return ShapeProfile(shapes, free.chi2 / free.inflation + (shapes - centre) ** 2 / variance)
     for sign, end in ((-1.0, shape.low), (1.0, shape.high)):
-        before, value = free, centre
+        before, value, largest = free, centre, settings.largest_step
+        step = settings.overshoot * float(np.sqrt(rise * variance))
         while value != end and chi2[value] <= min(chi2.values()) + rise * free.inflation:
+            step = float(np.clip(step, settings.least_step, largest))
             value = float(np.clip(value + sign * step, shape.low, shape.high))
             known = {p.key: column for p, column in zip(before.parameters, before.jacobian.T, strict=True)}
             start = before.mapping | {shape.key: value}
             fit = fitted(problem, free.hypothesis, start, known, differences, vary=vary, near=before)
             if fit.status == FAILED:
                 return None
-            chi2[value], before = fit.chi2, fit
+            chi2[value], before, largest = fit.chi2, fit, 2.0 * largest
+            risen = max(fit.chi2 - min(chi2.values()), 1e-3 * rise * free.inflation)
+            step = abs(value - centre) * (settings.overshoot * np.sqrt(rise * free.inflation / risen) - 1.0)
     shapes = np.array(sorted(chi2))
     return ShapeProfile(shapes, np.array([chi2[value] for value in shapes]) / free.inflation)
 
@@ -193,7 +195,12 @@ def with_families(
     for member in found.hypothesis:
         asked = []
         for family in (family for each, family in _of_families(problem, found) if each is member):
+            if not equal and (interval := _plain_interval(baseline, found, member, family)):
+                intervals.append(interval)
+                continue
             fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
+            if fit.chi2 > found.chi2:
+                continue  # another minimum: the law with the member's shape leaves less
             rivals = [other.own for fit in equal for other in _families(fit) if other.law.label == family.law.label]
             asked.append(_asked(baseline, member, family, fit, limits, rivals))
         known = [(fit, interval) for fit, interval in asked if interval is not None]
@@ -204,6 +211,45 @@ def with_families(
     if (equal and intervals) or (not equal and found is not decision.chosen):
         decision = _named(baseline, decision, found, limits)
     return decision, tuple(intervals)
+
+
+def _plain_interval(baseline: Baseline, found: Fit, member: Candidate, family: LawFamily) -> FamilyInterval | None:
+    """The interval of the shape by linearisation about the fit `found`; None unless twice this interval contains the
+    member's shape and no other common one."""
+    problem = baseline.problem
+    if problem.has_statistics or found.in_windows or found.jacobian.shape[0] != found.residual.size:
+        return None
+    hypothesis, at = _with_law(found, member, family)
+    shape = next(p for p in problem.parameters(hypothesis) if p.key == f"{family.law.label}.{family.shape}")
+    nuisances, level, ends = orthonormal(found.jacobian), problem.settings.family.level, []
+    for guess in family.law.initial_guesses or ({},):
+        own = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: family.own}.items()}
+        try:
+            column = baseline.differences.column(shape, at | own, found.residual, hypothesis, fine=True)
+        except (InputError, SimulationError):
+            return None
+        column = column - nuisances @ (nuisances.T @ column)
+        if not (square := float(column @ column)) > 0.0:
+            return None
+        value = family.own - float(column @ found.residual) / square
+        half = float(np.sqrt(rise_to_exclude(family, level) * found.inflation / square))
+        ends.append((half, value))
+    half, value = max(ends)
+    low, high = min(value - half for half, value in ends), max(value + half for half, value in ends)
+    wide = low - half, high + half
+    if not wide[0] <= family.own <= wide[1] or any(wide[0] <= s <= wide[1] for s in family.in_use if s != family.own):
+        return None
+    low, high = max(shape.low, min(low, family.own)), min(shape.high, max(high, family.own))
+    return FamilyInterval(member.label, family.law.label, family.shape, value, low, high, fits=True, alone=True)
+
+
+def _with_law(found: Fit, member: Candidate, family: LawFamily) -> tuple[Hypothesis, dict[str, float]]:
+    """The hypothesis of a fit with the law of a family in place of its `member`, and the same values of the law."""
+    prefix = f"{member.label}."
+    hypothesis = tuple(family.law if candidate is member else candidate for candidate in found.hypothesis)
+    own = {name.removeprefix(prefix): value for name, value in found.mapping.items() if name.startswith(prefix)}
+    start = {name: value for name, value in found.mapping.items() if not name.startswith(prefix)}
+    return hypothesis, start | {f"{family.law.label}.{name}": value for name, value in family.values(own).items()}
 
 
 def _unproven(problem: Problem, decision: Decision, least_share: float) -> list[tuple[Fit, Candidate, LawFamily]]:

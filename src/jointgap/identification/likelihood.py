@@ -1,11 +1,12 @@
-"""Likelihood with loose joints: states of the pins and parameters are estimated together (multiple shooting).
+"""Likelihood with a clearance: states of the pins and parameters are estimated together (multiple shooting).
 
-The positions of the pins are unknown at the begin of a record. Each run is divided into windows with their own initial
-states; the jump between the end of a window and the begin of the next is normal with the standard deviation q. A large
-q gives a wide basin of attraction; as q decreases the misfit becomes that of one trajectory. A filter finds initial
-states. States and parameters are then fitted by Gauss-Newton steps with banded normal equations, bordered by the
-parameters (H. G. Bock, 1983; B. M. Bell, SIAM J. Optim. 4 (1994) 626-636). During the search hypotheses are compared
-by their marginal likelihood over the states (Laplace approximation), each at its best q."""
+The position of a pin whose clearance is searched is unknown at the begin of a record. Each run is divided into windows
+with their own initial states; the jump between the end of a window and the begin of the next is normal with the
+standard deviation q. A large q gives a wide basin of attraction; as q decreases the misfit becomes that of one
+trajectory. A filter finds initial states. States and parameters are then fitted by Gauss-Newton steps with banded
+normal equations, bordered by the parameters (H. G. Bock, 1983; B. M. Bell, SIAM J. Optim. 4 (1994) 626-636). During the
+search hypotheses are compared by their marginal likelihood over the states (Laplace approximation), each at its best
+q."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,13 +29,7 @@ from jointgap.identification.fit import (
     fit_hypothesis,
 )
 from jointgap.identification.problem import Hypothesis, Problem, label_of, values_in_run, whiten
-from jointgap.identification.screening import (
-    Sensitivities,
-    Sensitivity,
-    oscillating_shapes,
-    simulate_sensitivities,
-    steady_first,
-)
+from jointgap.identification.screening import Sensitivities, Sensitivity, oscillating_shapes, steady_first
 from jointgap.identification.settings import WindowSettings
 
 ANGLE_STEP, RATE_STEP = 1e-4, 2e-4  # [rad], [crank speeds] Finite-difference steps of states
@@ -420,16 +415,13 @@ class Estimate:
                     break
         return self
 
-    def branch(self, vary: Sequence[Parameter] | None = None) -> "Estimate":
-        """A copy with these states; with `vary` other varied parameters, the rest at nominal."""
-        varied = self._varied if vary is None else vary
-        at = self.mapping if vary is None else {p.key: self.mapping[p.key] for p in vary}
-        other = Estimate(self.problem, self.hypothesis, at, varied)
+    def branch(self) -> "Estimate":
+        """A copy with these states."""
+        other = Estimate(self.problem, self.hypothesis, self.mapping, self._varied)
         other._runs = {run: copy(one) for run, one in self._runs.items()}
         other._slow, other._motions = dict(self._slow), dict(self._motions)
         other._simulated = self._simulated
-        if vary is None:
-            other.stages, other._columns, other._steps = list(self.stages), self._columns, self._steps.copy()
+        other.stages, other._columns, other._steps = list(self.stages), self._columns, self._steps.copy()
         return other
 
     def begin_at(self, states: Mapping[str, np.ndarray]) -> bool:
@@ -454,23 +446,6 @@ class Estimate:
             if jump < last:
                 self.fit_at(jump)
         return self
-
-    def polished(self) -> "Estimate":
-        """The best result of repeated passes over the smaller jumps, each from the states of the last one."""
-        best = self
-        for _ in range(self.settings.polishes):
-            again, before = best.branch(), best.stages
-            again.stages = []
-            try:
-                again.to_its_end()
-            except FAILURES:
-                break
-            gain = before[-1].cost - again.stages[-1].cost if before else math.inf
-            again.stages = [*before, *again.stages]
-            best = again if gain > 0.0 else best
-            if gain < self.settings.worth_polishing:
-                break
-        return best
 
     def _filtered(self, jump: float, anew: bool) -> None:
         """Find the states by the filter, if that reduces the cost."""
@@ -701,8 +676,8 @@ def windowed_run(
 
 
 def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float]) -> bool:
-    """Whether a hypothesis is fitted in windows: loose joints, and all runs compared by samples."""
-    if problem.has_statistics:
+    """Whether a hypothesis is fitted in windows: with a clearance, and all runs compared by samples."""
+    if problem.has_statistics or not any(one.search_range for one in hypothesis):
         return False
     at = {p.key: p.nominal for p in problem.parameters(hypothesis)} | dict(values)
     try:
@@ -743,18 +718,14 @@ def fitted(
     vary: Sequence[Parameter] | None = None,
     near: Fit | None = None,
 ) -> Fit:
-    """Fit a hypothesis: in windows with loose joints, from the states of a fit `near` it; otherwise by
+    """Fit a hypothesis: in windows with a clearance, from the states of a fit `near` it; otherwise by
     `fit_hypothesis`, which uses the other arguments."""
     at = dict(start or {})
     if not has_windows(problem, hypothesis, at):
         return fit_hypothesis(problem, hypothesis, at, known_derivatives, differences, refresh=refresh, vary=vary)
     estimate = Estimate(problem, hypothesis, at, vary)
     try:
-        if not hypothesis and not at:
-            estimate = current_model(problem)[1].branch(vary).to_its_end()
-            if noise_alone(problem) < estimate.stages[-1].cost < noise_alone(problem) + problem.size:
-                estimate = estimate.polished()
-        elif near is None or not estimate.begin_at(near.states or {}):
+        if near is None or not estimate.begin_at(near.states or {}):
             estimate.anneal(estimate.settings.jumps[0]).to_its_end()
         elif vary is None:
             estimate.to_its_end()
@@ -763,37 +734,6 @@ def fitted(
         return estimate.fit()
     except FAILURES as error:
         return estimate.failed(str(error))
-
-
-def noise_alone(problem: Problem) -> float:
-    """Upper limit of chi2 for noise."""
-    return problem.size + problem.settings.baseline.noise_sigmas * math.sqrt(2.0 * problem.size)
-
-
-def current_model(problem: Problem) -> tuple[Estimate, Estimate]:
-    """The current model at its best jump (at smaller ones a wrong model ends in other minima), and at the next one."""
-    if problem.current_model is None:
-        first, *jumps = problem.settings.windows.jumps[1:]
-        best = further = Estimate(problem, ())
-        best.fit_at(first)
-        for jump in jumps:
-            further = best.branch()
-            further.fit_at(jump)
-            if further.best is not further.stages[-1]:
-                break
-            best = further
-        problem.current_model = best, further
-    return problem.current_model
-
-
-def sensitivities_about(
-    problem: Problem, fit: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
-) -> Sensitivities:
-    """Sensitivities of candidates (default: all smooth ones) about a fit; in windows about the current model."""
-    if not fit.in_windows:
-        return simulate_sensitivities(problem, fit, differences, candidates)
-    candidates = problem.model.candidates if candidates is None else candidates
-    return current_model(problem)[0].branch().sensitivities([one for one in candidates if not one.search_range])
 
 
 class Prediction(NamedTuple):
@@ -818,7 +758,7 @@ def as_fitted(problem: Problem, fit: Fit) -> Prediction:
 def predicted(
     problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float], vary: Sequence[Parameter] = ()
 ) -> Prediction:
-    """The prediction from the most likely states of loose joints at `values`; the parameters `vary` are fitted."""
+    """The prediction from the most likely states of the joints at `values`; the parameters `vary` are fitted."""
     estimate = Estimate(problem, hypothesis, values, vary)
     estimate.anneal(estimate.settings.jumps[0]).to_its_end()
     return Prediction(estimate.mapping, estimate.residual, estimate.readings)

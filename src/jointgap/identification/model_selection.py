@@ -86,7 +86,7 @@ def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thres
     sign of a second effect as long as they are a small part of the explained misfit.
     """
     best = _best_alone(fits)
-    if best is None or baseline.base.in_windows:
+    if best is None:
         return limits
     nuisances = orthonormal(baseline.base.jacobian)
     try:
@@ -205,7 +205,9 @@ def swap_one_effect(baseline: Baseline, sensitivities: Sensitivities, fits: Sequ
     return swapped
 
 
-def fit_confusable_effects(baseline: Baseline, sensitivities: Sensitivities, best: Fit) -> list[Fit]:
+def fit_confusable_effects(
+    baseline: Baseline, sensitivities: Sensitivities, best: Fit, sufficient_chi2: float = np.inf
+) -> list[Fit]:
     """Fits of all candidates with sensitivities similar to those of an effect of the `best` explanation, from its
     nuisances.
 
@@ -228,7 +230,10 @@ def fit_confusable_effects(baseline: Baseline, sensitivities: Sensitivities, bes
                 continue
             known = sensitivities.derivatives(other.sensitivities) | derivatives_of(best)
             start = rest.mapping | other.start
-            found.append(fit_hypothesis(problem, other.hypothesis, start, known, baseline.differences))
+            fit = fit_hypothesis(
+                problem, other.hypothesis, start, known, baseline.differences, sufficient_chi2=sufficient_chi2
+            )
+            found.append(fit)
     return found
 
 
@@ -349,14 +354,15 @@ def _needed(
     baseline: Baseline, sensitivities: Sensitivities, decision: Decision, done: set[tuple[str, str]]
 ) -> list[Fit]:
     """The required fits of a decision that are not `done` yet; marks them as done."""
-    fits = []
+    fits, passing = [], {id(row.fit) for row in decision.ranking if row.passes}
     for kind, label, fit in decision.needs:
         if (kind, label) not in done:
             done.add((kind, label))
+            sufficient = fit.chi2 if id(fit) in passing else np.inf
             fits += (
                 _fit_alone(baseline, fit, label)
                 if kind == ALONE
-                else fit_confusable_effects(baseline, sensitivities, fit)
+                else fit_confusable_effects(baseline, sensitivities, fit, sufficient)
             )
     return fits
 

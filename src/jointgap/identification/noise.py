@@ -550,13 +550,12 @@ def numerics_noise(
     values: Mapping[str, float],
     noise: Mapping[Key, Noise],
     settings: NoiseSettings = DEFAULT_SETTINGS.noise,
-    of_drives_alone: bool = False,
 ) -> dict[Key, Noise]:
-    """The noise with solver error (unless `of_drives_alone`) and with the errors of measured drives."""
+    """The noise with solver error and with the errors of measured drives."""
     changed, statistics = dict(noise), {series.key for series in model.series if series.statistic}
     for run in runs_of(model):
         nuisances = {p.name: values.get(p.key, p.nominal) for p in model.nuisances if p.run in (None, run)}
-        numbers = range(0) if of_drives_alone else range(1, len(model.numerics) + 1)
+        numbers = range(1, len(model.numerics) + 1)
         usual = model.simulate(run, nuisances) if numbers else {}
         squares = {channel: [] for channel in usual}
         for number in numbers:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter, lfiltic
@@ -151,10 +150,8 @@ class Problem:
         planned: bool = False,
         settings: IdentificationSettings = DEFAULT_SETTINGS,
     ):
-        self.model = model
-        self.settings = settings
+        self.model, self.noise, self.settings = model, noise, settings
         self.simulations = 0
-        self.current_model: Any = None  # kept by `jointgap.identification.likelihood.current_model`
         self.parts: list[Part] = []
         begin = 0
         for series in model.series:

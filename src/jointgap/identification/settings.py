@@ -70,6 +70,9 @@ class StoppingSettings:
     stalled_decrease: float = 2.0
     # [1] A fit whose chi2 is this times that of a sufficient hypothesis is dominated and may end early
     dominated_factor: float = 3.0
+    # [chi2] A fit is also dominated if its predicted minimum exceeds that of a sufficient hypothesis by so much: ten
+    # times the BIC limit
+    dominated_excess: float = 100.0
     dominated_window: int = 2  # As `stalled_window` for dominated fits (experience)
     dominated_progress: float = 0.2  # As `poor_progress` for dominated fits (experience)
 
@@ -95,7 +98,7 @@ class InitialGuessSettings:
 
 @dataclass(frozen=True)
 class WindowSettings:
-    """Likelihood over states of loose joints in windows of the record (jumps in rad and crank speeds)."""
+    """Likelihood with a clearance, over states in windows of the record (jumps in rad and crank speeds)."""
 
     # Standard deviations of jumps between windows, decreasing: at the first the basin of attraction is about 50 % of a
     # clearance wide, the last is practically one trajectory
@@ -115,8 +118,6 @@ class WindowSettings:
     far_behind: float = 0.03
     compared_below: float = 0.1  # Largest jump at which rivals are compared by `far_behind`
     far_before: float = 1.0  # [1, per sample] The same limit at larger jumps
-    polishes: int = 3  # Largest number of further passes over the smaller jumps
-    worth_polishing: float = 5.0  # [1] Decrease of the cost for another pass: half of the BIC limit
     size_factor: float = 1.4  # [1] Factor between tried clearances: half the width of the basin
     tried_sizes: int = 4  # Best clearances that are tried with all shapes
     fitted_sizes: int = 2  # Best of these that are fitted
@@ -304,8 +305,9 @@ class EnsembleSettings:
 class FamilySettings:
     """Profile over the shape of a law family."""
 
-    least_step: float = 0.01  # [1] Of the shape (usually one standard error): common laws differ by more
-    largest_step: float = 0.5  # [1] Of the shape: limit for the start of the next fit
+    least_step: float = 0.01  # [1] Of the shape: common laws differ by more
+    largest_step: float = 0.5  # [1] Of the shape: limit of the first step, doubled at each
+    overshoot: float = 1.2  # [1] Step over the predicted end of the interval, which is then interpolated
     level: float = 0.99  # [1] Of the interval: one wrong name in a hundred
     # [1] Explained share of a single effect for its family to be tried if nothing is named: quadratic drag explains
     # 58 % of drag with the fifth power, other effects mostly far less

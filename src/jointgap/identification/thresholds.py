@@ -5,9 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.identification.baseline import Baseline, other_numerics
-from jointgap.identification.likelihood import sensitivities_about
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import Sensitivities, SensitivitySubspaces, orthonormal
+from jointgap.identification.screening import (
+    Sensitivities,
+    SensitivitySubspaces,
+    orthonormal,
+    simulate_sensitivities,
+)
 from jointgap.identification.verdict import Thresholds
 
 
@@ -20,7 +24,7 @@ class Screening(NamedTuple):
 
 def screen_candidates(base: Baseline, rate: float, noise_dof: float = np.inf, seed: int = 0) -> Screening:
     """Compute the sensitivities of all candidates and the thresholds of null campaigns."""
-    sensitivities = sensitivities_about(base.problem, base.base, base.differences)
+    sensitivities = simulate_sensitivities(base.problem, base.base, base.differences)
     numerics = other_numerics(base.problem, base.base)
     numerical_noise = base.differences.numerical_noise_chi2
     return Screening(

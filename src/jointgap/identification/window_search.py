@@ -1,8 +1,8 @@
-"""Search with loose joints: hypotheses are fitted in windows of the record."""
+"""Search for clearances: hypotheses are fitted in windows of the record."""
 
 import contextlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
-from jointgap.identification.likelihood import FAILURES, Estimate, compete, fitted, has_windows, noise_alone
+from jointgap.identification.likelihood import FAILURES, Estimate, compete, has_windows
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import Sensitivities, SensitivityRegression
 from jointgap.identification.verdict import Thresholds
@@ -20,40 +20,28 @@ Found = list[tuple[Fit | None, Estimate]]
 
 
 def search_in_windows(
-    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
+    baseline: Baseline, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
 ) -> list[Fit]:
-    """Fits in windows, best first.
+    """Fits of clearances in windows, best first: many `sizes` of each are tried by the filter over one revolution.
 
-    1. With loose joints: single effects selected by their sensitivities.
-    2. Unless one is consistent with noise: clearances, each of many `sizes` tried by the filter over one revolution.
-    3. Unless a fit of `alone` is better: the best so far with a second effect.
-    4. Unless one is consistent with noise: films.
-
-    Steps 3 and 4 are skipped after `max_simulations`.
+    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect; not after
+    `max_simulations`.
     """
-    problem, base = baseline.problem, baseline.base
+    if not sizes:
+        return []
+    problem = baseline.problem
     until = problem.simulations + problem.settings.selection.max_simulations
-    start = base.mapping if base.in_windows else {k: v for k, v in baseline.nominal.mapping.items() if "@" in k}
-    found: Found = []
-    if base.in_windows:
-        chosen = _worth(problem, sensitivities, (), limits, _leaves_noise(base, limits))
-        found = _fitted(problem, [Estimate(problem, each, base.mapping | at) for each, at in chosen])
-
-    def goes_on() -> bool:
-        fits = [*([base] if base.in_windows else []), *(fit for fit, _ in found if fit)]
-        return not any(_leaves_noise(fit, limits) for fit in fits)
-
-    if sizes and goes_on():
-        starts = _best_sizes(problem, problem.model.candidates, start)
-        found += _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
+    start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
+    starts = _best_sizes(problem, problem.model.candidates, start)
+    found = _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
     if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
             about = best[1].sensitivities([one for one in problem.model.candidates if not one.search_range])
-            chosen = _worth(problem, about, best[1].hypothesis, limits, not goes_on())
+            leaves_noise = any(_leaves_noise(fit, limits) for fit, _ in found if fit)
+            chosen = _worth(problem, about, best[1].hypothesis, limits, leaves_noise)
             found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen])
-    films = _films(problem, base) if base.in_windows and problem.simulations <= until and goes_on() else []
-    return sorted([*(fit for fit, _ in found if fit), *films], key=lambda fit: fit.chi2)
+    return sorted((fit for fit, _ in found if fit), key=lambda fit: fit.chi2)
 
 
 def _cost(fit: Fit | None, estimate: Estimate) -> float:
@@ -65,18 +53,17 @@ def _leaves_noise(fit: Fit, limits: Thresholds) -> bool:
 
 
 def _worth(
-    problem: Problem, sensitivities: Sensitivities, effects: Hypothesis, limits: Thresholds, enough: bool = False
+    problem: Problem, sensitivities: Sensitivities, effects: Hypothesis, limits: Thresholds, leaves_noise: bool
 ) -> list[tuple[Hypothesis, dict[str, float]]]:
     """Selected hypotheses with one effect more than `effects`, and start values of it: the largest predicted gains or,
-    if the residual is noise already (`enough`), significant ones and their rivals."""
+    if the residual is noise already, significant ones and their rivals."""
     settings, selection = problem.settings.windows, problem.settings.selection
     singles = SensitivityRegression(sensitivities, effects).singles()
     if not singles:
         return []
     before = float(sensitivities.residual @ sensitivities.residual)
-    if enough:
-        share = 1.0 if effects else selection.linear_share
-        needed = share * max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
+    if leaves_noise:
+        needed = max(problem.settings.decision.min_delta_bic, limits.max_gain_threshold)
         replaced = sum(len(one.replaces) for one in effects)
         bic = before + (len(sensitivities.parameters) + replaced) * np.log(sensitivities.residual.size)
         singles = singles[: selection.partners] if bic - singles[0].bic > needed else []
@@ -86,46 +73,20 @@ def _worth(
     return [(single.hypothesis, single.own_start) for single in singles]
 
 
-def _films(problem: Problem, base: Fit) -> list[Fit]:
-    """The best film in place of a dry joint, fitted to one trajectory (the state of a film needs no windows)."""
-    tried: list[tuple[float, Candidate, dict[str, float]]] = []
-    for candidate in problem.model.candidates:
-        guesses: Iterable = candidate.initial_guesses if not candidate.search_range else ()
-        for guess in (guess for guess in guesses if set(guess) & set(candidate.amplitudes)):
-            at = base.mapping | {f"{candidate.label}.{key}": value for key, value in guess.items()}
-            if not has_windows(problem, (candidate,), at):
-                with contextlib.suppress(*FAILURES):
-                    left = problem.residual(at, (candidate,))
-                    tried.append((float(left @ left), candidate, at))
-    best = min(tried, key=lambda each: each[0], default=None)
-    return [fitted(problem, (best[1],), best[2])] if best and best[0] < base.chi2 else []
-
-
-def fit_together(problem: Problem, starts: Sequence[tuple[Hypothesis, Mapping[str, float]]]) -> list[Fit]:
-    """Fits of hypotheses from their start values; only those near the best."""
-    return [fit for fit, _ in _fitted(problem, [Estimate(problem, *each) for each in starts]) if fit]
-
-
 def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None = None) -> Found:
     """Competition of the `estimates` over the jumps `below` a value; then fits of those near the best to the end.
 
-    The best one is polished unless it is a clearance. A clearance with a large misfit is not continued, as its
-    simulation is slow."""
+    One with a large misfit is not continued, as its simulation is slow."""
     settings, found = problem.settings.windows, []
     estimates = compete(estimates, settings.jumps[0] if below is None else below)
     for estimate in estimates:
         if estimate.best.deviance > estimates[0].best.deviance + settings.far_behind * problem.size:
             break
-        became_loose = any(one.search_range for one in estimate.hypothesis)
-        if became_loose and estimate.stages[-1].cost > problem.settings.stopping.poor_chi2_per_sample * problem.size:
+        if estimate.stages[-1].cost > problem.settings.stopping.poor_chi2_per_sample * problem.size:
             found.append((None, estimate))
             continue
         with contextlib.suppress(*FAILURES):
-            ended = estimate.branch().to_its_end()
-            is_good = ended.stages[-1].cost < noise_alone(problem) + problem.size
-            if estimate is estimates[0] and is_good and not became_loose:
-                estimate = ended = ended.polished()
-            found.append((ended.fit(), estimate))
+            found.append((estimate.branch().to_its_end().fit(), estimate))
     return found
 
 
