@@ -11,6 +11,7 @@ from jointgap.identification.baseline import Baseline, probed_differences
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import best_fit_per_hypothesis, fit_screened, labels_of, refit_from_part
+from jointgap.identification.law_family import family_suffices
 from jointgap.identification.model_selection import (
     best_sufficient,
     shortlist_pairs,
@@ -25,8 +26,9 @@ from jointgap.identification.screening import (
     shortlist,
     simulate_sensitivities,
 )
+from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.verdict import Thresholds
-from jointgap.identification.window_search import search_in_windows
+from jointgap.identification.window_search import Size, best_sizes, fit_clearances
 
 TimedFits = tuple[list[Fit], list[float]]
 """Fits, one for each hypothesis, and their durations [s]."""
@@ -65,11 +67,11 @@ def fit_pairs(
     """Fit the selected pairs of one part.
 
     If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
-    clearances in windows; pairs whose sensitivities explain nearly everything; the best partners of each leading single
-    effect. The search is sequential, so it is not divided into parts, and limited by `max_simulations`. Clearances are
-    not searched on inconsistent data.
+    shapes of law families; clearances that are likely by the filter; pairs whose sensitivities explain nearly
+    everything; the best partners of each leading single effect; other clearances. The search is sequential, so it is
+    not divided into parts, and limited by `max_simulations`. Clearances are not searched on inconsistent data.
 
-    If a pair is selected, the first part searches clearances too, as a clearance can resemble two effects.
+    If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
     """
     if _insufficient(baseline, alone, limits):
         return _search(baseline, sensitivities, limits, alone, inconsistent) if part == 0 else ([], [])
@@ -77,7 +79,7 @@ def fit_pairs(
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
     if pairs and part == 0 and not inconsistent:
         begin = time.monotonic()
-        searched = search_in_windows(baseline, limits)
+        searched = fit_clearances(baseline, _likely(best_sizes(baseline)), limits)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
     kept = {id(fit) for fit in best_fit_per_hypothesis(fits)}
@@ -112,8 +114,11 @@ def _search(
     # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    fits = search_in_windows(baseline, limits, alone, sizes=not inconsistent)
     until = problem.simulations + _max_simulations(problem)
+    if family_suffices(baseline, alone, limits):
+        return [], []  # the stage decide names it
+    sizes = [] if inconsistent else best_sizes(baseline)
+    fits = fit_clearances(baseline, _likely(sizes), limits, alone)
 
     def singles() -> list[Fit]:
         return [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
@@ -127,7 +132,9 @@ def _search(
     if not found():
         # fits in windows have partners already
         leading = [fit for fit in singles() if not fit.in_windows]
-        fits += _pairs_of_leading(baseline, leading, limits, until)
+        fits += _pairs_of_leading(baseline, sensitivities, leading, limits, until)
+    if not found() and not _likely(sizes):
+        fits += fit_clearances(baseline, sizes, limits, alone)
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, sensitivities, limits, singles())
     chosen = [(pair, about) for pair, about in chosen if labels_of(pair.hypothesis) not in done]
@@ -135,6 +142,11 @@ def _search(
     fits = best_fit_per_hypothesis(fits)
     share = (time.monotonic() - begin) / max(len(fits), 1)
     return fits, [share] * len(fits)
+
+
+def _likely(sizes: Sequence[Size]) -> list[Size]:
+    """All clearances if one may explain the data, otherwise none."""
+    return [*sizes] if any(size.deviance <= DEFAULT_SETTINGS.windows.likely_deviance for size in sizes) else []
 
 
 def _max_simulations(problem: Problem) -> int:
@@ -157,10 +169,13 @@ def _masked_pairs(
     return [(pair, sensitivities) for pair in shortlist(pairs, baseline.problem.settings.selection.partners)]
 
 
-def _pairs_of_leading(baseline: Baseline, alone: Sequence[Fit], limits: Thresholds, until: float) -> list[Fit]:
+def _pairs_of_leading(
+    baseline: Baseline, sensitivities: Sensitivities, alone: Sequence[Fit], limits: Thresholds, until: float
+) -> list[Fit]:
     """Fits of the leading single effects with their best partners, the best pairs first.
 
-    Partners are found by linearisation about the fit of each single effect; these fits are returned too.
+    Partners are found by linearisation about the fit of each single effect, of those that the `sensitivities` about the
+    base rank first; these fits are returned too.
     """
     problem, settings = baseline.problem, baseline.problem.settings.selection
     leading: dict[str, Fit] = {}  # one of each exclusion group; `swap_one_effect` fits the others
@@ -175,7 +190,12 @@ def _pairs_of_leading(baseline: Baseline, alone: Sequence[Fit], limits: Threshol
         if single.status == FAILED:
             continue
         singles.append(single)
-        about = simulate_sensitivities(problem, single, baseline.differences)
+        near = shortlist(
+            SensitivityRegression(sensitivities.about(single), single.hypothesis).singles(),
+            2 * settings.leading_singles,
+        )
+        likely = [one.hypothesis[-1] for one in near]
+        about = simulate_sensitivities(problem, single, baseline.differences, likely)
         partners = SensitivityRegression(about, single.hypothesis).singles()
         for pair in shortlist(partners, settings.partners):
             if pair.hypothesis[-1].label not in _failed(alone):

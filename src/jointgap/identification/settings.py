@@ -121,6 +121,9 @@ class WindowSettings:
     size_factor: float = 1.4  # [1] Factor between tried clearances: half the width of the basin
     tried_sizes: int = 4  # Best clearances that are tried with all shapes
     fitted_sizes: int = 2  # Best of these that are fitted
+    # [1] Deviance per reading of a clearance that is fitted before pairs: hidden ones alone had at most 1.8, with a
+    # second effect 3.1, other causes 1.9 to 11
+    likely_deviance: float = 4.0
     leading: int = 4  # Largest number of effects fitted in windows
     leading_share: float = 0.5  # [1, of the largest predicted gain] Least predicted gain of a fitted effect
 
@@ -139,6 +142,7 @@ class ModelSelectionSettings:
     partners: int = 3
     # Single effects of least chi2, one of each exclusion group, that get `partners` if none is sufficient (experience)
     leading_singles: int = 6
+    linearised_partners: int = 12  # Of each of these, ranked about the base and linearised about its fit (experience)
     # Simulated runs after which no further fit begins, for each of: pairs, search in windows, formula, families; one
     # to two minutes with loose dry joints (experience)
     max_simulations: int = 5000

@@ -3,6 +3,7 @@
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,21 +20,25 @@ Found = list[tuple[Fit | None, Estimate]]
 """Estimates at the end of the search, with a fit if it was completed."""
 
 
-def search_in_windows(
-    baseline: Baseline, limits: Thresholds, alone: Sequence[Fit] = (), sizes: bool = True
+class Size(NamedTuple):
+    """A clearance with the start values of a fit."""
+
+    deviance: float  # Of the filter over one revolution, per reading
+    hypothesis: Hypothesis
+    start: Mapping[str, float]
+
+
+def fit_clearances(
+    baseline: Baseline, sizes: Sequence[Size], limits: Thresholds, alone: Sequence[Fit] = ()
 ) -> list[Fit]:
-    """Fits of clearances in windows, best first: many `sizes` of each are tried by the filter over one revolution.
+    """Fits of clearances in windows, best first.
 
     Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect; not after
     `max_simulations`.
     """
-    if not sizes:
-        return []
     problem = baseline.problem
     until = problem.simulations + problem.settings.selection.max_simulations
-    start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
-    starts = _best_sizes(problem, problem.model.candidates, start)
-    found = _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
+    found = _fitted(problem, [Estimate(problem, size.hypothesis, size.start) for size in sizes], below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
     if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
@@ -90,11 +95,14 @@ def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None
     return found
 
 
-def _best_sizes(
-    problem: Problem, candidates: Sequence[Candidate], start: Mapping[str, float]
-) -> list[tuple[Hypothesis, dict[str, float]]]:
-    """The best clearance sizes that are not neighbours, each with the best of its shapes; best first."""
-    settings, found = problem.settings.windows, {}
+def best_sizes(baseline: Baseline) -> list[Size]:
+    """The best clearance sizes that are not neighbours, each with the best of its shapes; best first.
+
+    Many sizes of each clearance are tried by the filter over one revolution.
+    """
+    problem, settings, found = baseline.problem, baseline.problem.settings.windows, {}
+    candidates = problem.model.candidates
+    start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
     grids = {one.label: _sizes(one, settings.size_factor) for one in candidates if one.search_range}
     by_label = {one.label: one for one in candidates}
 
@@ -124,7 +132,8 @@ def _best_sizes(
         shapes = range(1, len(by_label[label].initial_guesses))
         others = [(deviance(label, place, shape), label, place, shape) for shape in shapes]
         tried.append(min([(found[label, place], label, place, 0), *others]))
-    return [((by_label[one],), values_of(one, *at)) for _, one, *at in sorted(tried)[: settings.fitted_sizes]]
+    best_tried = sorted(tried)[: settings.fitted_sizes]
+    return [Size(value, (by_label[one],), values_of(one, *at)) for value, one, *at in best_tried]
 
 
 def _sizes(candidate: Candidate, factor: float) -> np.ndarray:
