@@ -16,6 +16,7 @@ from jointgap.identification.model_selection import (
     best_sufficient,
     shortlist_pairs,
     shortlist_singles,
+    swap_one_effect,
     two_effect_thresholds,
 )
 from jointgap.identification.problem import Hypothesis, Problem
@@ -68,7 +69,7 @@ def fit_pairs(
 
     If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
     shapes of law families; clearances that are likely by the filter; pairs whose sensitivities explain nearly
-    everything; the best partners of each leading single effect; other clearances. The search is sequential, so it is
+    everything; the best partners of each leading single effect, and pairs near the best one; other clearances. The search is sequential, so it is
     not divided into parts, and limited by `max_simulations`. Clearances are not searched on inconsistent data.
 
     If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
@@ -133,6 +134,8 @@ def _search(
         # fits in windows have partners already
         leading = [fit for fit in singles() if not fit.in_windows]
         fits += _pairs_of_leading(baseline, sensitivities, leading, limits, until)
+    if not found():
+        fits += swap_one_effect(baseline, sensitivities, [*alone, *fits])
     if not found() and not _likely(sizes):
         fits += fit_clearances(baseline, sizes, limits, alone)
     done = {labels_of(fit.hypothesis) for fit in fits}
