@@ -10,7 +10,7 @@ from jointgap.identification import hypothesis_fits
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.fit import Fit
 from jointgap.identification.model_selection import select_hypothesis
-from jointgap.identification.noise import NoiseEstimate, degrees_of_freedom, noise_of_model, numerics_noise
+from jointgap.identification.noise import NoiseEstimate, degrees_of_freedom, noise_of_model
 from jointgap.identification.thresholds import Screening, screen_candidates
 from tests.identification.toy import toy
 
@@ -35,12 +35,10 @@ def chain() -> Chain:
     model = toy({"coulomb": {"force_N": TRUTH}}, {"slider_mass": 0.51}, noise=0.03, seed=3)
     found = noise_of_model(model)
     base = recalibrate(model, found)
-    whole = numerics_noise(model, base.base.mapping, found)
-    whole |= {part.series.key: part.noise for part in base.problem.parts}
     screening = screen_candidates(base, 0.01, degrees_of_freedom(found))
     fits, seconds = hypothesis_fits.fit_singles(base, screening.sensitivities, screening.limits)
     pairs, more = hypothesis_fits.fit_pairs(base, screening.sensitivities, screening.limits, fits)
     fits, seconds = [*fits, *pairs], [*seconds, *more]
     times = {one.label: each for one, each in zip(fits, seconds, strict=True)}
     outcome = outcome_of(select_hypothesis(base, screening.sensitivities, fits, screening.limits), times)
-    return Chain(model, whole, base, screening, fits, outcome)
+    return Chain(model, base.problem.noise, base, screening, fits, outcome)

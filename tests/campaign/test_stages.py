@@ -9,7 +9,7 @@ import pytest
 from jsonschema import validate
 
 from benchmarks.project import ROOT
-from jointgap.campaign import plan, verdict_json
+from jointgap.campaign import plan, stages, verdict_json
 from jointgap.campaign.campaign_files import FIT_TABLES, NOISE_TABLES
 from jointgap.campaign.fits_on_disk import (
     fits_from_frames,
@@ -24,6 +24,7 @@ from jointgap.campaign.fits_on_disk import (
     sensitivities_to_frames,
 )
 from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.campaign.state import CampaignState
 from jointgap.campaign.verdict_json import gap_of, held_out
 from jointgap.config.load import load_campaign
 from jointgap.core.candidates import Parameter
@@ -34,13 +35,13 @@ from jointgap.identification import hypothesis_fits, model_selection
 from jointgap.identification.baseline import Baseline, recalibrate
 from jointgap.identification.confirmation import confirm, fit_run_parameters
 from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesis
-from jointgap.identification.likelihood import fitted, sensitivities_about
+from jointgap.identification.likelihood import fitted
 from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
-from jointgap.identification.screening import SensitivityRegression
+from jointgap.identification.screening import SensitivityRegression, simulate_sensitivities
 from jointgap.identification.thresholds import screen_candidates
 from tests.campaign.conftest import TRUTH
-from tests.identification.oscillator import PULL, PUSH, SWING, WOBBLE, linear
+from tests.identification.oscillator import PULL, PUSH, SPRING, SWING, WOBBLE, linear
 from tests.identification.toy import SPEEDS, candidate_of, stated_noise, toy
 
 SCHEMA = json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text())
@@ -133,17 +134,19 @@ def test_fits_come_back_from_files_with_all_that_intervals_need(chain, tmp_path)
 
 
 def test_fits_in_windows_come_back_from_files_with_their_states(tmp_path):
-    problem, folder = linear(hidden={"swing": {"size": 0.1}}), ResultsFolder(tmp_path)
-    fits = fitted(problem), fitted(problem, (SWING,)), fit_hypothesis(problem, (WOBBLE,))
+    problem, folder = (
+        linear(hidden={"spring": {"size": 0.3, "damping": 0.0}}, candidates=(SPRING,)),
+        ResultsFolder(tmp_path),
+    )
+    fits = fitted(problem, (SPRING,), {"spring.size": 0.28}), fitted(problem)
     folder.write_all(fits_to_frames(fits), "fit/0")
-    again = fits_from_frames(folder.read_all(FIT_TABLES, "fit/0"), problem)
-    assert [one.in_windows for one in again] == [True, True, False]
-    for one, other in zip(again[:2], fits, strict=False):
-        assert one.states.keys() == other.states.keys() == {"slow", "fast"}
-        for run, states in other.states.items():
-            np.testing.assert_array_equal(one.states[run], states)
-        assert one.mapping == other.mapping and one.chi2 == other.chi2
-        np.testing.assert_allclose(one.distribution.covariance, other.distribution.covariance, rtol=1e-6)
+    one, base = fits_from_frames(folder.read_all(FIT_TABLES, "fit/0"), problem)
+    assert (one.in_windows, base.in_windows) == (True, False)
+    assert one.states.keys() == fits[0].states.keys() == {"slow", "fast"}
+    for run, states in fits[0].states.items():
+        np.testing.assert_array_equal(one.states[run], states)
+    assert one.mapping == fits[0].mapping and one.chi2 == fits[0].chi2
+    np.testing.assert_allclose(one.distribution.covariance, fits[0].distribution.covariance, rtol=1e-6)
 
 
 def test_a_parameter_at_its_bound_has_no_standard_error_and_says_why(tmp_path):
@@ -179,6 +182,24 @@ def test_noise_comes_back_from_files(chain, tmp_path):
         same(one, chain.noise[key], "spread", "autocorrelation", "remarks")
 
 
+def test_the_stage_recalibrate_writes_the_noise_of_all_runs_with_the_error_of_the_solver(chain, tmp_path, monkeypatch):
+    simulate = type(chain.model).simulate
+
+    def off(self, run, values, effects=(), numerics=0):
+        read = simulate(self, run, values, effects, numerics)
+        return read | ({"torque": read["torque"] + 0.5} if numerics else {})
+
+    monkeypatch.setattr(type(chain.model), "simulate", off)
+    state = CampaignState(ROOT / "config/campaigns/demonstration.yaml", tmp_path)
+    state.model, state.noise = chain.model, noise_of_model(chain.model)
+    stages.recalibrate(state)
+    again = noise_from_frames(state.folder.read_all(NOISE_TABLES, "recalibrate"))
+    assert again.keys() == {series.key for series in chain.model.series}
+    for (run, channel), one in again.items():
+        added = 0.5 if channel == "torque" else 0.0
+        np.testing.assert_allclose(one.spread, np.hypot(state.noise[run, channel].sd, added))
+
+
 def from_files(folder, sensitivities, baseline, shortlist):
     """Sensitivities about a base as a later stage reads them."""
     frames = sensitivities_to_frames(sensitivities, baseline.base) | {
@@ -199,22 +220,21 @@ def test_signatures_come_back_from_files_and_choose_the_same_explanations(chain,
     assert again.residual is chain.recalibrated.base.residual
 
 
-def test_signatures_about_a_base_in_windows_are_not_those_of_its_fit_and_come_back_from_files(tmp_path):
+def test_signatures_of_several_shapes_and_of_what_replaces_a_nuisance_come_back_with_those_that_failed(tmp_path):
     turning = replace(WOBBLE, initial_guesses=({"turn": 0.5}, {"turn": 1.5}))
     turning = replace(turning, coordinates=(*WOBBLE.coordinates, Parameter("turn", 1.0, 0.0, 2.0, 0.1)))
     problem = linear(hidden={"swing": {"size": 0.1}}, candidates=(SWING, PUSH, turning, PULL))
-    make = problem.model.windows
+    simulate = problem.model.simulate
 
-    def without_pull(run, values, effects=()):
+    def without_pull(run, values, effects=(), numerics=0):
         if any(one.name == "pull" for one, _ in effects):
             raise SimulationError("nothing pulls here")
-        return make(run, values, effects)
+        return simulate(run, values, effects, numerics)
 
-    problem.model.windows = without_pull
-    base, differences = fitted(problem), FiniteDifferences(problem)
-    sensitivities = sensitivities_about(problem, base, differences)
-    assert np.abs(sensitivities.residual - base.residual).max() > 1.0
-    assert np.abs(sensitivities.jacobian - base.jacobian).max() > 1.0
+    problem.model.simulate = without_pull
+    differences = FiniteDifferences(problem)
+    base = fit_hypothesis(problem, differences=differences, refresh=True)
+    sensitivities = simulate_sensitivities(problem, base, differences)
     singles = SensitivityRegression(sensitivities).singles()
     again = from_files(ResultsFolder(tmp_path), sensitivities, Baseline(problem, differences, base, base), singles)
     same(again, sensitivities, "residual", "jacobian", "values")

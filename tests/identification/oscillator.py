@@ -35,6 +35,13 @@ SPRING = Candidate(
     search_range=(-0.9, 0.6),
 )
 """By how much stiffer the spring is; at -1 nothing is left of it. It may damp, too."""
+HIDDEN_SPRING = replace(
+    SPRING,
+    coordinates=(Parameter("size", 0.0, 0.0, 3.0, 0.01), SPRING.coordinates[1]),
+    is_perturbation=False,
+    search_range=(0.1, 1.6),
+)
+"""The same as an effect without a slope at size 0, as a clearance."""
 
 
 class Handed(NamedTuple):

@@ -1,17 +1,19 @@
-"""The base is fitted from drawn nuisances too, until a minimum is found twice; where joints are loose, in windows."""
+"""The base is fitted to whole runs, from drawn nuisances too, until a minimum is found twice."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from jointgap.core.candidates import Parameter
 from jointgap.core.errors import SimulationError
 from jointgap.identification import baseline
-from jointgap.identification.baseline import Baseline, deepest_base, recalibrate
-from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesis
+from jointgap.identification.baseline import deepest_base, recalibrate
+from jointgap.identification.fit import FiniteDifferences, fit_hypothesis
+from jointgap.identification.hypothesis_fits import fit_singles
+from jointgap.identification.model_selection import select_hypothesis
 from jointgap.identification.problem import Problem
-from tests.identification.oscillator import Oscillator, linear, measured, noise_of
+from jointgap.identification.thresholds import screen_candidates
+from tests.identification.oscillator import SWING, WOBBLE, linear, noise_of
 from tests.identification.toy import stated_noise, toy
 
 
@@ -42,33 +44,28 @@ def test_a_base_that_leaves_more_than_noise_is_fitted_again_until_a_minimum_is_f
     assert deepest(0.0, enough=2.0 * base.chi2) == (base, [])
 
 
-def recalibrated(problem: Problem) -> Baseline:
-    return recalibrate(problem.model, noise_of(problem))
-
-
-def test_where_joints_are_loose_base_and_nominal_are_fits_in_windows_and_no_trajectory_is_simulated():
-    problem = linear(numerics=("another step",))
-    problem.model.simulate = None
-    found = recalibrated(problem)
-    assert found.base.in_windows and found.nominal.in_windows
-    assert found.base.chi2 < 1.1 * problem.size < found.nominal.chi2  # whose drive is not the true one
-    assert found.base.mapping["drive"] == pytest.approx(0.3, abs=0.01)
+def test_with_loose_joints_base_and_effects_are_fitted_to_whole_runs_as_with_ideal_ones():
+    """The model has windows for all. Only those of a hidden clearance are used."""
+    problem = linear(hidden={"swing": {"size": 0.1}}, candidates=(SWING, WOBBLE), numerics=("another step",))
+    problem.model.windows = None
+    found = recalibrate(problem.model, noise_of(problem))
+    assert not found.base.in_windows and not found.nominal.in_windows
     assert [p.key for p in found.nominal.parameters] == ["zero@slow", "zero@fast"]
-    assert not found.differences.numerical_noise_chi2
+    assert problem.size < found.base.chi2 < found.nominal.chi2  # whose drive is not the true one
+    screening = screen_candidates(found, 0.01)
+    fits, _ = fit_singles(found, screening.sensitivities, screening.limits)
+    named = select_hypothesis(found, screening.sensitivities, fits, screening.limits)
+    assert (named.verdict, named.chosen.label) == ("named", "swing")
+    assert named.chosen.mapping["swing.size"] == pytest.approx(0.1, abs=0.01)
+    assert named.chosen.mapping["drive"] == pytest.approx(0.3, abs=0.01)
 
 
-def test_nominal_values_are_not_looked_at_beside_a_poor_base_nor_fitted_where_runs_have_nothing_for_themselves():
-    found = recalibrated(linear(hidden={"swing": {"size": 0.3}}))
-    assert found.nominal.status == FAILED and found.nominal.reason
-    assert found.nominal.mapping == found.base.mapping
-    model = Oscillator([Parameter("drive", 0.2, 0.0, 0.6, 0.01)])
-    found = recalibrated(measured(model, {"drive": 0.25}, {}))
-    assert found.nominal.parameters == () and found.nominal.chi2 > found.base.chi2
+def test_a_rig_that_cannot_be_simulated_says_why():
+    problem = linear()
 
-
-def test_a_rig_that_cannot_be_simulated_in_windows_as_it_stands_says_why():
-    def deviance(effects):
+    def simulate(*_, **__):
         raise SimulationError("the pins are beyond their bearings")
 
-    with pytest.raises(SimulationError, match=r"oscillator: .*: the pins are beyond"):
-        recalibrated(linear(deviance=deviance))
+    problem.model.simulate = simulate
+    with pytest.raises(SimulationError, match=r"the pins are beyond"):
+        recalibrate(problem.model, noise_of(problem))

@@ -49,11 +49,18 @@ def profile(model: Toy) -> ShapeProfile:
     return profile_shape(problem, fit_shape(problem, found, QUADRATIC, DRAG), DRAG)
 
 
-def asked(model: Toy, other=lambda decision: decision) -> tuple[Decision, tuple[FamilyInterval, ...]]:
-    """What is decided, and what that comes to (`other` than it) once families are asked for."""
+def asked(model: Toy) -> tuple[Decision, tuple[FamilyInterval, ...]]:
+    """The decision after the search, with its families."""
     base, sensitivities, limits = analysed(model)
     fits = searched(base, sensitivities, limits)
-    return with_families(base, other(select_hypothesis(base, sensitivities, fits, limits)), limits)
+    return with_families(base, select_hypothesis(base, sensitivities, fits, limits), limits)
+
+
+def decided(model: Toy, verdict: str, *fits) -> tuple[Decision, tuple[FamilyInterval, ...]]:
+    """The same after a decision for the first of the `fits`, or for all of them."""
+    base, _, limits = analysed(model)
+    equal = list(fits) if verdict == "ambiguous" else []
+    return with_families(base, Decision(verdict, base.base if equal else fits[0], base.base, equal), limits)
 
 
 def outcome(decision):
@@ -67,8 +74,8 @@ def test_the_interval_holds_the_exponent_that_the_data_were_made_with_as_often_a
     for exponent in (0.6, 2.0, 5.0):
         low, high = profile(toy(hidden=drag(2.0, exponent), seed=3)).interval(RISE)
         assert low <= exponent <= high < low + 1.0
-    profiles = [profile(toy(hidden=drag(0.1, 3.0), seed=seed)) for seed in range(100)]
-    for rise, least, most in ((RISE_90, 80, 97), (RISE, 95, 100)):  # what all but 0.1 % of 100 draws at these rates do
+    profiles = [profile(toy(hidden=drag(0.1, 3.0), seed=seed)) for seed in range(50)]
+    for rise, least, most in ((RISE_90, 37, 50), (RISE, 46, 50)):  # what all but 0.1 % of 50 draws at these rates do
         ends = [one.interval(rise) for one in profiles]
         assert least <= sum(low <= 3.0 <= high for low, high in ends) <= most
 
@@ -100,13 +107,24 @@ def test_more_excludes_the_effects_own_shape_where_something_of_the_law_is_idle_
 # Laws of a family
 
 
-def test_a_law_of_the_list_that_shows_well_is_named_alone_and_one_that_hardly_shows_as_its_family():
-    decision, (family,) = asked(toy(ONE, seed=3))
+@each("size, is_linear, alone", [(1.0, True, True), (0.03, True, True), (0.018, False, True), (0.012, False, False)])
+def test_a_listed_law_has_an_interval_by_linearisation_or_near_another_listed_shape_by_the_profile(
+    size, is_linear, alone, monkeypatch
+):
+    """They agree. Alone the law is named, otherwise its family."""
+    model, profiled = toy({"quadratic": {"drag_N_s2_m2": size}}, seed=3, candidates=["quadratic"]), []
+
+    def recorded(*args):
+        profiled.append(profile_shape(*args))
+        return profiled[-1]
+
+    monkeypatch.setattr(law_family, "profile_shape", recorded)
+    decision, (family,) = asked(model)
     assert outcome(decision) == ("named", "quadratic")
-    assert family.fits and family.alone and family.low < 2.0 < family.high
-    decision, (family,) = asked(toy({"quadratic": {"drag_N_s2_m2": 0.012}}, seed=3, candidates=["quadratic"]))
-    assert outcome(decision) == ("named", "quadratic")
-    assert family.fits and not family.alone and (family.high >= 3.0 or family.low <= 1.0)
+    assert (profiled == [], family.fits, family.alone) == (is_linear, True, alone)
+    low, high = shape_interval(profile(model), DRAG, 0.99)
+    assert (family.low, family.high) == pytest.approx((low, high), abs=0.06 * (high - low))
+    assert alone == (1.0 < low < 2.0 < high < 3.0)
 
 
 @each("size, exponent", [(0.05, 3.0), (0.3, 5.0)])
@@ -118,17 +136,30 @@ def test_a_law_off_the_list_is_named_as_its_family_which_holds_it(size, exponent
     assert decision.ranking[0].fit is decision.chosen
 
 
+@each("factor, named, count", [(0.99, "power_drag", 1), (1.01, "quadratic", 0)])
+def test_a_family_whose_fit_leaves_more_than_its_member_is_ignored(factor, named, count, monkeypatch):
+    model = toy(hidden=drag(0.05, 3.0), seed=5)
+    found = fitted_to(model, "quadratic")
+
+    def in_another_minimum(*args):
+        fit = fit_shape(*args)
+        return replace(fit, residual=fit.residual * np.sqrt(factor * found.chi2 / fit.chi2))
+
+    monkeypatch.setattr(law_family, "fit_shape", in_another_minimum)
+    decision, families = decided(model, "named", found)
+    assert (decision.chosen.label, len(families)) == (named, count)
+
+
 @each(
     "verdict, labels",
     [
-        ("named", ("quadratic", "sensor_bias:torque")),  # which took up a wrong exponent beside the law
-        ("named_with_remaining_misfit", ("spring", "constant_force")),
+        ("named", ("quadratic", "sensor_bias:torque")),  # which took up a wrong exponent
+        ("named_with_remaining_misfit", ("spring", "quadratic")),
     ],
 )
 def test_what_was_found_without_the_law_of_a_family_gives_way_to_it(verdict, labels):
     model = toy(hidden=drag(2.0, 3.0), seed=5)
-    found = fitted_to(model, *labels)
-    decision, (family,) = asked(model, lambda said: replace(said, verdict=verdict, chosen=found, best_known=None))
+    decision, (family,) = decided(model, verdict, fitted_to(model, *labels))
     assert outcome(decision) == ("named", "power_drag")
     assert family.low <= 3.0 <= family.high
 
@@ -177,23 +208,16 @@ def test_of_several_laws_that_leave_noise_alone_the_best_is_named_and_equally_go
     assert decision.verdict == ("named" if len(named) == 1 else "ambiguous")
 
 
-# Equals
-
-
 def test_equals_of_one_family_are_its_name_and_others_stay_equal(monkeypatch):
     model = toy(ONE, seed=3)
-
-    def equal(*labels: str):
-        fits = [fitted_to(model, label) for label in labels]
-        return asked(model, lambda said: replace(said, verdict="ambiguous", chosen=said.base, equivalent=fits))
-
-    decision, (family,) = equal("quadratic", "viscous")
+    quadratic, viscous, spring = (fitted_to(model, label) for label in ("quadratic", "viscous", "spring"))
+    decision, (family,) = decided(model, "ambiguous", quadratic, viscous)
     assert (*outcome(decision), decision.equivalent) == ("named", "quadratic", [])
     assert family.low <= 1.0 and family.high >= 2.0 and not family.alone
-    decision, families = equal("quadratic", "spring")
+    decision, families = decided(model, "ambiguous", quadratic, spring)
     assert (decision.verdict, families) == ("ambiguous", ())
     monkeypatch.setattr(law_family, "profile_shape", lambda *of: None)  # a motion that cannot be simulated
-    decision, families = equal("quadratic", "viscous")
+    decision, families = decided(model, "ambiguous", quadratic, viscous)
     assert (decision.verdict, families) == ("ambiguous", ())
 
 
@@ -219,9 +243,8 @@ def test_nothing_is_asked_where_nothing_is_found_but_parameters_are_stated_with_
         assert ("base" in stated) == (verdict == "parameters_only")
 
 
-def test_no_shape_is_asked_beside_an_effect_on_which_motion_depends_roughly():
-    def beside(said):
-        return replace(said, chosen=replace(said.chosen, hypothesis=(*said.chosen.hypothesis, RINGING)))
-
-    decision, families = asked(toy(ONE, seed=3), beside)
+def test_no_shape_is_asked_with_an_effect_on_which_motion_depends_roughly():
+    model = toy(ONE, seed=3)
+    found = fitted_to(model, "quadratic")
+    decision, families = decided(model, "named", replace(found, hypothesis=(*found.hypothesis, RINGING)))
     assert (*outcome(decision), families) == ("named", "quadratic + ringing", ())

@@ -11,15 +11,13 @@ from scipy.optimize import least_squares
 
 from jointgap.core.candidates import Parameter
 from jointgap.core.errors import SimulationError
-from jointgap.identification.fit import FAILED, FiniteDifferences, fit_hypothesis
+from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.likelihood import (
     Estimate,
     compete,
-    current_model,
     fitted,
     has_windows,
     predicted,
-    sensitivities_about,
     turned,
 )
 from jointgap.identification.problem import Problem, whiten
@@ -163,59 +161,33 @@ def test_signatures_hold_what_a_force_and_the_parameters_would_explain_together(
     assert sensitivities.residual.size == problem.size
 
 
-def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_stands_beside_no_other_such():
+def test_what_replaces_a_nuisance_goes_on_beyond_its_bounds_and_not_with_another_such():
     problem = linear(drive=0.3, bounds=(0.0, 0.25))
     sensitivities = annealed(problem).sensitivities([PUSH])
     (single,) = SensitivityRegression(sensitivities).singles()
     assert sensitivities.residual @ sensitivities.residual - single.chi2 > 10.0
     assert single.start["push.size"] == pytest.approx(0.1, abs=0.02)  # beyond the nominal 0.2
-    beside = annealed(problem, PUSH).sensitivities([SWING, PUSH])
-    assert [one.candidate.name for one in beside.entries] == ["swing"]
+    assert [one.candidate for one in annealed(problem, PUSH).sensitivities([SWING, PUSH]).entries] == [SWING]
 
 
-def test_a_model_without_nuisances_has_signatures_too():
-    order = Parameter("order", 2.0, tried=(2.0, 3.0))
-    own = replace(SWING, carrier="wobble", coordinates=(*SWING.coordinates, order))
-    own = replace(own, initial_guesses=({"order": 2.0},))
-    problem = measured(Oscillator(()), {"drive": 0.3}, {"swing": {"size": 0.03}})
-    make = problem.model.windows
-    problem.model.windows = lambda run, values, effects=(): make(run, {"drive": 0.3} | values, effects)
-    found = annealed(problem).sensitivities([WOBBLE, own])
-    assert found.jacobian.shape == (problem.size, 0)
-    assert [one.candidate.name for one in found.entries][:2] == ["wobble", "swing"]
+def test_bounds_hold_nothing_is_simulated_beyond_them_and_the_others_are_best_for_that():
+    for drive, (low, high), at, held in ((0.3, (0.0, 0.25), 0.25, 0.25), (0.1, (0.15, 0.25), 0.15, 0.15)):
+        problem, drives, pulls = swinging(drive=drive, bounds=(low, high)), [], []
+        make = problem.model.windows
 
+        def windows_of(run, values, effects=(), make=make, drives=drives, pulls=pulls):
+            drives.append(values["drive"])
+            pulls.extend(at["size"] for _, at in effects)
+            return make(run, values, effects)
 
-def test_bounds_hold_and_nothing_is_simulated_beyond_them():
-    problem = swinging(drive=0.3, bounds=(0.0, 0.25))
-    make, drives, pulls = problem.model.windows, [], []
-
-    def windows_of(run, values, effects=()):
-        drives.append(values["drive"])
-        pulls.extend(at["size"] for _, at in effects)
-        return make(run, values, effects)
-
-    problem.model.windows = windows_of
-    estimate = annealed(problem, PULL)
-    assert estimate.mapping["drive"] == 0.25 and estimate.mapping["pull.size"] == 0.0
-    sensitivities = annealed(problem).sensitivities([PULL])
-    (single,) = SensitivityRegression(sensitivities).singles()
-    assert single.chi2 == pytest.approx(sensitivities.residual @ sensitivities.residual, rel=1e-3)
-    assert single.start["pull.size"] == 0.0
-    assert 0.0 <= min(drives) and max(drives) == 0.25 and min(pulls) == 0.0
-    drives.clear(), pulls.clear()
-    problem = linear(drive=0.1, bounds=(0.15, 0.25))
-    problem.model.windows = windows_of
-    base = annealed(problem)
-    assert base.mapping["drive"] == 0.15 == min(drives)
-    limited = replace(PULL, coordinates=(replace(PULL.coordinates[0], low=-0.02, high=0.0),))
-    (single,) = SensitivityRegression(base.sensitivities([limited])).singles()
-    assert max(pulls) <= 0.0 and -0.02 <= single.start["pull.size"] <= 0.0
-
-
-def test_where_a_value_is_at_its_bound_the_others_are_best_for_that():
-    for drive, bound, other in ((0.4, 0.25, 0.0), (0.1, 0.25, 0.5)):
-        at_bound, held = (annealed(linear(drive=drive, bounds=tuple(sorted((end, bound))))) for end in (other, bound))
-        assert at_bound.values == pytest.approx(held.values, abs=1e-6)
+        problem.model.windows = windows_of
+        estimate = annealed(problem, PULL)
+        assert estimate.mapping["drive"] == at and estimate.mapping["pull.size"] == 0.0
+        (single,) = SensitivityRegression(annealed(problem).sensitivities([PULL])).singles()
+        assert single.start["pull.size"] == 0.0
+        assert low <= min(drives) and max(drives) <= high and min(pulls) == 0.0
+        fixed = annealed(swinging(drive=drive, bounds=(held, held)), PULL)
+        assert estimate.values == pytest.approx(fixed.values, abs=1e-6)
 
 
 def test_derivatives_are_over_about_a_standard_error_where_a_usual_step_is_hundreds_of_them():
@@ -253,16 +225,13 @@ def test_what_one_long_trajectory_has_no_slope_to_is_found_in_windows():
 # Windows, their states and what cannot be simulated
 
 
-def test_a_window_that_cannot_be_simulated_costs_and_does_not_end_the_fit():
+def test_a_window_that_cannot_be_simulated_costs_does_not_end_the_fit_and_hands_nothing_on():
     whole, cut = (annealed(linear(broken=broken)) for broken in (-1, 6))
     stage = cut.stages[-1]
     assert stage.jump == whole.stages[-1].jump and stage.lost == 1 / 16
     # of two runs, two channels and six samples each
     assert stage.cost - whole.stages[-1].cost == pytest.approx(24 * 10.0**2, rel=0.05)
     assert cut.values == pytest.approx(whole.values, abs=0.02)
-
-
-def test_a_window_begins_with_what_the_one_before_hands_on_or_if_that_is_lost_with_what_it_knew():
     for broken, carried in ((-1, range(8)), (6, [0, 1, 2, 3, 4, 5, 6, 0])):
         estimate = Estimate(linear(broken=broken), ())
         for jump in (0.03, 0.006):
@@ -314,19 +283,17 @@ def test_what_is_far_behind_a_rival_ends_at_a_larger_jump_and_those_as_good_go_o
     assert compete([]) == []
 
 
-def failing(effects):
-    """A deviance that cannot be found with a wobble or without any effect."""
-    if "wobble" in effects or not effects:
-        raise SimulationError("no states")
-    return 0.0
-
-
 def test_what_cannot_be_simulated_in_windows_is_no_rival_and_a_fit_that_failed():
+    def failing(effects):
+        if "swing" not in effects:
+            raise SimulationError("no states")
+        return 0.0
+
     problem = linear(deviance=failing)
     found = compete([Estimate(problem, (WOBBLE,)), Estimate(problem, (SWING,))])
     assert [one.hypothesis for one in found] == [(SWING,)]
-    found = fitted(problem, (WOBBLE,), {"wobble.size": 0.1})
-    assert found.status == FAILED and found.reason == "no states" and found.mapping["wobble.size"] == 0.1
+    found = fitted(problem, (SPRING,), {"spring.size": 0.1})
+    assert found.status == FAILED and found.reason == "no states" and found.mapping["spring.size"] == 0.1
     problem.model.windowed = lambda effects: False
     with pytest.raises(SimulationError, match="run slow is not simulated in windows with base"):
         Estimate(problem, ()).find_states(1.0)
@@ -335,49 +302,42 @@ def test_what_cannot_be_simulated_in_windows_is_no_rival_and_a_fit_that_failed()
 # Fits
 
 
-def test_the_model_as_it_stands_is_looked_at_where_its_likelihood_is_largest(hidden):
-    problem, base, _ = hidden
-    best, further = current_model(problem)
-    assert best.stages[-1] is best.best and best.stages[-1].jump > problem.settings.windows.jumps[-1]
-    assert further.stages[-1].deviance > best.stages[-1].deviance and further.stages[:-1] == best.stages
-    assert best.stages[-1].deviance == pytest.approx(base.best.deviance, abs=0.1)
-    found = fitted(problem)
-    assert found.chi2 == pytest.approx(annealed(problem).to_its_end().fit().chi2, rel=1e-3)
-    sensitivities = sensitivities_about(problem, found, FiniteDifferences(problem))
-    assert sensitivities.residual == pytest.approx(best.sensitivities(problem.model.candidates).residual)
+def stiffer(**more):
+    """A problem with a stiffer spring, whose model can simulate everything in windows."""
+    return linear(hidden={"spring": {"size": 0.3, "damping": 0.0}}, candidates=(SPRING,), **more)
 
 
-def test_a_fit_in_windows_begins_at_the_states_of_one_near_by_and_counts_the_runs_that_it_simulated(hidden):
-    problem, _, true = hidden
-    near, before = true.fit(), problem.simulations
+def test_hidden_clearances_alone_are_fitted_in_windows_and_not_to_statistics():
+    """The model has windows for all, as one with loose joints."""
+    problem = swinging()
+    found, usual = fitted(problem, (SWING,)), fit_hypothesis(problem, (SWING,))
+    assert not found.in_windows and found.values == pytest.approx(usual.values)
+    assert problem.model.filtered == []
+    at = {"spring.size": 0.1}
+    windowed = [has_windows(problem, one, at) for one in ((), (SWING,), (SPRING,), (SWING, SPRING))]
+    assert windowed == [False, False, True, True]
+    problem.model.windowed = lambda effects: "swing" not in effects
+    assert not has_windows(problem, (SWING, SPRING), at)
+    problem.model.series = [replace(one, statistic=True) for one in problem.model.series]
+    assert not has_windows(Problem(problem.model, noise_of(problem)), (SPRING,), at)
+
+
+def test_a_fit_in_windows_begins_at_the_states_of_one_near_by_and_counts_the_runs_that_it_simulated():
+    problem = stiffer()
+    near = fitted(problem, (SPRING,), {"spring.size": 0.28})
+    before, start = problem.simulations, near.mapping | {"drive": 0.25}
     problem.model.filtered.clear()
-    fit = fitted(problem, (SWING,), near.mapping | {"swing.size": 0.02}, near=near)
+    fit = fitted(problem, (SPRING,), start, near=near)
     assert problem.model.filtered == [] and fit.simulations == problem.simulations - before > 0
-    assert fit.values == pytest.approx(near.values, abs=1e-4) and fit.chi2 == pytest.approx(near.chi2, rel=1e-3)
+    assert (np.abs(fit.values - near.values) <= 0.3 * np.sqrt(np.diag(near.covariance()))).all()
+    assert fit.chi2 == pytest.approx(near.chi2, abs=1.0)
     other = replace(near, states={run: states[:-1] for run, states in near.states.items()})
-    assert fitted(problem, (SWING,), near.mapping, near=other).chi2 == pytest.approx(near.chi2, rel=1e-3)
+    assert fitted(problem, (SPRING,), near.mapping, near=other).chi2 == pytest.approx(near.chi2, abs=1.0)
     assert problem.model.filtered
 
 
-def test_one_trajectory_is_fitted_where_there_are_no_windows_and_statistics_have_none():
-    problem = swinging(windowed=lambda effects: False)
-    found, usual = fitted(problem, (SWING,)), fit_hypothesis(problem, (SWING,))
-    assert found.states is None and found.values == pytest.approx(usual.values)
-    assert not has_windows(problem, (SWING,), {"swing.size": 0.1})
-    problem = linear()
-    assert has_windows(problem, (SWING,), {"swing.size": 0.1})
-    problem.model.series = [replace(one, statistic=True) for one in problem.model.series]
-    assert not has_windows(Problem(problem.model, noise_of(problem)), (), {})
-
-
-def becoming_windowed(**more):
-    """A problem whose base has no windows: a spring alone has them, as a joint that became loose."""
-    hidden = {"spring": {"size": 0.3, "damping": 0.0}}
-    return linear(hidden=hidden, windowed=lambda effects: "spring" in effects, candidates=(SPRING,), **more)
-
-
 def test_an_estimate_as_a_fit_counts_jumps_like_residuals_and_leaves_the_law_of_the_parameters_out():
-    problem = becoming_windowed()
+    problem = stiffer()
     estimate = annealed(problem, SPRING, start={"spring.size": 0.28})
     fit, last = estimate.fit(), estimate.stages[-1]
     assert fit.in_windows and fit.status == "converged"
@@ -397,7 +357,7 @@ def test_an_estimate_as_a_fit_counts_jumps_like_residuals_and_leaves_the_law_of_
 
 
 def test_what_is_predicted_at_given_values_moves_the_states_and_what_may_vary_alone():
-    problem = becoming_windowed(zero=0.1)
+    problem = stiffer(zero=0.1)
     at = {p.key: p.nominal for p in problem.parameters((SPRING,))} | {"spring.size": 0.3, "drive": 0.3}
     own = [p for p in problem.nuisances if p.run]
     held, free = predicted(problem, (SPRING,), at), predicted(problem, (SPRING,), at, own)

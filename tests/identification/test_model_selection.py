@@ -1,6 +1,6 @@
 """Which hypotheses are fitted, and what a second effect has to gain: limits met from both sides by made-up fits."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,9 +30,8 @@ from jointgap.identification.screening import Sensitivities, Sensitivity
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.thresholds import screen_candidates
 from jointgap.identification.verdict import Thresholds
-from tests.identification.oscillator import SPRING as STIFFER
-from tests.identification.oscillator import SWING, WOBBLE, linear, noise_of
-from tests.identification.toy import RINGING, analysed, candidate_of, ringing, screened, stated_noise, toy
+from tests.identification.oscillator import HIDDEN_SPRING, SWING, WOBBLE, linear, noise_of, windows
+from tests.identification.toy import RINGING, Toy, analysed, candidate_of, ringing, screened, stated_noise, toy
 from tests.rows import each
 
 SAMPLES = 200
@@ -282,28 +281,80 @@ def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no
     assert few < 0.5 * usual
 
 
-def test_where_a_pair_is_worth_a_fit_windows_are_asked_for_one_effect_that_does_alone_what_two_do(monkeypatch):
-    base, sensitivities, limits = analysed(toy({"viscous": {"damping_N_s_m": 0.8}}, seed=3))
+@dataclass(frozen=True)
+class Listening(Toy):
+    """A toy that records which effects are simulated together."""
+
+    heard: set = field(default_factory=set)
+
+    def simulate(self, run, values, effects=(), numerics=0):
+        self.heard.add(frozenset(candidate.label for candidate, _ in effects))
+        return super().simulate(run, values, effects, numerics)
+
+
+def test_a_leading_effect_is_linearised_with_those_partners_alone_that_rank_first_about_the_base(monkeypatch):
+    monkeypatch.setattr(hypothesis_fits, "_masked_pairs", lambda *_: [])
+    monkeypatch.setattr(hypothesis_fits, "swap_one_effect", lambda *_: [])
+    plain = toy(TWO, seed=3)
+    model = Listening(plain.series, plain.nuisances, plain.candidates, plain.speeds)
+    base, sensitivities, limits = analysed(model)
+    (first, *_) = alone = sorted(fit_singles(base, sensitivities, limits)[0], key=lambda fit: fit.chi2)
+    assert first.label in TWO
+    few = replace(DEFAULT_SETTINGS.selection, leading_singles=1, linearised_partners=2, partners=1)
+    settings = replace(DEFAULT_SETTINGS, selection=few)
+    model.heard.clear()
+    problem = Problem(model, stated_noise(model), settings=settings)
+    pair, *_ = fit_pairs(replace(base, problem=problem), sensitivities, limits, alone)[0]
+    assert labels_of(pair.hypothesis) == TWO.keys()
+    partners = {label for both in model.heard if len(both) == 2 and first.label in both for label in both}
+    assert len(partners - {first.label}) == 2 and TWO.keys() <= partners
+
+
+@each("families, ends", [(True, True), (False, False)])
+def test_a_family_whose_law_suffices_ends_the_search(families, ends):
+    """The exponent of a drag is none of those listed."""
+    base, sensitivities, limits = analysed(toy(hidden=lambda x, v, *_: -0.05 * np.abs(v) ** 3 * np.sign(v), seed=5))
     alone, _ = fit_singles(base, sensitivities, limits)
-    pair, beside = (replace(alone[0], residual=factor * alone[0].residual) for factor in (1.0, 0.9))
-    monkeypatch.setattr(hypothesis_fits, "_pairs_of_best", lambda *_: [("a pair", "its signatures")])
-    monkeypatch.setattr(hypothesis_fits, "_fit_each", lambda *_: ([pair], [2.0]))
-    monkeypatch.setattr(hypothesis_fits, "search_in_windows", lambda *_: [beside])
-    for doubted in (True, False):  # of one hypothesis the lowest counts
-        (found,), seconds = fit_pairs(base, sensitivities, limits, alone, inconsistent=doubted)
-        assert found is (pair if doubted else beside) and len(seconds) == 1
+    if not families:
+        bare = [tuple(replace(one, families=()) for one in fit.hypothesis) for fit in alone]
+        alone = [replace(fit, hypothesis=hypothesis) for fit, hypothesis in zip(alone, bare, strict=True)]
+    assert (fit_pairs(base, sensitivities, limits, alone) == ([], [])) == ends
 
 
-def test_where_joints_are_loose_the_first_part_searches_for_all_in_windows_but_for_no_sizes_on_doubted_data():
-    problem = linear(hidden={"swing": {"size": 0.3}, "wobble": {"size": 0.3}}, candidates=(SWING, WOBBLE, STIFFER))
-    base = recalibrate(problem.model, noise_of(problem))
+STIFFER = {"spring": {"size": 0.3, "damping": 0.0}}
+SWINGING, BOTH = {"swing": {"size": 0.3}}, {"swing": {"size": 0.3}, "wobble": {"size": 0.3}}
+LESSER = SWINGING | {"wobble": {"size": 0.02}}
+
+
+@each(
+    "hidden, least, doubted, clearances, best",
+    [
+        (BOTH, 3.9, False, "fitted", BOTH),  # a likely one is fitted before pairs
+        (BOTH, 4.1, False, "tried", BOTH),  # an unlikely one is not fitted if a pair suffices
+        (STIFFER, 4.1, False, "fitted", STIFFER),  # but if none does
+        (STIFFER, 3.9, True, "", None),
+        (SWINGING, 0.0, False, "", None),  # one force suffices, and no second one gains
+        (LESSER, 3.9, False, "fitted", LESSER),  # it suffices and a second one gains: one clearance may do as two
+        (LESSER, 4.1, False, "tried", LESSER),
+        (LESSER, 3.9, True, "", LESSER),
+    ],
+)
+def test_clearances_are_fitted_before_pairs_if_the_filter_finds_one_likely_and_else_if_no_pair_suffices(
+    hidden, least, doubted, clearances, best
+):
+    def deviance(effects):
+        return least + 10.0 * max(abs(effects["spring"]["size"] - 0.3) - 0.05, 0.0)
+
+    few = windows(jumps=(1.0, 0.3, 0.03, 0.001), fitted_sizes=1)
+    problem = linear(hidden=hidden, candidates=(SWING, WOBBLE, HIDDEN_SPRING), deviance=deviance, settings=few)
+    base = recalibrate(problem.model, noise_of(problem), few)
     screening = screen_candidates(base, 0.01)
-    limits = replace(screening.limits, omnibus=0.0)  # what leaves noise ends the search
-    assert fit_singles(base, screening.sensitivities, limits) == ([], [])
-    assert fit_pairs(base, screening.sensitivities, limits, [], part=1, parts=2) == ([], [])
-    for doubted in (False, True):
-        problem.model.filtered.clear()
-        fits, seconds = fit_pairs(base, screening.sensitivities, limits, [], part=0, parts=2, inconsistent=doubted)
-        assert labels_of(fits[0].hypothesis) == {"swing", "wobble"}
-        assert all(fit.in_windows for fit in fits) and len(fits) == len(seconds)
-        assert any("spring" in effects for _, effects, *_ in problem.model.filtered) != doubted
+    alone, _ = fit_singles(base, *screening)
+    fits, seconds = fit_pairs(base, *screening, alone, inconsistent=doubted)
+    assert len(fits) == len(seconds)
+    turns = {turns for *_, turns in problem.model.filtered}
+    assert turns == {"fitted": {1.0, np.inf}, "tried": {1.0}, "": set()}[clearances]
+    if best:
+        found = min(fits, key=lambda fit: fit.chi2)
+        assert (labels_of(found.hypothesis), found.in_windows) == (best.keys(), "spring" in best)
+    assert fit_pairs(base, *screening, alone, part=1, parts=2) == ([], [])

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from jointgap.core.joints import PINS
-from jointgap.identification.baseline import other_numerics, recalibrate
+from jointgap.identification.baseline import recalibrate
 from jointgap.identification.evidence import row_of
 from jointgap.identification.fit import Fit
 from jointgap.identification.hypothesis_fits import fit_pairs, fit_singles
-from jointgap.identification.likelihood import sensitivities_about
 from jointgap.identification.model_selection import refit_and_decide
 from jointgap.identification.problem import Noise
-from jointgap.identification.thresholds import thresholds
+from jointgap.identification.thresholds import screen_candidates
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
 from tests.rows import each
@@ -42,8 +41,7 @@ def test_friction_of_both_pins_beyond_its_range_is_one_effect():
     kept = ("common_pin_restitution", "common_pin_friction", "pin_friction")
     model.candidates = tuple(one for one in model.candidates if one.name in kept)
     base = recalibrate(model, noises)
-    sensitivities = sensitivities_about(base.problem, base.base, base.differences)
-    limits = thresholds(base.problem, sensitivities, other_numerics(base.problem, base.base))
+    sensitivities, limits = screen_candidates(base, 0.01)
     singles = fit_singles(base, sensitivities, limits)[0]
     fits = [*singles, *fit_pairs(base, sensitivities, limits, singles)[0]]
     decision = refit_and_decide(base, sensitivities, fits, limits)
