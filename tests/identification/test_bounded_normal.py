@@ -104,18 +104,6 @@ def test_shifts_of_many_standard_errors_are_drawn_as_they_are_beside_a_bound():
     each(check, product([10.0, 30.0, 100.0], [(1.0, 1.0), (1.0, -2.0)]))
 
 
-def test_the_others_are_less_sure_where_one_ends_at_its_bound():
-    """Held at its bound, the one that looks nearly alike would make the other look known better than it is."""
-    jacobian, low, high = correlated(np.random.default_rng(3), count=2), np.zeros(2), np.array([1.0, 9.0])
-    fit = fit_of(jacobian, jacobian @ [-0.1, 4.0], low, high)
-    (_, bound), (_, other) = nuisance_estimates(fit)
-    assert bound["remark"] == AT_BOUND and bound["sd"] is None and bound["interval_90"][0] == 0.0
-    assert 0.0 < bound["interval_90"][1] < 1.0
-    assert other["sd"] > 1.3 * np.sqrt(fit.covariance()[1, 1])
-    ((_, upper),) = nuisance_estimates(fit_of(np.array([[4.0]]), np.array([4.8]), np.zeros(1), np.ones(1)))
-    assert upper["interval_90"] == pytest.approx([truncnorm(-4.8, -0.8, 1.2, 0.25).ppf(0.1), 1.0], abs=0.01)
-
-
 def test_ranks_of_the_truth_are_even_and_nine_of_ten_intervals_hold_it_at_the_bounds_and_beside_them():
     """Truths are drawn evenly within bounds that cut off much. With parameters held at their bounds, and taken as known
     there, intervals would hold too rarely."""

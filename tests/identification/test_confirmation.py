@@ -129,25 +129,6 @@ def test_intervals_hold_the_gap_are_repeated_by_the_same_seed_and_as_wide_as_ind
     assert found["before_high"] - found["before_low"] == pytest.approx(2 * 1.645 * error, rel=0.1)
 
 
-def test_residuals_are_told_sample_by_sample(case):
-    residuals, sd = case.found.residuals, case.model.noise_sd
-    assert list(residuals["run"].unique()) == ["one", "two", "held"] and "role" not in residuals
-    one, measured = residuals[residuals["run"] == "one"], case.model.series[0].value
-    expected = {
-        "sample": np.arange(SAMPLES),
-        "crank_angle": X,
-        "measured": measured,
-        "base": np.full(SAMPLES, 2.0),
-        "augmented": 2.0 + 3.0 * X,
-        "spread": np.full(SAMPLES, sd),
-        "whitened_base": (measured - 2.0) / sd,
-        "whitened_augmented": (measured - 2.0 - 3.0 * X) / sd,
-    }
-    for name, values in expected.items():
-        assert one[name].to_numpy() == pytest.approx(values), name
-    assert residuals["held_out"].eq(residuals["run"] == "held").all()
-
-
 def test_an_effect_that_is_not_there_lets_the_held_out_gap_rise_and_one_half_as_steep_lets_it_stay(case):
     tests = [confirmed(held_out(rise), 3.0).test for rise in (3.0, 0.0, 1.5)]
     assert [test.outcome for test in tests] == ["falls", "rises", "stays"]

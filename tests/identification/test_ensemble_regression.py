@@ -78,30 +78,23 @@ def rms(away):
 
 
 def test_intervals_hold_the_truth_as_often_as_they_say_though_realisations_scatter_far_more_than_noise():
-    held, apart, narrow, off = 0, [], 0, []
+    held, apart, plainly, narrow, off = 0, [], [], 0, []
     for seed in range(40):
         problem, found = regressed(seed)
         low, high = interval(found)
         held += np.sum((low <= TRUTH) & (high >= TRUTH))
         apart.append(found.values[:3] - TRUTH)
+        plainly.append(np.linalg.lstsq(problem.slopes, problem.measured, rcond=None)[0] - TRUTH)
         of_noise = np.sqrt(np.diag(np.linalg.inv(problem.slopes.T @ problem.slopes)))
         narrow += np.sum(np.abs(apart[-1]) < 1.645 * of_noise)
         off.append(found.residual - problem.of_mean(found.values))
     assert 0.83 < held / 120 < 0.97
     assert narrow / 120 < 0.75  # what noise alone would say
+    assert np.std(apart) < 0.9 * np.std(plainly)  # directions that realisations move count less
     assert np.all(np.abs(np.mean(apart, axis=0)) < 4.0 * np.std(apart, axis=0) / np.sqrt(40))
     assert rms(off) < 0.5 * 5.0 * np.sqrt(2.0)  # a mean of realisations scatters less than one
     assert np.array_equal(found.draws, regressed(39)[1].draws)
     assert np.array_equal(found.draws, with_intervals(problem, problem.fit()).draws)
-
-
-def test_directions_that_realisations_move_count_less():
-    apart, plainly = [], []
-    for seed in range(20):
-        problem, found = regressed(seed, loudness=30.0)
-        apart.append(found.values[:3] - TRUTH)
-        plainly.append(np.linalg.lstsq(problem.slopes, problem.measured, rcond=None)[0] - TRUTH)
-    assert np.std(apart) < 0.5 * np.std(plainly)
 
 
 def test_what_changes_nothing_and_whole_numbers_stay_and_draws_stay_within_bounds():
@@ -111,17 +104,6 @@ def test_what_changes_nothing_and_whole_numbers_stay_and_draws_stay_within_bound
     assert found.values[3:].tolist() == [1.0, 3.0]
     assert np.ptp(found.draws[:, 3:], axis=0).tolist() == [0.0, 0.0]
     assert found.draws[:, 0].min() >= 0.5 and found.values[0] >= 0.5
-
-
-def test_a_fit_from_files_whose_jacobian_has_fewer_rows_gives_as_much():
-    problem = Chaotic(3, loudness=0.0)
-    fit = problem.fit()
-    fewer = replace(fit, jacobian=np.linalg.qr(fit.jacobian, mode="r"), slope=fit.half_derivative)
-    found, again = (regressed_over_ensemble(problem, one) for one in (fit, fewer))
-    assert again.values == pytest.approx(found.values, rel=1e-3)
-    assert again.bic == pytest.approx(found.bic, rel=1e-6)
-    covariances = [one.distribution.covariance[:3, :3] for one in (again, found)]
-    assert covariances[0] == pytest.approx(covariances[1], rel=0.2, abs=1e-4)
 
 
 def test_a_fit_without_a_parameter_to_regress_on_or_too_few_members_stays_as_it_is():
@@ -137,18 +119,6 @@ def test_a_fit_without_a_parameter_to_regress_on_or_too_few_members_stays_as_it_
 
 
 # Explanations beside each other
-
-
-def test_explanations_that_are_not_regressed_are_compared_by_a_mean_of_realisations_too():
-    problem = Chaotic(4, loudness=20.0)
-    best = problem.fit()
-    base = replace(best, values=best.values + 1.0, residual=best.residual + 3.0)
-    equal = [replace(best, residual=factor * best.residual) for factor in (1.001, 1.002)]
-    _, found = leading_over_ensembles(problem, base, [best, *equal])
-    assert [fit.draws is None for fit in found] == [False, False, True]
-    left = baseline._mean_realisation(problem, best, baseline._drawn_parameters(best), best.values[:3])
-    assert found[2].chi2 == pytest.approx(left @ left)
-    assert np.array_equal(found[2].values, best.values)
 
 
 def test_the_base_is_fitted_from_the_nuisances_of_the_best_too():

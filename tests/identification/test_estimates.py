@@ -26,7 +26,6 @@ from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.catalogue import each
 from tests.identification.toy import stated_noise, toy
-from tests.rows import each as of_each
 
 NO_INTERVALS = {f"interval_{level}": [None, None] for level in HALF_WIDTHS}
 
@@ -70,13 +69,6 @@ def test_the_interval_is_the_value_and_the_half_width_of_a_normal_number_to_eith
         assert found == {"value": value, "sd": None, **NO_INTERVALS, "remark": remark}
 
 
-def test_a_coordinate_that_is_stated_as_it_is_keeps_its_error_and_its_bounds():
-    fit = fit_of(FORCE, 1.0, 0.1, nuisances=(Parameter("mass", 1.0),), covariance=np.diag([9.0, 0.04]))
-    found, exact = effect_estimates(fit, FORCE)["force_N"], cut_off(0.1, 0.2, 0.0)
-    assert found["sd"] == pytest.approx(exact.std(), rel=0.03)
-    assert found["interval_90"] == pytest.approx(exact.ppf([0.05, 0.95]), abs=0.01)
-
-
 def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
     def polar(values):
         return {"amplitude": math.hypot(values["c"], values["s"]), "phase": math.atan2(values["s"], values["c"])}
@@ -97,13 +89,6 @@ def test_amplitude_and_phase_take_their_errors_from_cosine_and_sine_linearly():
     assert found["interval_90"] == pytest.approx([math.pi - 0.03645, math.pi - 0.00355], abs=1e-4)
 
 
-def test_what_no_fit_varies_is_not_estimated():
-    film = stretch(0.0, math.inf, viscosity=lambda x: x, length=lambda x: 0.01)
-    found = effect_estimates(fit_of(film, 0.2, covariance=np.array([[0.01]])), film)
-    assert found["length"] == {"value": 0.01, "sd": None, **NO_INTERVALS, "remark": NOT_ESTIMATED}
-    assert "remark" not in found["viscosity"]
-
-
 def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too_with_an_interval_to_one_side():
     for value, low, high in ((0.0, 0.0, math.inf), (4.0, -math.inf, 4.0)):
         double = stretch(low, high, double=lambda x: 2.0 * x, constant=lambda x: 7.0)
@@ -113,15 +98,6 @@ def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too_with_an
     found = effect_estimates(fit_of(double, 0.0, covariance=np.array([[0.04]])), double)["double"]
     assert found["sd"] is None and found["remark"] == AT_BOUND
     assert found["interval_90"] == pytest.approx([0.0, 2.0 * cut_off(0.0, 0.2, 0.0).ppf(0.9)], abs=0.03)
-
-
-def test_nuisances_are_those_parameters_that_belong_to_no_effect():
-    mass, own = Parameter("mass", 1.0, 0.5, 1.2), Parameter("own", 0.0, run="slow")
-    fit = fit_of(FORCE, 1.1, -2.0, 4.0, nuisances=(mass, own), covariance=np.diag([0.01, 0.25, 0.09]))
-    (first, of_mass), (second, of_own) = nuisance_estimates(fit)
-    assert [first, second] == [mass, own]
-    assert of_mass["interval_90"] == pytest.approx(cut_off(1.1, 0.1, 0.5, 1.2).ppf([0.05, 0.95]), abs=0.003)
-    assert of_own["interval_90"] == pytest.approx([-2.0 - 0.8225, -2.0 + 0.8225], abs=0.04)
 
 
 def test_a_nuisance_that_changes_nothing_is_told_as_that_and_not_as_fitted():
@@ -170,21 +146,6 @@ def test_no_end_of_an_interval_is_infinite():
 # A whole coefficient that is fitted as its change
 
 COEFFICIENT = stretch(-0.1, 0.5, coefficient=lambda change: 0.1 + change)
-
-
-@of_each("change, end", [(-0.095, 0.0), (0.495, 0.6)])
-def test_the_interval_of_what_follows_from_a_coordinate_stays_within_what_that_allows(change, end):
-    fit = fit_of(COEFFICIENT, change, covariance=np.array([[0.02**2]]))
-    found = effect_estimates(fit, COEFFICIENT)["coefficient"]
-    low, high = found["interval_90"]
-    assert 0.0 <= low < found["value"] < high <= 0.6
-    exact = cut_off(0.1 + change, 0.02, 0.0, 0.6)
-    assert (low, high) == pytest.approx(tuple(exact.ppf([0.05, 0.95])), abs=2e-3)
-    assert found["sd"] > 0.0 and abs(found["value"] - end) < 0.01
-    at_bound = fit_of(COEFFICIENT, end - 0.1, covariance=np.array([[0.02**2]]))
-    found = effect_estimates(at_bound, COEFFICIENT)["coefficient"]
-    assert found["remark"] == AT_BOUND
-    assert found["interval_90"][0] <= found["value"] <= found["interval_90"][1]
 
 
 def test_only_parameters_that_the_data_determine_are_taken_over():

@@ -8,8 +8,8 @@ import pytest
 
 from jointgap.core.candidates import Candidate, Parameter, Series
 from jointgap.identification.confirmation import Confirmed
-from jointgap.identification.evidence import certain_effects, final_verdict, reduced_chi2, row_of, weigh_fit
-from jointgap.identification.fit import FAILED, Fit
+from jointgap.identification.evidence import final_verdict, row_of
+from jointgap.identification.fit import Fit
 from jointgap.identification.verdict import Decision, Thresholds
 from tests.catalogue import each
 
@@ -113,19 +113,6 @@ def test_a_nuisances_own_parameter_is_an_effect_beyond_its_range():
 # The row of a fit
 
 
-def test_a_row_has_the_numbers_of_the_fit_and_what_it_is_weighed_by():
-    base, fit = fitted(2000.0), fitted(1000.0, COULOMB, SPRING)
-    row = weigh_fit(base, fit, LIMITS)
-    assert (row.fit, row.label, row.misfit) == (fit, "coulomb + spring", pytest.approx(1000.0 / 997.0))
-    assert (row.bic, row.delta_bic) == (pytest.approx(fit.bic), pytest.approx(base.bic - fit.bic))
-    assert (row.passes, row.admissible, row.is_nonsmooth) == (True, True, False)
-    assert reduced_chi2(fit) == row.misfit
-    assert not weigh_fit(base, fitted(1000.0, COULOMB, values=[0.0]), LIMITS, {}).admissible
-    failed = row_of(fitted(10.0, MASS, values=[0.0], status=FAILED, reason="it stopped"), {})
-    assert (failed.admissible, failed.remark, failed.misfit) == (False, "it stopped", np.inf)
-    assert reduced_chi2(failed.fit) == np.inf
-
-
 def test_a_row_knows_which_shared_nuisances_ended_at_bounds():
     fit = fitted(NOISE, COULOMB, nuisances=3)
     own = replace(fit.parameters[2], run="slow")
@@ -138,13 +125,6 @@ def test_motion_depends_roughly_on_a_joint_that_became_loose_not_on_one_that_was
     loose = effect("loose", low=0.0, search_range=(0.1, 2.0))
     looser = effect("looser", low=-1.0, high=2.0, is_perturbation=True, search_range=(-0.5, 2.0))
     assert [row_of(fitted(NOISE, one)).is_nonsmooth for one in (loose, looser)] == [True, False]
-
-
-def test_what_all_explanations_hold_is_certain_and_what_one_as_near_does_without_is_not():
-    shared = [fitted(NOISE, COULOMB, SPRING), fitted(NOISE, MASS, COULOMB, SPRING)]
-    assert [one.label for one in certain_effects(shared)] == ["coulomb", "spring"]
-    assert [one.label for one in certain_effects(shared, [["coulomb"]])] == ["coulomb"]
-    assert certain_effects([fitted(NOISE, COULOMB), fitted(NOISE, SPRING)]) == certain_effects([]) == []
 
 
 # What held-out data show

@@ -253,18 +253,6 @@ def test_windows_hold_some_readings_for_each_number_of_a_state_and_are_four_to_s
         assert [(jump, turns) for _, _, jump, turns in problem.model.filtered] == [(1.0, math.inf)] * 2
 
 
-def test_where_the_motion_that_began_long_before_costs_less_windows_go_on_from_it(hidden, monkeypatch):
-    problem, _, true = hidden
-    known = true.fit().states
-    monkeypatch.setattr(Windows, "settled", lambda self, states: replace(states, slow=known[self.run].copy()))
-    estimate = Estimate(problem, (SWING,), true.mapping, vary=())
-    estimate.begin_at({run: slow + 2.0 for run, slow in known.items()})
-    assert estimate._settled(0.001)
-    assert all(np.array_equal(estimate._slow[run], known[run]) for run in problem.runs)
-    estimate._motions = estimate._simulate(estimate.values, estimate._slow)
-    assert not estimate._settled(0.001)
-
-
 # Rivals
 
 

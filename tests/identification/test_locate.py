@@ -78,13 +78,6 @@ def test_a_bump_is_found_within_a_bin_of_its_place_and_nowhere_else():
     assert windows.to_numpy().tolist() == [["mid", "torque", 0.0, 360.0]]
 
 
-def test_what_a_bump_leaves_in_the_memory_of_noise_does_not_widen_its_window():
-    """A long memory expects the bump to go on: the sample after it looks like -8 standard deviations."""
-    model = with_bump(toy(seed=1, autocorrelation=0.95, samples=360), ("slow", "torque"), 100.0, 140.0, 10.0)
-    windows = mapped(model, 0.95, 1).windows
-    assert (windows["start_deg"].tolist(), windows["end_deg"].tolist()) == ([100.0], [140.0])
-
-
 def test_windows_of_channels_that_agree_are_rare_beside_channels_that_are_off_everywhere():
     windows, false = 0, 0
     for seed in range(10):
@@ -172,16 +165,6 @@ def test_correlations_of_bins_are_those_of_means_over_as_many_samples():
 
 
 # Tests of a channel
-
-
-def test_the_whole_residual_and_every_channel_are_tested():
-    found = mapped(toy({"coulomb": {"force_N": 0.5}}, seed=3))
-    assert found.p < 1e-6
-    assert found.chi2 == pytest.approx(found.tests["chi2"].sum())
-    assert found.samples == found.tests["samples"].sum() == 2 * 3 * 360
-    tests = found.tests.set_index("channel")[["p_chi2", "p_ljung_box"]]
-    assert (tests.loc["acceleration"] > 1e-3).all(axis=None)  # a force does not change a prescribed motion
-    assert (tests.loc["guide_force"]["p_ljung_box"] < 1e-6).all()
 
 
 def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory():

@@ -142,17 +142,12 @@ def test_a_jump_is_what_chi2_has_beyond_what_the_other_side_predicts():
 # Fits once more
 
 
-def in_the_valley(other, **truth):
-    """A base, sensitivities and the fit of a ringing, which is hidden, beside another effect."""
-    model = toy(seed=6, **truth)
-    base, sensitivities = screened(replace(model, candidates=(*model.candidates, RINGING)))
-    start = {"ringing.size": 0.31} | ({"coulomb.force_N": 0.3} if other == "coulomb" else {})
-    return base, sensitivities, fit_hypothesis(base.problem, (candidate_of(other), RINGING), start, refresh=True)
-
-
 def test_beside_what_rings_another_effect_is_sought_in_the_valley_of_the_pair():
     """A fit of the ringing alone ended elsewhere. The hidden drag is found in place of friction."""
-    base, sensitivities, pair = in_the_valley("coulomb", hidden=lambda x, v, angle, _: ringing(0.31, angle) - 0.5 * v)
+    model = toy(seed=6, hidden=lambda x, v, angle, _: ringing(0.31, angle) - 0.5 * v)
+    base, sensitivities = screened(replace(model, candidates=(*model.candidates, RINGING)))
+    start = {"ringing.size": 0.31, "coulomb.force_N": 0.3}
+    pair = fit_hypothesis(base.problem, (candidate_of("coulomb"), RINGING), start, refresh=True)
     lost = replace(fit_hypothesis(base.problem, (RINGING,), {"ringing.size": 0.5}), status="stopped")
     swapped = {fit.label: fit for fit in swap_one_effect(base, sensitivities, [lost, pair])}
     assert swapped["ringing + viscous"].chi2 < 1.1 * base.problem.size < pair.chi2
@@ -249,11 +244,8 @@ def test_two_effects_that_mask_each_other_are_fitted_though_neither_is_sufficien
     assert found.chi2 < limits.omnibus * base.problem.size
 
 
-@each("hidden, masked", [(TWO, True), (DRY, True), (TWO, False)])
-def test_two_effects_of_which_neither_is_sufficient_are_found_beside_each_other(hidden, masked, monkeypatch):
-    """By pairs of the leading effects, too, where sensitivities about the base do not lead to them."""
-    if not masked:
-        monkeypatch.setattr(hypothesis_fits, "_masked_pairs", lambda *_: [])
+@each("hidden", [TWO, DRY])
+def test_two_effects_of_which_neither_is_sufficient_are_found_together(hidden):
     base, sensitivities, limits = analysed(toy(hidden, seed=3))
     alone, _ = fit_singles(base, sensitivities, limits)
     assert min(fit.chi2 for fit in alone) > limits.omnibus * base.problem.size
@@ -264,7 +256,10 @@ def test_two_effects_of_which_neither_is_sufficient_are_found_beside_each_other(
     assert len({labels_of(fit.hypothesis) for fit in found}) == len(found) == len(seconds)
 
 
-def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no_pair_holds_what_failed_alone():
+def test_a_search_that_has_simulated_as_much_as_it_may_begins_nothing_new_and_no_pair_holds_what_failed_alone(
+    monkeypatch,
+):
+    monkeypatch.setattr(hypothesis_fits, "swap_one_effect", lambda *_: [])  # which tries again what failed
     base, sensitivities, limits = analysed(toy(TWO, seed=3))
     alone, _ = fit_singles(base, sensitivities, limits)
     lost = [replace(fit, status=FAILED) if fit.label == "spring" else fit for fit in alone]

@@ -162,14 +162,6 @@ def test_rounding_and_scatter_add_up_whether_or_not_cycles_repeat_the_rounding()
     each(check, product([250, 250.37], [0.1, 0.2, 0.6]))
 
 
-def test_an_angle_that_drifts_does_not_scatter_and_what_should_stand_still_may_hold_nothing_but_noise():
-    away = 2e-6 * (ANGLE - 100.0) ** 2 + 1e-3 * SCATTER
-    one = series("crank_angle", "rad", ANGLE + 40.0 * away, ANGLE)
-    assert noise_of(one, ANGLE).sd[0] == pytest.approx(0.04, rel=0.1)
-    one = series("crank_speed", "rad/s", 20.0 + SCATTER, ANGLE / 4)
-    assert noise_of(one, np.full(ANGLE.size, 20.0)).sd[0] == pytest.approx(1.0, rel=0.1)
-
-
 def test_a_noise_that_is_a_large_part_of_a_turn_or_of_the_signal_and_too_few_samples_are_refused():
     position = 0.05 * np.cos(ANGLE)
     told = series("crank_angle", "rad", ANGLE + 1e-3 * SCATTER, ANGLE, stated_noise=np.full(600, np.radians(400.0)))
@@ -203,11 +195,6 @@ class Disagreeing(Toy):
     def simulate(self, run, values, effects=(), numerics=0):
         read = super().simulate(run, values, effects, numerics)
         return {key: value + (0.5 if numerics and key == "torque" else 0.0) for key, value in read.items()}
-
-
-def test_statistics_have_the_noise_that_is_stated():
-    for series, one in estimates(changed(toy(), lambda s: replace(s, statistic=True))):
-        assert (one.sd == series.stated_noise).all() and one.autocorrelation == ()
 
 
 def test_numerics_that_predict_the_same_add_nothing_and_others_their_difference():
@@ -246,17 +233,6 @@ def test_white_noise_is_only_scaled_numerics_widen_the_spread_and_columns_are_wh
     values, noise = np.random.default_rng(2).standard_normal((50, 3)), Noise(np.full(50, 1.3), (0.4,))
     for column, together in zip(values.T, whiten(values, noise).T, strict=True):
         np.testing.assert_allclose(together, whiten(column, noise))
-
-
-def test_the_innovations_of_an_autoregressive_process_are_found():
-    weights, drawn = (0.6, -0.3), np.random.default_rng(1).standard_normal(900)
-    values = np.zeros(drawn.size)
-    for i in range(2, drawn.size):
-        values[i] = drawn[i] + weights[0] * values[i - 1] + weights[1] * values[i - 2]
-    rho = exact_autocorrelation(*weights)
-    sd = np.sqrt(1 / (1 - weights[0] * rho[0] - weights[1] * rho[1]))  # of the process, innovations of variance 1
-    found = whiten(values[500:], Noise(np.full(400, sd), rho))
-    np.testing.assert_allclose(found[2:], drawn[502:], rtol=1e-9, atol=1e-9)
 
 
 def test_whitening_is_exact_from_the_first_sample_and_after_gaps():

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from jointgap.core.candidates import Candidate
-from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.errors import SimulationError
 from jointgap.identification.fit import fit_hypothesis
-from jointgap.identification.preflight import advise, assumed_noise, preflight
+from jointgap.identification.preflight import advise, preflight
 from jointgap.identification.problem import Problem
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.catalogue import each
@@ -119,23 +119,6 @@ def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
     assert 0.8 <= hits / 40 <= 0.99
 
 
-def test_an_effect_that_is_a_nuisance_is_seen_beyond_that_nuisances_range(found):
-    mass = next(p for p in planned().nuisances if p.name == "slider_mass")
-    beyond = found.sizes["added_mass"] - (mass.high - mass.nominal)
-    assert 0.0 < beyond < 0.25 * (mass.high - mass.nominal)
-
-
-def test_a_value_that_falls_as_its_effect_grows_is_told_from_one_that_grows_with_it():
-    spring, coulomb = candidate_of("spring"), candidate_of("coulomb")
-    bending = replace(spring, name="bending", parameters=lambda values: {"softness": 1.0 / values["stiffness_N_m"]})
-    model = acting(lambda one, at: [(spring if one.name == "bending" else one, at)], bending, coulomb)
-    found = preflight(model)
-    effects = found.effects.set_index("label")
-    assert effects["falls"].to_dict() == {"bending": True, "coulomb": False}
-    assert effects["unit"].to_dict() == {"bending": "", "coulomb": "N"}  # a softness is not in N/m as its coordinate is
-    assert effects.loc["bending", "smallest_detectable"] == 1.0 / found.sizes["bending"]
-
-
 # What is not known or cannot be simulated
 
 
@@ -146,17 +129,6 @@ def test_noise_that_is_not_stated_is_assumed_and_told_of_what_is_planned(found):
     assert unstated.sizes["coulomb"] == pytest.approx(found.sizes["coulomb"], rel=1e-6)  # 2 % as well
     base, _ = advise(planned(stated=False, candidates=["coulomb"]), [("slow", "torque"), ("mid", "torque")])
     assert [text.partition(":")[0] for text in base.assumed] == ["torque in run slow", "torque in run mid"]
-
-
-def test_a_channel_that_is_predicted_to_be_zero_needs_a_stated_noise():
-    class Silent(Toy):
-        def simulate(self, run, values, effects=(), numerics=0):
-            read = super().simulate(run, values, effects, numerics)
-            return {**read, "torque": 0.0 * read["torque"]}
-
-    model = planned(stated=False)
-    with pytest.raises(InputError, match=r"run slow, channel torque: .*state its"):
-        assumed_noise(Silent(model.series, model.nuisances, model.candidates, model.speeds))
 
 
 def test_a_candidate_that_cannot_be_simulated_is_told_and_the_others_go_on_but_such_a_model_is_refused():

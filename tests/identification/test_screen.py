@@ -17,7 +17,7 @@ from jointgap.identification.screening import (
     simulate_sensitivities,
 )
 from tests.catalogue import each
-from tests.identification.toy import RINGING, stated_noise, toy
+from tests.identification.toy import stated_noise, toy
 
 NO_NUISANCES = (), np.empty(0)
 
@@ -124,14 +124,6 @@ def test_resistance_cannot_push():
     assert by_label["viscous"].chi2 == pytest.approx(by_label["coulomb"].chi2)
 
 
-def test_what_no_slope_leads_to_is_screened_on_request_alone():
-    model = replace(toy(), candidates=(RINGING,))
-    problem, differences, base = based(model)
-    assert simulate_sensitivities(problem, base, differences).entries == []
-    (found,) = simulate_sensitivities(problem, base, differences, model.candidates).entries
-    assert found.is_secant
-
-
 # Several effects
 
 
@@ -149,17 +141,6 @@ def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it
     )
     assert spaces.nearest(lost)[1] == 0.0
     assert not spaces.is_special_case(lost, by_label["spring"])
-
-
-def test_beside_one_of_two_hidden_effects_the_other_is_first():
-    effects = {"coulomb": {"force_N": 0.2}, "spring": {"stiffness_N_m": 5.0}}
-    problem, differences, _, sensitivities = screened(effects, seed=5)
-    coulomb = next(one for one in singles(sensitivities) if one.label == "coulomb")
-    found = fit_of(problem, differences, sensitivities, coulomb)
-    partners = singles(sensitivities.about(found), found.hypothesis)
-    assert partners[0].label == "coulomb + spring"
-    assert partners[0].start["spring.stiffness_N_m"] == pytest.approx(5.0, rel=0.1)
-    assert "coulomb + coulomb" not in {one.label for one in partners}
 
 
 def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if_together_they_do():

@@ -186,13 +186,6 @@ def test_of_a_base_that_hardly_shows_the_share_does_not_decide():
     assert found(*(decided(base, row(1055.0, "coulomb")) for base in (1101.0, 1102.0))) == [REST, "unexplained"]
 
 
-def test_of_an_excess_within_what_noise_makes_no_share_is_explained():
-    few = {"samples": 100, "parameters": 1}  # 14 of an excess are one standard deviation
-    base, best = replace(row(112.0), **few), replace(row(108.0, "coulomb"), **few, bic=0.0)
-    poor = verdict(Evidence(base, base, [best], LIMITS))
-    assert (poor.verdict, poor.because != decided(WHOLE, left(0.5, "coulomb")).because) == ("unexplained", True)
-
-
 # Beside the base
 
 
