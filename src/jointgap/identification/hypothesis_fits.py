@@ -116,11 +116,11 @@ def _search(
     # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    until = problem.simulations + _max_simulations(problem)
     if family_suffices(baseline, alone, limits):
         return [], []  # the stage decide names it
     sizes = [] if inconsistent else best_sizes(baseline)
     fits = fit_clearances(baseline, _likely(sizes), limits, alone)
+    until = problem.simulations + _max_simulations(problem)
 
     def singles() -> list[Fit]:
         return [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]

@@ -60,22 +60,29 @@ def fit_shape(
 ) -> Fit:
     """Fit the law of a family including its shape, in place of the `member` in the fit `found`.
 
-    Starts: the member's shape (unless parameters are inactive there), then the next shapes in use until a fit
-    converges, each with all initial guesses of the law.
+    Starts: the shapes in use (not the member's if parameters are inactive there) with each initial guess of the law.
+    The most promising ones are fitted until a fit converges, at most `tried_starts`.
     """
-    hypothesis, start = _with_law(found, member, family)
-    fits: list[Fit] = []
-    # at the member's shape the law is the found effect: only the end of the fit is repeated
-    vary = problem.parameters(hypothesis) if found.in_windows and not family.inactive_at_default else None
-    shapes = [shape for shape in family.in_use if not (family.inactive_at_default and shape == family.own)]
-    for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
-        for guess in family.law.initial_guesses or ({},):
-            at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
-            at = start | at_guess
-            fits.append(fitted(problem, hypothesis, at, differences=differences, refresh=True, near=found, vary=vary))
-        if converged := [fit for fit in fits if fit.status == CONVERGED]:
-            return min(converged, key=lambda fit: fit.chi2)
-    return min(fits, key=lambda fit: fit.chi2)
+    hypothesis, at = _with_law(found, member, family)
+    at |= {f"{family.law.label}.{family.shape}": family.own}
+    if found.in_windows and not family.inactive_at_default:
+        # at the member's shape the law is the found effect: only the end of the fit is repeated
+        return fitted(problem, hypothesis, at, near=found, vary=problem.parameters(hypothesis))
+    starts, fits = [], []
+    for shape, guess in product(family.in_use, family.law.initial_guesses or ({},)):
+        if family.inactive_at_default and shape == family.own:
+            continue
+        own = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
+        try:
+            left = problem.residual(at | own, hypothesis)
+        except (InputError, SimulationError):
+            continue
+        starts.append((float(left @ left), at | own))
+    for _, start in sorted(starts, key=lambda each: each[0])[: problem.settings.family.tried_starts]:
+        fits.append(fitted(problem, hypothesis, start, differences=differences, refresh=True, near=found))
+        if fits[-1].status == CONVERGED:
+            break
+    return min(fits, key=lambda fit: fit.chi2) if fits else fitted(problem, hypothesis, at, differences=differences)
 
 
 def profile_shape(

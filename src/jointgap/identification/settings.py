@@ -309,6 +309,7 @@ class EnsembleSettings:
 class FamilySettings:
     """Profile over the shape of a law family."""
 
+    tried_starts: int = 2  # Fits of a law, from the most promising shapes (experience)
     least_step: float = 0.01  # [1] Of the shape: common laws differ by more
     largest_step: float = 0.5  # [1] Of the shape: limit of the first step, doubled at each
     overshoot: float = 1.2  # [1] Step over the predicted end of the interval, which is then interpolated
