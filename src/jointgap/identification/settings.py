@@ -81,7 +81,10 @@ class StoppingSettings:
 class BaselineSettings:
     """Fit of the current model."""
 
-    drawn_starts: int = 2  # Random starts of the shared nuisances, if the residual exceeds noise (experience)
+    # If the residual exceeds noise: number of random values of the shared nuisances, and of fits from the best of them
+    # (experience)
+    drawn_values: int = 12
+    drawn_starts: int = 2
     # [1, of chi2] Fits that differ by less, or by less than the numerical noise, are in the same minimum
     same_minimum: float = 1e-3
     # [standard deviations of chi2] Limit for noise (one in a thousand by chance)
