@@ -69,9 +69,9 @@ def fit_pairs(
 
     If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
     shapes of law families; clearances that are likely by the filter; pairs whose sensitivities explain nearly
-    everything; the best partners of each leading single effect, and pairs near the best one; other clearances; likely
-    clearances with the leading single effect. The search is sequential, so it is not divided into parts, and limited by
-    `max_simulations`. Clearances are not searched on inconsistent data.
+    everything; the best partners of each leading single effect, and pairs near the best one; other clearances. The
+    search is sequential, so it is not divided into parts, and limited by `max_simulations`. Clearances are not searched
+    on inconsistent data.
 
     If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
     """
@@ -139,8 +139,6 @@ def _search(
         fits += swap_one_effect(baseline, sensitivities, [*alone, *fits])
     if not found() and not _likely(sizes):
         fits += fit_clearances(baseline, sizes, limits, alone)
-    if not found() and not inconsistent and (known := _leading(baseline, alone)):
-        fits += fit_clearances(baseline, _likely(best_sizes(baseline, known)), limits, [*alone, *fits])
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, sensitivities, limits, singles())
     chosen = [(pair, about) for pair, about in chosen if labels_of(pair.hypothesis) not in done]
@@ -148,13 +146,6 @@ def _search(
     fits = best_fit_per_hypothesis(fits)
     share = (time.monotonic() - begin) / max(len(fits), 1)
     return fits, [share] * len(fits)
-
-
-def _leading(baseline: Baseline, alone: Sequence[Fit]) -> Fit | None:
-    """The best single effect if it explains a large share of the misfit."""
-    best, base = min(alone, key=lambda fit: fit.chi2, default=None), baseline.base
-    least = baseline.problem.settings.family.least_share * (base.chi2 - baseline.problem.size)
-    return best if best and base.chi2 - best.chi2 >= least else None
 
 
 def _likely(sizes: Sequence[Size]) -> list[Size]:

@@ -40,8 +40,7 @@ def fit_clearances(
     until = problem.simulations + problem.settings.selection.max_simulations
     found = _fitted(problem, [Estimate(problem, size.hypothesis, size.start) for size in sizes], below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
-    is_single = best is not None and len(best[1].hypothesis) == 1
-    if is_single and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
+    if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
             about = best[1].sensitivities([one for one in problem.model.candidates if not one.search_range])
             leaves_noise = any(_leaves_noise(fit, limits) for fit, _ in found if fit)
@@ -96,16 +95,14 @@ def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None
     return found
 
 
-def best_sizes(baseline: Baseline, known: Fit | None = None) -> list[Size]:
+def best_sizes(baseline: Baseline) -> list[Size]:
     """The best clearance sizes that are not neighbours, each with the best of its shapes; best first.
 
-    Many sizes of each clearance are tried by the filter over one revolution, with the effects of the fit `known`.
+    Many sizes of each clearance are tried by the filter over one revolution.
     """
     problem, settings, found = baseline.problem, baseline.problem.settings.windows, {}
-    effects, claims = ((), set()) if known is None else (known.hypothesis, known.hypothesis[0].claims)
-    candidates = [one for one in problem.model.candidates if not claims & one.claims]
+    candidates = problem.model.candidates
     start = {key: value for key, value in baseline.nominal.mapping.items() if "@" in key}
-    start |= {} if known is None else known.mapping
     grids = {one.label: _sizes(one, settings.size_factor) for one in candidates if one.search_range}
     by_label = {one.label: one for one in candidates}
 
@@ -118,13 +115,13 @@ def best_sizes(baseline: Baseline, known: Fit | None = None) -> list[Size]:
 
     def deviance(label: str, place: int, shape: int = 0) -> float:
         try:
-            estimate = Estimate(problem, (*effects, by_label[label]), values_of(label, place, shape))
+            estimate = Estimate(problem, (by_label[label],), values_of(label, place, shape))
             return estimate.find_states(settings.jumps[0], turns=1.0)
         except FAILURES:
             return math.inf
 
     for label, sizes in grids.items():
-        if has_windows(problem, (*effects, by_label[label]), values_of(label, 0)):
+        if has_windows(problem, (by_label[label],), values_of(label, 0)):
             found |= {(label, place): deviance(label, place) for place in range(sizes.size)}
     best: list[tuple[str, int]] = []
     for label, place in sorted(found, key=found.__getitem__):
@@ -136,7 +133,7 @@ def best_sizes(baseline: Baseline, known: Fit | None = None) -> list[Size]:
         others = [(deviance(label, place, shape), label, place, shape) for shape in shapes]
         tried.append(min([(found[label, place], label, place, 0), *others]))
     best_tried = sorted(tried)[: settings.fitted_sizes]
-    return [Size(value, (*effects, by_label[one]), values_of(one, *at)) for value, one, *at in best_tried]
+    return [Size(value, (by_label[one],), values_of(one, *at)) for value, one, *at in best_tried]
 
 
 def _sizes(candidate: Candidate, factor: float) -> np.ndarray:
