@@ -27,9 +27,8 @@ from jointgap.identification.screening import (
     shortlist,
     simulate_sensitivities,
 )
-from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.verdict import Thresholds
-from jointgap.identification.window_search import Size, best_sizes, fit_clearances
+from jointgap.identification.window_search import fit_clearances, likely_clearances
 
 TimedFits = tuple[list[Fit], list[float]]
 """Fits, one for each hypothesis, and their durations [s]."""
@@ -69,9 +68,8 @@ def fit_pairs(
 
     If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
     shapes of law families; clearances that are likely by the filter; pairs whose sensitivities explain nearly
-    everything; the best partners of each leading single effect, and pairs near the best one; other clearances. The
-    search is sequential, so it is not divided into parts, and limited by `max_simulations`. Clearances are not searched
-    on inconsistent data.
+    everything; the best partners of each leading single effect, and pairs near the best one. The search is sequential,
+    so it is not divided into parts, and limited by `max_simulations`. Clearances are not searched on inconsistent data.
 
     If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
     """
@@ -81,7 +79,7 @@ def fit_pairs(
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
     if pairs and part == 0 and not inconsistent:
         begin = time.monotonic()
-        searched = fit_clearances(baseline, _likely(best_sizes(baseline)), limits)
+        searched = fit_clearances(baseline, likely_clearances(baseline), limits)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
     kept = {id(fit) for fit in best_fit_per_hypothesis(fits)}
@@ -118,8 +116,8 @@ def _search(
     baseline = replace(baseline, differences=probed_differences(problem, start))
     if family_suffices(baseline, alone, limits):
         return [], []  # the stage decide names it
-    sizes = [] if inconsistent else best_sizes(baseline)
-    fits = fit_clearances(baseline, _likely(sizes), limits, alone)
+    clearances = [] if inconsistent else likely_clearances(baseline)
+    fits = fit_clearances(baseline, clearances, limits, alone)
     until = problem.simulations + _max_simulations(problem)
 
     def singles() -> list[Fit]:
@@ -137,8 +135,6 @@ def _search(
         fits += _pairs_of_leading(baseline, sensitivities, leading, limits, until)
     if not found():
         fits += swap_one_effect(baseline, sensitivities, [*alone, *fits])
-    if not found() and not _likely(sizes):
-        fits += fit_clearances(baseline, sizes, limits, alone)
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, sensitivities, limits, singles())
     chosen = [(pair, about) for pair, about in chosen if labels_of(pair.hypothesis) not in done]
@@ -146,11 +142,6 @@ def _search(
     fits = best_fit_per_hypothesis(fits)
     share = (time.monotonic() - begin) / max(len(fits), 1)
     return fits, [share] * len(fits)
-
-
-def _likely(sizes: Sequence[Size]) -> list[Size]:
-    """All clearances if one may explain the data, otherwise none."""
-    return [*sizes] if any(size.deviance <= DEFAULT_SETTINGS.windows.likely_deviance for size in sizes) else []
 
 
 def _max_simulations(problem: Problem) -> int:
