@@ -4,7 +4,7 @@ An effect such as quadratic drag is one shape of a family, here drag with any ex
 (`jointgap.core.candidates.LawFamily`). Once it is found, chi2 is profiled over the shape to see which shapes fit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -60,29 +60,37 @@ def fit_shape(
 ) -> Fit:
     """Fit the law of a family including its shape, in place of the `member` in the fit `found`.
 
-    Starts: the shapes in use (not the member's if parameters are inactive there) with each initial guess of the law.
-    The most promising ones are fitted until a fit converges, at most `tried_starts`.
+    Starts are tried until a fit converges: the member's shape, then the next ones in use. If parameters are inactive at
+    the member's shape, the others in use with each initial guess of the law, the most promising first, at most
+    `tried_starts`.
     """
     hypothesis, at = _with_law(found, member, family)
-    at |= {f"{family.law.label}.{family.shape}": family.own}
+    keys = {name: f"{family.law.label}.{name}" for name in (family.shape, *(family.law.initial_guesses or ({},))[0])}
     if found.in_windows and not family.inactive_at_default:
         # at the member's shape the law is the found effect: only the end of the fit is repeated
-        return fitted(problem, hypothesis, at, near=found, vary=problem.parameters(hypothesis))
-    starts, fits = [], []
-    for shape, guess in product(family.in_use, family.law.initial_guesses or ({},)):
-        if family.inactive_at_default and shape == family.own:
-            continue
-        own = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
-        try:
-            left = problem.residual(at | own, hypothesis)
-        except (InputError, SimulationError):
-            continue
-        starts.append((float(left @ left), at | own))
-    for _, start in sorted(starts, key=lambda each: each[0])[: problem.settings.family.tried_starts]:
+        start = at | {keys[family.shape]: family.own}
+        return fitted(problem, hypothesis, start, near=found, vary=problem.parameters(hypothesis))
+    shapes = sorted(family.in_use, key=lambda shape: abs(shape - family.own))
+    guesses = [{**guess, family.shape: shape} for shape in shapes for guess in family.law.initial_guesses or ({},)]
+    starts = [at | {keys[name]: value for name, value in guess.items()} for guess in guesses]
+    if family.inactive_at_default:
+        starts = [start for start in starts if start[keys[family.shape]] != family.own]
+        starts.sort(key=lambda start: _chi2_at(problem, hypothesis, start))
+        starts = starts[: problem.settings.family.tried_starts]
+    fits: list[Fit] = []
+    for start in starts:
         fits.append(fitted(problem, hypothesis, start, differences=differences, refresh=True, near=found))
         if fits[-1].status == CONVERGED:
             break
-    return min(fits, key=lambda fit: fit.chi2) if fits else fitted(problem, hypothesis, at, differences=differences)
+    return min(fits, key=lambda fit: fit.chi2)
+
+
+def _chi2_at(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float]) -> float:
+    try:
+        residual = problem.residual(values, hypothesis)
+    except (InputError, SimulationError):
+        return np.inf
+    return float(residual @ residual)
 
 
 def profile_shape(
