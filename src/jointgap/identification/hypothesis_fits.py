@@ -14,6 +14,7 @@ from jointgap.identification.initial_fit import best_fit_per_hypothesis, fit_scr
 from jointgap.identification.law_family import family_suffices
 from jointgap.identification.model_selection import (
     best_sufficient,
+    failed_labels,
     shortlist_pairs,
     shortlist_singles,
     swap_one_effect,
@@ -157,7 +158,7 @@ def _masked_pairs(
     regression, noise = SensitivityRegression(sensitivities), limits.omnibus * baseline.problem.size
     if any(single.chi2 <= noise for single in regression.singles()):
         return []
-    pairs = [pair for pair in regression.pairs() if not _failed(alone) & labels_of(pair.hypothesis)]
+    pairs = [pair for pair in regression.pairs() if not failed_labels(alone) & labels_of(pair.hypothesis)]
     misfit = baseline.base.chi2 - baseline.problem.size
     least = baseline.problem.settings.decision.min_explained_share * misfit
     pairs = [pair for pair in pairs if baseline.base.chi2 - pair.chi2 >= least]
@@ -193,16 +194,11 @@ def _pairs_of_leading(
         about = simulate_sensitivities(problem, single, baseline.differences, likely)
         partners = SensitivityRegression(about, single.hypothesis).singles()
         for pair in shortlist(partners, settings.partners):
-            if pair.hypothesis[-1].label not in _failed(alone):
+            if pair.hypothesis[-1].label not in failed_labels(alone):
                 labels = labels_of(pair.hypothesis)
                 chosen[labels] = min(chosen.get(labels, (pair, about)), (pair, about), key=lambda each: each[0].chi2)
     ranked = sorted(chosen.values(), key=lambda each: each[0].chi2)
     return [*singles, *_fit_each(baseline, ranked, limits, [*alone, *singles], until)[0]]
-
-
-def _failed(fits: Sequence[Fit]) -> set[str]:
-    """Labels of hypotheses whose fits all failed."""
-    return {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
 
 
 def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:
