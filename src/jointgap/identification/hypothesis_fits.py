@@ -134,7 +134,7 @@ def _search(
         # fits in windows have partners already
         leading = [fit for fit in singles() if not fit.in_windows]
         fits += _pairs_of_leading(baseline, sensitivities, leading, limits, until)
-    if not found():
+    if not found() and problem.simulations <= until:
         fits += swap_one_effect(baseline, sensitivities, [*alone, *fits])
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, sensitivities, limits, singles())
