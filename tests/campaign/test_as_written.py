@@ -29,9 +29,6 @@ def test_what_did_not_change_is_as_the_user_wrote_it_and_what_did_keeps_its_unit
     assert content == text | {"slider": {"mass": "0.4529487 kg", "offset": "0 mm"}}
     text = text | {"slider": {"mass": "448.2 g", "offset": "0 mm"}}
     assert written(heavier(0.45294869418420297), text)["slider"]["mass"] == "452.9487 g"
-
-
-def test_numbers_read_back_to_what_they_were():
     assert validate(Mechanism, written(MECHANISM, read_yaml(FILE)), "here") == MECHANISM
     assert validate(Mechanism, written(MECHANISM), "here") == MECHANISM
     found = validate(Mechanism, written(heavier(0.45294869418420297), read_yaml(FILE)), "here")

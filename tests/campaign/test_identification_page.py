@@ -11,6 +11,7 @@ from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.plan import preflight_summary, preflight_tables
 from jointgap.config.load import load_campaign
 from jointgap.rig.read_files import read_measurements
+from tests.campaign.verdicts import VERDICTS
 
 PAGE = Path("docs/identification.md").read_text(encoding="utf-8")
 NUMBER = r"(?<![A-Za-z0-9_])\d+\.?\d*(?:e-?\d+)?"
@@ -23,13 +24,8 @@ def test_its_campaign_file_and_its_columns_are_read(tmp_path):
     time = np.arange(2000) * 5e-4
     for run, rpm in (("slow", 200.0), ("mid", 400.0), ("fast", 600.0)):
         angle = rpm * 6.0 * time
-        values = {
-            "t": time,
-            "theta": angle % 360.0,
-            "acc": np.cos(np.radians(angle)),
-            "torque": np.sin(np.radians(angle)),
-        }
-        frame = pd.DataFrame(values)
+        turned = np.radians(angle)
+        frame = pd.DataFrame({"t": time, "theta": angle % 360.0, "acc": np.cos(turned), "torque": np.sin(turned)})
         assert list(frame.columns) == header.splitlines()[0].split(",")
         frame.to_csv(tmp_path / f"{run}.csv", index=False)
     measured = read_measurements(load_campaign(tmp_path / "campaign.yaml"))
@@ -37,6 +33,7 @@ def test_its_campaign_file_and_its_columns_are_read(tmp_path):
     assert np.isclose(measured.runs["slow"].channels["slider_acceleration"][0], 9.80665)
 
 
+@pytest.mark.integration
 def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
     mechanism = "config/mechanisms/ideal_joints.yaml"
     assert f"`{mechanism}` as its mechanism" in PAGE
@@ -56,12 +53,4 @@ def test_the_preflight_that_it_prints_is_what_comes_out(tmp_path):
 
 def test_it_names_every_figure_and_every_verdict():
     assert all(f"*{name}*" in PAGE for name in FIGURES)
-    verdicts = (
-        "no_disagreement",
-        "parameters_only",
-        "named",
-        "named_with_remaining_misfit",
-        "ambiguous",
-        "unexplained",
-    )
-    assert all(f"| `{verdict}` |" in PAGE for verdict in verdicts)
+    assert all(f"| `{verdict}` |" in PAGE for verdict in VERDICTS)

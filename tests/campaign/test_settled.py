@@ -3,19 +3,14 @@ it.
 """
 
 from dataclasses import replace
-from types import SimpleNamespace
 
-import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
 from jointgap.campaign import reoptimise, stages
-from jointgap.campaign.campaign_files import MECHANISM
-from jointgap.campaign.fits_on_disk import Outcome
 from jointgap.campaign.state import FALSE_ALARM_RATE, CampaignState
 from jointgap.campaign.verdict_json import gap_of
 from jointgap.config import load_mechanism
-from jointgap.config.load import load_campaign
 from jointgap.core.errors import SimulationError
 from jointgap.identification import force_law, model_selection
 from jointgap.identification.disagreement import map_disagreement
@@ -76,41 +71,6 @@ def test_map_gaps_gains_and_laws_are_counted_from_the_better_base(decided, chain
     assert asked[0].values == pytest.approx(better.values)
 
 
-def test_where_nominal_values_are_enough_gaps_are_those_of_the_nominal_model(decided, chain, better, monkeypatch):
-    nominal = chain.recalibrated.nominal
-    enough = Outcome("no_disagreement", nominal, better, [], chain.outcome.ranking)
-    monkeypatch.setattr(CampaignState, "outcome", lambda *_: enough)
-    stages.confirm(decided())
-    gap = gap_of(decided().folder.read("gaps"), "identify")
-    assert gap["before"] == pytest.approx(chain.recalibrated.problem.gap(nominal.residual))
-
-
-@pytest.mark.parametrize(("sensor", "called"), [(True, False), (False, True)])
-def test_the_lengths_are_optimised_again_only_where_something_was_added_to_the_motion(
-    tmp_path, monkeypatch, sensor, called
-):
-    mechanism = ROOT / "config/mechanisms/erkaya2009.yaml"
-    text = DEMONSTRATION.read_text().replace("../mechanisms/ideal_joints.yaml", str(mechanism))
-    (tmp_path / "loose.yaml").write_text(f"folder: '{DEMONSTRATION.parent}'\n{text}")
-    (tmp_path / MECHANISM).write_text(mechanism.read_text())
-    chosen = SimpleNamespace(hypothesis=(SimpleNamespace(sensor=sensor),))
-    monkeypatch.setattr(CampaignState, "outcome", lambda *_: SimpleNamespace(chosen=chosen))
-    campaign = load_campaign(tmp_path / "loose.yaml")
-    monkeypatch.setattr("jointgap.campaign.augment.mechanisms", lambda *_: (campaign.mechanism, campaign.mechanism))
-    asked, row = [], {"source": "networks", "crank_length": 0.15, "rod_length": 0.5, "reduction": 0.1}
-    row |= {"resimulated": None, "rms_before": 1e-3, "rms_after": 9e-4, "failed": None, "at_edge": False}
-
-    def optimised(models, speed):
-        asked.append(set(models))
-        return pd.DataFrame([{"model": model} | row for model in models], columns=["model", *row])
-
-    monkeypatch.setattr(reoptimise, "reoptimise", optimised)
-    case = CampaignState(tmp_path / "loose.yaml", tmp_path)
-    stages.reoptimise(case)
-    assert asked == [{"base", "augmented"} if called else set()]
-    assert len(case.folder.read("campaign_optimum")) == (2 if called else 0)
-
-
 def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its_lengths(monkeypatch):
     plain = load_mechanism("erkaya2009")
     heavy = plain.model_copy(update={"slider": plain.slider.model_copy(update={"mass": 9.0})})
@@ -124,18 +84,3 @@ def test_a_model_that_cannot_be_optimised_again_has_the_reason_and_the_other_its
     found = reoptimise.reoptimise({"base": plain, "augmented": heavy}, 30.0)
     assert found["failed"].isna().tolist() == [True, False] and found["failed"].iloc[1] == "the slider jams"
     assert found["crank_length"].iloc[0] == 0.15
-
-
-@pytest.mark.slow
-def test_networks_and_simulation_lead_to_the_same_lengths_and_ends_of_the_search_are_told():
-    plain = load_mechanism("erkaya2009")
-    found = reoptimise.reoptimise({"base": plain}, 30.0).set_index("source")
-    network, simulated = found.loc["network"], found.loc["simulation"]
-    for length in ("crank_length", "rod_length"):
-        assert network[length] == pytest.approx(simulated[length], rel=1e-3)
-    assert network["reduction"] == pytest.approx(network["resimulated"], abs=0.02)
-    moved = found[["crank_length", "rod_length"]].to_numpy() / [plain.crank.length, plain.rod.length] - 1.0
-    assert (abs(moved) <= 0.02 + 1e-9).all()
-    ratio = (found["crank_length"] / found["rod_length"]) / (plain.crank.length / plain.rod.length) - 1.0
-    at_end = (abs(moved) > 0.02 * (1.0 - 1e-3)).any(axis=1) | (ratio > 0.02 * (1.0 - 1e-3))
-    assert found["at_edge"].tolist() == at_end.tolist()

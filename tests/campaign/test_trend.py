@@ -1,7 +1,11 @@
 """Clearances by date: the rate of growth and its interval, and which campaigns may stand in one trend."""
 
 import json
+import tempfile
+from contextlib import nullcontext
 from datetime import date, timedelta
+from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -19,6 +23,7 @@ from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
 from jointgap.identification.fit import estimate_with_interval
 from tests.campaign.verdicts import COULOMB, NAMED, UNNAMED
+from tests.catalogue import each, refused
 
 DAYS = (0, 31, 59, 90)
 LABEL = "crank_pin_clearance"
@@ -57,9 +62,8 @@ class Rig:
             ],
             "channels": {"time": {"column": "t", "unit": "s"}, "crank_torque": {"column": "M", "unit": "N*m"}},
         } | changed
-        content = {key: value for key, value in content.items() if value is not None}
         file = self.place / f"{name}.yaml"
-        file.write_text(yaml.safe_dump(content))
+        file.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
         self.files.append(file)
         folder = ResultsFolder(self.place / "results" / content["name"])
         folder.write(CONFIG_SNAPSHOT, config_snapshot(load_campaign(file)))
@@ -71,11 +75,12 @@ class Rig:
         for day in days:
             self.add(day, named(1e-4 + rate * day, sd))
 
-    def trend(self):
+    def trend(self, pictures=False):
         """What `jointgap trend` says; its tables are in `sizes` and `growth`."""
         out = ResultsFolder(self.place / "trend")
         command = ["trend", *map(str, self.files), "--results", str(self.place / "results"), "--folder", str(out.path)]
-        said = CliRunner().invoke(cli, command, catch_exceptions=False).output
+        with nullcontext() if pictures else patch("jointgap.campaign.trend.save"):
+            said = CliRunner().invoke(cli, command, catch_exceptions=False).output
         self.sizes, self.growth = out.read(TREND), out.read(TREND_GROWTH)
         self.page = (out.path / "trend.md").read_text()
         return said
@@ -88,7 +93,7 @@ def rig(tmp_path):
 
 def test_a_clearance_that_grows_is_told_with_its_rate_per_day_however_campaigns_are_given(rig):
     rig.grows(days=reversed(DAYS))
-    said = rig.trend()
+    said = rig.trend(pictures=True)
     (growth,) = rig.growth.to_dict("records")
     assert (growth["growth"], growth["error_scale"]) == ("grew", 1.0)
     assert (growth["rate"], growth["first_value"]) == pytest.approx((2e-7, 1e-4))
@@ -97,24 +102,24 @@ def test_a_clearance_that_grows_is_told_with_its_rate_per_day_however_campaigns_
     assert growth["rate_high"] - growth["rate"] == pytest.approx(half_width)
     assert growth["rate"] - growth["rate_low"] == pytest.approx(half_width)
     assert "clearance in the crank pin: grew by 0.200 µm per day (90 % interval 0.151 to 0.249; p below 1e-10)" in said
-    assert list(rig.sizes["days"]) == list(DAYS)
-    assert list(rig.sizes["date"]) == ["2026-01-01", "2026-02-01", "2026-03-01", "2026-04-01"]
-    for ending in ("png", "svg", "parquet"):
-        assert (rig.place / f"trend/figures/trend.{ending}").is_file()
+    assert list(rig.sizes["days"]) == list(DAYS) and rig.sizes["date"][1] == "2026-02-01"
+    assert (rig.place / "trend/figures/trend.png").is_file()
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
+def test_shrinking_no_growth_and_too_few_dates_are_named_as_that(tmp_path):
+    def named_as_that(given, words):
+        (place := tmp_path / words[:3]).mkdir()
+        rig = Rig(place)
+        rig.grows(**given)
+        assert words in rig.trend()
+        assert rig.growth["rate"].isna().all() == ("days" in given)
+
+    cases = [
         ({"rate": -2e-7}, "shrank by 0.200 µm per day (90 % interval 0.151 to 0.249"),
         ({"rate": 1e-8, "sd": 1e-5}, "no significant growth: 0.01 µm per day (90 % interval -0.24 to 0.26"),
         ({"days": (0, 0, 90)}, "2 of at least 3"),
-    ],
-)
-def test_shrinking_no_growth_and_too_few_dates_are_told_as_that(rig, given, words):
-    rig.grows(**given)
-    assert words in rig.trend()
-    assert rig.growth["rate"].isna().all() == ("days" in given)
+    ]
+    each(named_as_that, cases)
 
 
 def test_what_is_not_sure_does_not_count_and_says_why(rig):
@@ -152,16 +157,6 @@ def test_certain_sizes_and_fitted_nuisances_count_and_are_followed_into_the_effe
     assert (rig.growth["growth"][0], rig.growth["rate"][0]) == ("grew", pytest.approx(2e-7))
 
 
-def test_another_effect_is_followed_where_two_campaigns_name_it(rig):
-    rig.add(0, NAMED)
-    rig.add(31, named(1e-4))
-    assert "Coulomb" not in rig.trend()
-    rig.add(59, NAMED)
-    assert "Coulomb friction" in rig.trend()
-    assert set(rig.sizes["label"]) == {"slider_coulomb_friction", LABEL}
-    assert set(rig.sizes.loc[rig.sizes["label"] != LABEL, "unit"]) == {"N"}
-
-
 def test_sizes_weigh_as_their_errors_say_and_widen_the_interval_where_they_scatter_more():
     days, errors = np.array([0.0, 1.0, 2.0, 3.0]), np.full(4, 1.0)
     found = fit_growth(days, np.array([3.0, -3.0, -3.0, 3.0]), errors)  # no slope, chi2 36 with 2 degrees of freedom
@@ -177,7 +172,7 @@ def test_sizes_weigh_as_their_errors_say_and_widen_the_interval_where_they_scatt
 
 @pytest.mark.parametrize("dates", [3, 8])
 def test_nine_of_ten_intervals_hold_the_rate_where_errors_are_right_and_few_say_growth_where_there_is_none(dates):
-    random, days, sets = np.random.default_rng(1), np.linspace(0.0, 90.0, dates), 2000
+    random, days, sets = np.random.default_rng(1), np.linspace(0.0, 90.0, dates), 1000
     errors = random.uniform(1e-6, 4e-6, (sets, dates))
     values = 1e-4 + 3e-8 * days + random.normal(0.0, errors)
     found = [fit_growth(days, *each) for each in zip(values, errors, strict=True)]
@@ -192,24 +187,23 @@ def test_nine_of_ten_intervals_hold_the_rate_where_errors_are_right_and_few_say_
 SAME_DATA = [{"id": "one", "file": "rig-0-slow.csv", "speed": "200 rpm", "role": "split"}]
 
 
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"date": None}, "rig-1.yaml: has no `date`; add the day"),
-        ({"date": "01.03.2026"}, "date = '01.03.2026'.*is not a date; write year, month and day, such as 2026-03-01"),
-        ({"date": 20260301}, "date = 20260301.*is not a date"),
-        ({"name": "rig-0"}, "campaign 'rig-0' is given twice"),
-        ({"mechanism": "ideal_joints"}, r"rig-1.yaml: mechanism\.\S+ = .* in campaign 'rig-0' \(SI\); a trend"),
-        ({"runs": SAME_DATA}, "reads .*rig-0-slow.csv, like campaign 'rig-0'"),
-    ],
-    ids=["no-date", "no-day", "a-number", "twice", "another-mechanism", "the-same-data"],
-)
-def test_campaigns_that_make_no_trend_are_refused_and_nothing_is_written(rig, changed, words):
-    rig.add(0, named(1e-4))
-    with pytest.raises(InputError, match=words):
+def test_campaigns_that_make_no_trend_are_refused_and_nothing_is_written(tmp_path):
+    def of_two(changed):
+        rig = Rig(Path(tempfile.mkdtemp(dir=tmp_path)))
+        rig.add(0, named(1e-4))
         rig.add(31, named(1e-4), **changed)
         rig.trend()
-    assert not [path for path in rig.place.glob("trend/**/*") if path.is_file()]
+
+    cases = [
+        ({"date": None}, "rig-1.yaml: has no `date`; add the day"),
+        ({"date": "01.03.2026"}, "date = '01.03.2026' ~ is not a date; write year, month and day"),
+        ({"date": 20260301}, "date = 20260301 ~ is not a date"),
+        ({"name": "rig-0"}, "campaign 'rig-0' is given twice"),
+        ({"mechanism": "ideal_joints"}, "rig-1.yaml: mechanism. ~ in campaign 'rig-0' (SI); a trend"),
+        ({"runs": SAME_DATA}, "reads ~ rig-0-slow.csv, like campaign 'rig-0'"),
+    ]
+    refused(of_two, cases)
+    assert not [path for path in tmp_path.glob("*/trend/**/*") if path.is_file()]
 
 
 def test_campaigns_without_a_verdict_or_a_size_or_with_a_changed_file_are_refused_but_a_date_may_be_added(rig):

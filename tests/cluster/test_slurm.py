@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import pytest
 
-from benchmarks.project import SMOKE_REPORT, copy_project
+from benchmarks.project import SMOKE_REPORT
 from benchmarks.services import Slurm, services
 from tests.cluster.conftest import CORES, SWEEP, begun_on, dataset, run_on, workflow
 
@@ -137,20 +137,6 @@ def test_a_run_that_is_killed_itself_goes_on_when_it_is_called_again(slurm, proj
     assert dataset(project) == swept_here
 
 
-def test_stopping_slurm_ends_its_jobs_and_daemons(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("s")
-    variables = services("start", folder)
-    subprocess.run(
-        ["bash", "-c", 'eval "$1"; sbatch --wrap "sleep 4321"', "bash", variables],
-        cwd=folder,  # where its job works and writes what it says
-        check=True,
-        capture_output=True,
-    )
-    wait_for(lambda: processes_with("sleep\x004321", str(folder)))
-    services("stop", folder)
-    assert not processes_with(str(folder))
-
-
 def refused(environment, project, *options: str) -> str:
     """What is said by a run that ends before its first job."""
     done = subprocess.run(
@@ -175,26 +161,13 @@ def test_without_a_controller_nothing_is_simulated_and_one_error_says_so(slurm, 
     assert "controller does not answer" in said
 
 
-def test_a_folder_whose_name_the_shell_of_a_job_would_change_is_refused(slurm, tmp_path):
-    folder = copy_project(tmp_path / "costs $5")
-    (folder / "sweep.yaml").write_text(SWEEP)
-    assert "costs $5 has a sign in its path" in refused(slurm.environment, folder)
-
-
-def test_jobs_that_would_wait_for_ever_are_refused(slurm, project):
-    assert "4 jobs of sweep_designs are submitted in arrays, all at once, and jobs allows 3" in refused(
-        slurm.environment, project, "--jobs", "3"
-    )
-
-
-def test_a_job_for_which_no_node_has_the_cores_is_refused(slurm, project):
-    said = refused(slurm.environment, project, "--set-threads", f"sweep_designs={CORES + 1}")
-    assert f"sweep_designs asks for {CORES + 1} cores, and no node has more than {CORES}" in said
-
-
-def test_more_jobs_than_an_array_takes_are_refused(slurm, project):
-    few = (project / "sweep.yaml").read_text()
-    (project / "sweep.yaml").write_text(few.replace("number: 30", "number: 1001").replace("per_job: 8", "per_job: 1"))
+def test_jobs_that_would_wait_for_ever_or_are_too_many_are_refused(slurm, project):
+    few, more = refused(slurm.environment, project, "--jobs", "3"), CORES + 1
+    assert "4 jobs of sweep_designs are submitted in arrays, all at once, and jobs allows 3" in few
+    said = refused(slurm.environment, project, "--set-threads", f"sweep_designs={more}")
+    assert f"sweep_designs asks for {more} cores, and no node has more than {CORES}" in said
+    many = SWEEP.replace("number: 30", "number: 1001").replace("per_job: 8", "per_job: 1")
+    (project / "sweep.yaml").write_text(many)
     said = refused(slurm.environment, project)
     assert "1001 jobs of sweep_designs" in said and "MaxArraySize of SLURM allows 1000" in said
     assert "sweep.designs_per_job" in said

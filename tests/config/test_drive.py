@@ -4,10 +4,9 @@ import math
 
 import pytest
 
-from jointgap.config import Scenario, Simulate, check_drive, check_tolerance, parse_options, resolve, validate
-from jointgap.core.errors import InputError
+from jointgap.config import Scenario, parse_options, resolve, validate
 from tests.catalogue import refused, written
-from tests.config.mechanisms import effect, mechanism, paper
+from tests.config.mechanisms import effect, mechanism
 
 MOTOR = {"kind": "motor", "stall_torque": 3, "no_load_speed": 100}
 
@@ -58,21 +57,3 @@ def test_a_speed_fluctuates_about_a_constant_one_alone():
     fluctuation = effect("speed_fluctuation", ratio=0.1, order=2)
     assert scenario({"kind": "constant"}, fluctuation).mechanism.effect("speed_fluctuation").order == 2
     refused(scenario, [(MOTOR, fluctuation, "speed_fluctuation requires ~ constant, not motor")])
-    fluctuating = mechanism(fluctuation)
-    check_drive(fluctuating, Simulate())
-    for drive in (MOTOR, {"kind": "measured", "file": "angle.csv"}):
-        check_drive(paper(), Simulate(drive=drive))
-        with pytest.raises(InputError, match=f"kind constant, not {drive['kind']}"):
-            check_drive(fluctuating, Simulate(drive=drive))
-
-
-def test_a_tolerance_is_a_ten_thousandth_of_the_smallest_loose_clearance_at_most():
-    tight = mechanism(effect("piston_pin_clearance", clearance_m="0.1 mm")).applied()
-    check_tolerance(tight, Simulate(tolerance=1e-8))
-    with pytest.raises(
-        InputError, match=r"tolerance 1\.1e-08 m .* clearance 0\.0001 m of piston_pin.* at most 1e-08 m"
-    ):
-        check_tolerance(tight, Simulate(tolerance=1.1e-8))
-    ideal, switched = {"crank_pin": "ideal", "piston_pin": "ideal"}, {"loose": False, "bearing_radius": "7.001 mm"}
-    for made in (paper(), mechanism(joints=ideal), mechanism(joints={"piston_pin": switched})):
-        check_tolerance(made, Simulate(tolerance=1e-7))

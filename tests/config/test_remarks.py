@@ -6,7 +6,7 @@ import pytest
 
 from jointgap.core.errors import InputError
 from jointgap.dynamics.mechanism_warnings import odd_data, remarks, sentences
-from tests.config.mechanisms import effect, mechanism, paper
+from tests.config.mechanisms import mechanism, paper
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_depth": "1 um"}
 CLOSE = {name: {"bearing_radius": "7.1 mm"} for name in ("crank_pin", "piston_pin")}
@@ -22,7 +22,6 @@ def test_clearances_of_more_than_a_twentieth_of_the_journal_and_masses_far_apart
     assert [remark.split(":")[0] for remark in odd_data(paper())] == ["crank_pin", "piston_pin"]
     assert "1 mm, is 14.3 % of journal_radius, 7 mm" in odd_data(paper())[0]
     assert odd_data(mechanism(joints=CLOSE)) == odd_data(mechanism(joints=IDEAL)) == []
-    assert odd_data(mechanism(slider={"mass": "18 kg"}, joints=CLOSE)) == []
     (told,) = odd_data(mechanism(slider={"mass": 190}, joints=CLOSE))
     assert told.startswith("slider.mass: 190 kg") and "513 times crank.mass, 0.3704 kg" in told
     assert "`slider.mass`: 190 kg" in sentences(mechanism(slider={"mass": 190}))[0]
@@ -43,8 +42,6 @@ def test_a_law_that_delivers_another_restitution_is_named_for_each_loose_joint()
             assert f"a restitution of {restitution:g}; {law} effectively gives {delivered}" in remark
     assert remarks(with_contact(law="exact_restitution")) == []
     assert remarks(with_contact(law="carvalho_martins", restitution=0.7)) == []
-    assert len(remarks(mechanism(effect("crank_pin_clearance", clearance_m=0), joints=CLOSE))) == 1
-    assert remarks(mechanism(joints=IDEAL)) == []
 
 
 def test_the_penalty_form_says_what_it_delivers():

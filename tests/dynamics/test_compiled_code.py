@@ -9,19 +9,9 @@ import numba
 import pytest
 
 from jointgap.dynamics import numba_cache
-from jointgap.dynamics.numba_cache import cache_folder, compiled, compiled_by_one, remove_old_folders
+from jointgap.dynamics.numba_cache import compiled, compiled_by_one, remove_old_folders
 
 HOLD = "import fcntl, sys; f = open(sys.argv[1], 'w'); fcntl.flock(f, fcntl.LOCK_EX); print(1, flush=True); input()"
-
-
-def test_every_way_of_calling_shares_one_cache(tmp_path, monkeypatch):
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    beside = tmp_path / "beside"
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "one"))  # as scripts/in-venv sets it
-    in_venv = cache_folder(beside)
-    monkeypatch.delenv("XDG_CACHE_HOME")
-    assert in_venv == cache_folder(beside)
-    assert in_venv.startswith(str(beside))
 
 
 def test_compiled_code_of_earlier_sources_goes_but_for_the_newest_and_those_of_the_last_day(tmp_path):

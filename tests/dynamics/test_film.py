@@ -110,7 +110,3 @@ def test_a_film_gives_no_energy_keeps_angular_momentum_and_knows_no_body_from_th
         assert still[2] == pytest.approx(-turning / 2, rel=1e-9, abs=1e-12)  # acts halfway between the centres
         exchanged = film_force(oiled(-side), *-motion[:4], motion[5], motion[4])
         np.testing.assert_allclose(exchanged, (-fx, -fy, on_partner, on_body), rtol=1e-12)
-
-
-def test_a_dry_joint_has_no_film():
-    assert film_force(joint(), 5e-5, 0.0, 0.3, 0.0, 60.0, 0.0) == (0.0, 0.0, 0.0, 0.0)

@@ -6,10 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
-from jointgap.config import load_mechanism
-from jointgap.core.errors import InputError
 from jointgap.dynamics.simulation import simulate
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
@@ -112,15 +109,6 @@ def test_a_campaign_simulates_the_load_as_its_records_have_it(table, written, ke
         true = seen(model, run)["crank_torque"]
         assert np.abs(true[:90] - true[90:180]).max() > 0.1 * np.std(true)
         np.testing.assert_allclose(read(model, run=run)["crank_torque"], true, atol=1e-5 * np.std(true))
-
-
-def test_the_file_is_looked_for_beside_the_mechanism_that_lists_it(tmp_path, table):
-    engine = tmp_path / "engine.yaml"
-    engine.write_text(yaml.safe_dump(content(effects=[table(TURN, WAVE, file="load.csv")])), encoding="utf-8")
-    assert load_mechanism(engine).files == (str(tmp_path / "load.csv"),)
-    (tmp_path / "load.csv").unlink()
-    with pytest.raises(InputError, match=r"engine\.yaml: effects\.slider_force_table.*no file 'load\.csv'"):
-        load_mechanism(engine)
 
 
 def test_a_table_that_is_no_load_of_one_period_is_refused(table):

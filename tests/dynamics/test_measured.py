@@ -3,13 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.sparse import eye_array
 
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import AngleErrors, smooth_angle, unwrapped
+from jointgap.dynamics.drive import smooth_angle, unwrapped
 from jointgap.dynamics.simulation import integrate_to_angles, simulate, start_state
-from tests.config.mechanisms import mechanism as listed
 from tests.dynamics.cases import SPEED, mechanism, options
 from tests.dynamics.closed import Closed
 from tests.rows import each
@@ -125,18 +123,6 @@ def test_tables_that_cannot_drive_a_crank_are_refused_with_file_column_and_row(t
         simulate(IDEAL, chosen)
 
 
-def test_smoothing_does_not_flatten_what_repeats_in_every_turn():
-    time = np.arange(700) / 50.0
-    steady = 8.0 * time + 0.2 * np.sin(0.4 * time)
-    true = steady + 0.12 * np.sin(steady) + 0.036 * np.sin(2.0 * steady + 1.0)
-    parts = np.column_stack([np.cos(2.0 * steady), np.sin(2.0 * steady)])
-    for seed in range(3):
-        read = true + 6e-3 * np.random.default_rng(seed).standard_normal(time.size)  # stamps that are 0.7 ms off
-        away = smooth_angle(time, read, None)(time) - true
-        flattened = np.linalg.lstsq(parts[20:-20], away[20:-20], rcond=None)[0]
-        assert np.hypot(*flattened) < 1.5e-3  # four standard errors of 700 samples are 1.3e-3
-
-
 @each("unsteadiness, mean_speed", [(0.0, 8.0), (0.6, 80.0), (0.95, 8.0)])
 def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_crank_turns(unsteadiness, mean_speed):
     """The speed falls and rises by `unsteadiness` of its mean within each turn, and drifts over the record."""
@@ -154,33 +140,3 @@ def test_the_smooth_angle_of_exact_readings_is_exact_however_unsteadily_the_cran
     between = time[per_turn:-per_turn] + 0.5 * (time[1] - time[0])
     np.testing.assert_allclose(smooth(between), crank(between)[0], atol=1e-5)
     np.testing.assert_allclose(smooth(between, 1), crank(between)[1], atol=2e-4 * mean_speed)
-
-
-def test_contacts_are_judged_at_the_speed_of_the_measured_angle(tmp_path):
-    rubber = listed(contacts={"steel": {"youngs_modulus": "10 MPa"}})  # firm enough at 10 rad/s
-    parameters(rubber, options(speed=10.0))
-    with pytest.raises(InputError, match=r"youngs_modulus 1e\+07 Pa is too soft.* inertia at 599\.6 rpm"):
-        parameters(rubber, measured(tmp_path))
-
-
-PER_TURN, ERROR = 30, 1e-3
-
-
-@each("unsteady, stepped", [(0.05, False), (0.0, True)])
-def test_errors_are_as_large_as_those_of_drawn_noise(unsteady, stepped):
-    """Of a crank that runs ahead, by so many rad, in its first two orders and once in a while."""
-    time = np.arange(5 * PER_TURN) * (TURN / 30.0 / PER_TURN)
-    phase = 30.0 * time
-    true = 0.4 + phase + unsteady * (np.sin(phase) + 0.3 * np.cos(2 * phase) + 0.5 * np.sin(phase / 3.7))
-    rng, inside = np.random.default_rng(0), slice(PER_TURN // 2, -PER_TURN // 2)
-    resolution = np.sqrt(12.0) * ERROR if stepped else None  # a quintic for white noise of that size
-    drawn, told = [], []
-    for draw in range(16):
-        angle = true + ERROR * rng.standard_normal(time.size)
-        smooth = smooth_angle(time, angle, resolution)
-        drawn.append([smooth(time, derivative)[inside] for derivative in range(3)])
-        if draw < 3:
-            errors = AngleErrors(time, angle, smooth, stepped, eye_array(time.size, format="csr"), None)
-            told.append([np.mean(errors(time, derivative)[inside] ** 2) * errors.count for derivative in range(3)])
-    spread = np.sqrt(np.var(drawn, axis=0).mean(axis=-1))
-    assert np.sqrt(np.mean(told, axis=0)) == pytest.approx(spread, rel=0.3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.contact import LAWS, damping_factor_at, elastic_duration, force_free_speed
+from jointgap.dynamics.contact import LAWS, damping_factor_at, elastic_duration
 from jointgap.dynamics.integrate import EVENT
 from jointgap.dynamics.joints import CONTACT, FLIGHT
 from jointgap.dynamics.runge_kutta import LINEAR, instant
@@ -31,16 +31,6 @@ def test_memory_and_fading_last_as_long_as_is_documented():
         assert numbers.memory_time == pytest.approx(2.5 * duration, rel=1e-9)
         assert numbers.fading_time == pytest.approx(2.5 * duration, rel=1e-9)
         assert numbers.steady_contact_damping == numbers.damping / 0.05
-
-
-def test_the_published_form_and_the_penalty_form_never_fade():
-    penalty = {"law": "penalty", "penalty_damping": 2e3, "penalty_depth": 1e-4}
-    for made in (mechanism(memory="published"), mechanism(**penalty)):
-        numbers = parameters(made, options()).crank_pin
-        assert numbers.memory_time == np.inf
-        assert damping_factor_at(numbers, APPROACH, 0.0, 1e6) == numbers.damping / APPROACH
-        if numbers.damping > 0:
-            assert force_free_speed(numbers, APPROACH, 0.0, 1e6) == (APPROACH / numbers.damping, 0.0)
 
 
 def test_the_damping_goes_over_as_a_smooth_step_of_ninth_order():

@@ -53,32 +53,6 @@ def test_it_hits_first_at_the_crank_pin_where_free_flight_ends():
     assert first.crank_angle == pytest.approx(brentq(gap, 0.05, 0.2, xtol=1e-16), abs=1e-11)
 
 
-def test_who_carries_the_bearing_matters_with_friction_alone():
-    degrees = np.arange(0, 61)
-    for friction in (0.0, 0.2):
-        pins, other = (
-            integrated(mechanism(friction=friction, journals=journals), degrees)[1].states[:, :4]
-            for journals in (("crank", "slider"), ("rod", "rod"))
-        )
-        assert (np.abs(other - pins).max() > 1e-5) == (friction > 0) == (not np.array_equal(other, pins))
-
-
-def test_directions_are_undefined_only_where_the_centres_coincide():
-    samples = simulate(mechanism(friction=0.05), options(samples_per_revolution=3600)).samples
-    directions = [f"gamma{joint}{dots}" for joint in (2, 3) for dots in ("", "_dot", "_ddot")]
-    assert samples.loc[0, directions].isna().all()
-    pivot = [name for name in samples if name.startswith("gamma1")]
-    assert samples[pivot].isna().all(axis=None)  # that joint is ideal
-    assert samples.loc[0, ["r2", "r3", "r2_dot", "r3_dot"]].eq(0).all()
-    # the centres part with their relative acceleration: the pin's towards the pivot, the piston's by the rod's turning
-    rate = CRANK * SPEED / ROD
-    assert samples.loc[0, "r2_ddot"] == pytest.approx(CRANK * SPEED**2 + CENTRE * rate**2, rel=1e-12)
-    assert samples.loc[0, "r3_ddot"] == pytest.approx((ROD - CENTRE) * rate**2, rel=1e-12)
-    assert samples.drop(index=0, columns=pivot).notna().all(axis=None)
-    assert np.abs(np.diff(samples.gamma2[1:])).max() < 1
-    assert np.abs(np.diff(samples.gamma3[1:])).max() < 1
-
-
 def test_contact_forces_never_pull_and_vanish_apart():
     samples = simulate(mechanism(restitution=0.3), options(samples_per_revolution=7200)).samples
     for number, name in ((2, "crank_pin"), (3, "piston_pin")):

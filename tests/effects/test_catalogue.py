@@ -7,30 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from jointgap.config import EFFECTS, Scenario, hertz_stiffness, parse_options, validate
+from jointgap.config import EFFECTS, Scenario, parse_options, validate
 from jointgap.core.errors import InputError
 from jointgap.effects.base import example, parameters_of
+from tests.catalogue import refused
 from tests.config.mechanisms import PIVOT, effect, mechanism, paper
 from tests.rows import each
-
-DATA = (
-    "added_slider_mass",
-    "slider_offset",
-    "link_length_error",
-    "crank_pivot_clearance",
-    "crank_pin_clearance",
-    "piston_pin_clearance",
-    "pin_friction",
-    "common_pin_friction",
-    "pin_restitution",
-    "common_pin_restitution",
-)
-
-
-def test_no_effect_acts_unless_it_is_listed():
-    assert paper().effects == ()
-    assert all(paper().effect(name) is None for name in EFFECTS)
-    assert paper().applied() == paper()
 
 
 @each("name", EFFECTS)
@@ -40,12 +22,6 @@ def test_every_effect_can_be_listed_as_its_own_example_says(name):
     assert EFFECTS[name].LAW and EFFECTS[name].REFERENCE and all(row.meaning for row in parameters_of(EFFECTS[name]))
     scenario = validate(Scenario, {"mechanism": made.model_dump()}, "mine")
     assert parse_options(scenario.model_dump_json(include={"mechanism"})).mechanism == made
-
-
-def test_all_effects_can_act_at_once():
-    made = mechanism(*map(example, EFFECTS.values()), joints={"crank_pivot": PIVOT})
-    assert [one.name for one in made.effects] == list(EFFECTS)
-    assert {one.name for one in made.applied().effects} == set(EFFECTS) - set(DATA)
 
 
 @each(
@@ -87,31 +63,30 @@ THICK = effect("lubricated_joint", "crank_pin", viscosity_Pa_s=0.05, length_m=0.
 RUBBING = effect("pin_friction", "crank_pin", coefficient=0.1)
 
 
-@each(
-    "effects, words",
-    [
-        ([effect("slidr_spring")], "effects.0.name = 'slidr_spring'.*no such effect.*did you mean 'slider_spring'"),
+WIDER = effect("crank_pivot_clearance", clearance_m=1e-4)
+
+
+def test_an_effect_that_makes_no_sense_is_refused():
+    cases = [
+        ([effect("slidr_spring")], "effects.0.name = 'slidr_spring' ~ no such effect ~ did you mean 'slider_spring'"),
         ([{"parameters": {}}], "effects.0.name' is missing"),
-        ([effect("gravity", acceleration=9)], "parameters.acceleration'.*did you mean 'acceleration_m_s2'"),
+        ([effect("gravity", acceleration=9)], "parameters.acceleration' ~ did you mean 'acceleration_m_s2'"),
         ([effect("pin_friction", coefficient=0.1)], "site' is missing"),
-        ([effect("pin_friction", "crank_pivot", coefficient=0.1)], "site = 'crank_pivot'.*'crank_pin' or 'piston_pin'"),
-        ([effect("gravity"), effect("gravity")], "gravity at all bodies is listed more than once"),
+        (
+            [effect("pin_friction", "crank_pivot", coefficient=0.1)],
+            "site = 'crank_pivot' ~ 'crank_pin' or",
+        ),
+        ([effect("gravity")] * 2, "gravity at all bodies is listed more than once"),
         ([RUBBING] * 2, "pin_friction at crank_pin is listed more than once"),
-        ([effect("discovered_slider_force", formula="a*v")], "formula 'a\\*v'.*unknown name 'a'"),
-        ([effect("added_slider_mass", mass_kg=-1)], "effects added_slider_mass.*slider.mass.*greater than 0"),
-        ([effect("slider_offset", offset_m=0.5)], "effects slider_offset.*cannot turn"),
-        ([THICK], "lubricated_joint at crank_pin.*more than 0.5 of the clearance 0.001 m"),
+        ([effect("discovered_slider_force", formula="a*v")], "formula 'a*v' ~ unknown name 'a'"),
+        ([effect("added_slider_mass", mass_kg=-1)], "effects added_slider_mass ~ slider.mass ~ greater than 0"),
+        ([effect("slider_offset", offset_m=0.5)], "effects slider_offset ~ cannot turn"),
+        ([THICK], "lubricated_joint at crank_pin ~ more than 0.5 of the clearance 0.001 m"),
         ([FILM, effect("crank_pin_clearance", clearance_m=0)], "lubricated_joint at crank_pin requires a clearance"),
-    ],
-)
-def test_an_effect_that_makes_no_sense_is_refused(effects, words):
-    with pytest.raises(InputError, match=f"(?s){words}"):
-        mechanism(*effects)
-
-
-def test_a_clearance_needs_the_data_of_its_joint():
-    with pytest.raises(InputError, match="crank_pivot_clearance requires the data of crank_pivot"):
-        mechanism(effect("crank_pivot_clearance", clearance_m=1e-4), joints={"crank_pivot": "ideal"})
+        ([WIDER], {"crank_pivot": "ideal"}, "crank_pivot_clearance requires the data of crank_pivot"),
+        ([RUBBING], {"crank_pin": "ideal"}, "pin_friction at crank_pin requires the joint's journal_radius"),
+    ]
+    refused(lambda effects, joints=None: mechanism(*effects, **({"joints": joints} if joints else {})), cases)
 
 
 def bending(**rod):
@@ -175,21 +150,3 @@ def test_friction_in_a_loose_pin_is_its_contacts_and_in_an_ideal_one_an_effect()
     assert applied.effect("pin_friction", "crank_pin") is None
     assert applied.effect("pin_friction", "piston_pin").coefficient == 0.2
     assert applied.joint("piston_pin").contact.friction == 0.05
-
-
-def test_the_contact_of_a_clearance_is_its_joints_alone():
-    told = {"restitution": 0.35, "friction": 0.02}
-    told |= {"stiffness_factor": 2.0, "damping_factor": 0.5, "friction_speed_factor": 3.0}
-    applied = mechanism(effect("crank_pin_clearance", clearance_m=1e-4, **told)).applied()
-    own, other = applied.joint("crank_pin").contact, applied.joint("piston_pin").contact
-    assert other == paper().joint("piston_pin").contact
-    assert (own.restitution, own.friction) == (0.35, 0.02)
-    assert own.reference_speed == pytest.approx(other.reference_speed / 0.5)
-    assert own.friction_speed == pytest.approx(3.0 * other.friction_speed)
-    nominal = mechanism(effect("crank_pin_clearance", clearance_m=1e-4)).applied().joint("crank_pin")
-    assert hertz_stiffness(applied.joint("crank_pin")) == pytest.approx(2.0 * hertz_stiffness(nominal))
-
-
-def test_friction_in_an_ideal_pin_needs_its_radius():
-    with pytest.raises(InputError, match="pin_friction at crank_pin requires the joint's journal_radius"):
-        mechanism(effect("pin_friction", "crank_pin", coefficient=0.1), joints={"crank_pin": "ideal"})

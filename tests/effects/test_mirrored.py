@@ -44,21 +44,6 @@ def test_the_mirrored_mechanism_moves_as_the_mirror_image_of_the_clockwise_one(n
         assert np.abs(sign * behind[column] - front[column]).max() < bound * size, column
 
 
-@each("order, phase", [(1, 0.5), (3, -2.0)])
-def test_a_clockwise_speed_that_fluctuates_is_fastest_at_the_same_place_of_the_crank(order, phase):
-    made = mechanism(effect("speed_fluctuation", ratio=0.1, order=order, phase_rad=phase), loose=())
-    behind = simulate(made.mirrored(), options(revolutions=1)).samples
-    angle_in_front = -behind.crank_angle.to_numpy()
-    law = SPEED * (1.0 + 0.1 * np.cos(order * angle_in_front - phase))
-    np.testing.assert_allclose(behind.crank_speed, law, rtol=1e-12)
-    assert made.mirrored().effect("speed_fluctuation").phase_rad == -phase
-
-
-def test_the_mirror_image_of_all_effects_can_be_folded_before_or_after():
-    made = mechanism(*map(example, EFFECTS.values()), offset=0.03)
-    assert made.mirrored().applied() == made.applied().mirrored()
-
-
 @each("loose", [(), ("crank_pin", "piston_pin"), ("crank_pivot",)])
 def test_a_clockwise_speed_gives_every_column_the_sign_that_an_integration_backwards_gives_it(loose):
     made = mechanism(effect("gravity"), loose=loose, offset=0.03)

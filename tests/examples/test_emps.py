@@ -72,15 +72,6 @@ def test_dry_friction_holds_the_slide_until_the_drive_is_stronger(tmp_path):
     np.testing.assert_allclose(found[100:], drive, rtol=1e-12)
 
 
-def test_every_candidate_changes_the_force_at_its_step_and_nothing_at_zero(ramp):
-    base = ramp.simulate("reference", VALUES)["force"]
-    for candidate in ramp.candidates:
-        off = {p.name: candidate.initial_guesses[0].get(p.name, 0.0) for p in candidate.coordinates}
-        on = {p.name: p.step if p.name in candidate.amplitudes else off[p.name] for p in candidate.coordinates}
-        np.testing.assert_array_equal(ramp.simulate("reference", VALUES, [(candidate, off)])["force"], base)
-        assert np.abs(ramp.simulate("reference", VALUES, [(candidate, on)])["force"] - base).max() > 1e-4
-
-
 def test_absent_or_foreign_data_is_refused_with_the_address_to_get_it(tmp_path, monkeypatch):
     monkeypatch.delenv("JOINTGAP_EMPS", raising=False)
     for given in ((), (tmp_path,)):

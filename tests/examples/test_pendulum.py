@@ -11,7 +11,7 @@ from examples.naming import name
 from examples.pendulum.__main__ import angle_errors
 from examples.pendulum.model import ADDRESS, ANGLE_STEP, HELD_OUT, RUNS, Pendulum, path_of
 from jointgap.core.errors import InputError
-from tests.catalogue import each
+from tests.catalogue import each, refused
 
 VALUES = {"inertia": 0.19, "gravity_torque": 3.6, "viscous": 0.012}
 FREE = {**VALUES, "viscous": 0.0}
@@ -94,22 +94,6 @@ def test_without_gravity_the_torque_balances_the_resistance_at_the_final_speed(t
     each(final, cases)
 
 
-def test_a_delay_of_the_torque_delays_the_motion(tmp_path):
-    model = write(tmp_path, np.sin(TIME * 4.0) ** 2)
-    angle, late = moved(model)[0], moved(model, torque_delay={"delay_s": 0.004})[0]
-    np.testing.assert_allclose(late[2:], angle[:-2], atol=1e-5)
-
-
-def test_every_candidate_changes_the_position_at_its_step_and_nothing_at_zero(tmp_path):
-    model = write(tmp_path, np.sin(TIME * 4.0))
-    base = model.simulate(RUN, VALUES)["position"]
-    for candidate in model.candidates:
-        off = {p.name: candidate.initial_guesses[0].get(p.name, 0.0) for p in candidate.coordinates}
-        on = {p.name: p.step if p.name in candidate.amplitudes else off[p.name] for p in candidate.coordinates}
-        np.testing.assert_array_equal(model.simulate(RUN, VALUES, [(candidate, off)])["position"], base)
-        assert np.abs(model.simulate(RUN, VALUES, [(candidate, on)])["position"] - base).max() > 1e-4
-
-
 def test_absent_or_foreign_data_is_refused_with_the_address_to_get_it(tmp_path, monkeypatch):
     monkeypatch.delenv("JOINTGAP_PENDULUM", raising=False)
     with pytest.raises(InputError, match=f"JOINTGAP_PENDULUM.*{ADDRESS}"):
@@ -120,19 +104,18 @@ def test_absent_or_foreign_data_is_refused_with_the_address_to_get_it(tmp_path, 
     path = path_of(tmp_path, RUN)
     whole = pd.read_csv(path)
 
-    def refused(table, words):
+    def read(table):
         table.to_csv(path, index=False)
-        with pytest.raises(InputError, match=f"'{path}' {words}.*{ADDRESS}"):
-            Pendulum(tmp_path)
+        Pendulum(tmp_path)
 
     cases = [
-        (whole.drop(columns="torque"), "is not a run of the pendulum.*torque"),
+        (whole.drop(columns="torque"), "is not a run of the pendulum ~ torque"),
         (whole.assign(torque="high"), "is not a run of the pendulum"),
         (whole.assign(position=np.nan), "needs more than 100 rows of finite numbers"),
         (whole.iloc[:50], "needs more than 100 rows"),
-        (whole.iloc[::-1], "needs .* in order of time"),
+        (whole.iloc[::-1], "in order of time"),
     ]
-    each(refused, cases)
+    refused(read, [(table, f"'{path}' ~ {ADDRESS} ~ {words}") for table, words in cases])
 
 
 @pytest.mark.integration

@@ -1,11 +1,8 @@
 """The page to zoom into the impacts, on a small made-up motion."""
 
-import sys
-
 import numpy as np
 import pytest
 
-from jointgap.core.errors import InputError
 from jointgap.scenario.impacts_page import impacts_page, with_extremes
 
 
@@ -23,12 +20,6 @@ def test_the_page_is_complete_in_itself_and_names_axes_units_and_joints(tables, 
     ):
         assert words in drawn, words
     assert page == impacts_page(tables["trajectory"], tables["events"], scenario, "my_press")
-
-
-def test_without_plotly_the_page_says_in_a_line_what_to_install(tables, scenario, monkeypatch):
-    monkeypatch.setitem(sys.modules, "plotly.subplots", None)
-    with pytest.raises(InputError, match=r"an interactive figure requires plotly: pip install 'jointgap\[workflow\]'"):
-        impacts_page(tables["trajectory"], tables["events"], scenario, "paper")
 
 
 def test_of_a_long_curve_every_stretch_keeps_its_extremes():

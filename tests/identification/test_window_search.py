@@ -12,7 +12,7 @@ from jointgap.core.errors import SimulationError
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.likelihood import Estimate
 from jointgap.identification.verdict import Thresholds
-from jointgap.identification.window_search import best_sizes, fit_clearances
+from jointgap.identification.window_search import fit_clearances, likely_clearances
 from tests.catalogue import each
 from tests.identification.oscillator import PULL, SPRING, SWING, TURNS, WOBBLE, linear, windows
 
@@ -33,7 +33,10 @@ def springs(place=6.4, by_shape=3.0, fails=lambda effects: False, swing=0.0, can
         spring = effects["spring"]
         return abs(np.interp(spring["size"], SIZES, np.arange(10.0)) - place) + by_shape * spring["damping"] / 0.3
 
-    hidden, settings = STIFFER | ({"swing": {"size": swing}} if swing else {}), windows(**{"jumps": JUMPS} | changed)
+    hidden, settings = (
+        STIFFER | ({"swing": {"size": swing}} if swing else {}),
+        windows(**{"jumps": JUMPS, "likely_deviance": 10.0} | changed),
+    )
     more = {"candidates": candidates, "hidden": hidden, "deviance": deviance}
     return linear(settings=settings, runs=("slow",), windowed=lambda effects: "spring" in effects, **more)
 
@@ -44,7 +47,7 @@ def baseline_of(problem):
 
 def search(problem, limits=NOISE_ALONE, alone=()):
     baseline = baseline_of(problem)
-    return fit_clearances(baseline, best_sizes(baseline), limits, alone)
+    return fit_clearances(baseline, likely_clearances(baseline), limits, alone)
 
 
 def place_of(spring):
@@ -71,11 +74,10 @@ def test_every_size_is_tried_the_best_that_are_no_neighbours_in_all_shapes_and_t
     def check(place, by_shape, candidates, counts, kept, shapes):
         settings = dict(zip(("tried_sizes", "fitted_sizes"), counts, strict=True))
         problem = springs(place, by_shape, candidates=candidates, **settings)
-        sizes = best_sizes(baseline_of(problem))
-        values = [{key.removeprefix(f"{one.hypothesis[0].label}."): v for key, v in one.start.items()} for one in sizes]
+        sizes = likely_clearances(baseline_of(problem))
+        values = [{key.removeprefix(f"{one.label}."): v for key, v in start.items()} for (one,), start in sizes]
         assert [place_of(one) for one in values] == kept
         assert [one["zero@slow"] for one in values] == [0.07] * len(kept)  # as fitted with nominal shared values
-        assert sizes == sorted(sizes, key=lambda one: one.deviance)
         assert tried(problem)[: len(every)] == every and tried(problem)[len(every) * len(candidates) :] == shapes
 
     one = (SPRING,)
@@ -89,7 +91,7 @@ def test_every_size_is_tried_the_best_that_are_no_neighbours_in_all_shapes_and_t
         ],
     )
     wide = springs(0.0, size_factor=100.0)
-    best_sizes(baseline_of(wide))
+    likely_clearances(baseline_of(wide))
     assert {place for place, _ in tried(wide)} == {0, 9}
 
 
@@ -97,15 +99,20 @@ def test_a_size_that_cannot_be_simulated_is_no_start_and_a_candidate_without_win
     problem = springs(
         4.0, fails=lambda effects: abs(effects["spring"]["size"] - SIZES[4]) < 1e-9, tried_sizes=1, fitted_sizes=1
     )
-    (size,) = best_sizes(baseline_of(problem))
-    assert place_of({"size": size.start["spring.size"], "damping": 0.0}) in ((3, 0.0), (5, 0.0))
+    ((_, start),) = likely_clearances(baseline_of(problem))
+    assert place_of({"size": start["spring.size"], "damping": 0.0}) in ((3, 0.0), (5, 0.0))
     problem = springs(4.0, candidates=(SPRING, HINGE, SWING))
     for damping, dampings in ((0.1, {0.1}), (0.2, set())):  # with which there are windows
         problem.model.windowed = lambda at, damping=damping: at.get("spring", {}).get("damping") == damping
         problem.model.filtered.clear()
-        found = best_sizes(baseline_of(problem))
+        found = likely_clearances(baseline_of(problem))
         assert {damping for _, damping in tried(problem)} == dampings and bool(found) == bool(dampings)
     assert search(problem) == [] and problem.model.filtered == []
+
+
+def test_no_size_is_kept_if_the_best_one_deviates_too_much():
+    for limit, count in ((0.39, 0), (0.41, 2)):
+        assert len(likely_clearances(baseline_of(springs(6.4, likely_deviance=limit)))) == count
 
 
 # Fits

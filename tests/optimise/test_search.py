@@ -8,10 +8,8 @@ from hypothesis import strategies as st
 from jointgap.config import Box, Genetic
 from jointgap.core.errors import InputError
 from jointgap.lengths import objective as valley
-from jointgap.lengths.objective import MEASURES
 from jointgap.lengths.region import Region
 from jointgap.lengths.search import (
-    evaluations_until,
     evolve,
     feasible_mutation,
     intermediate_crossover,
@@ -24,13 +22,7 @@ from jointgap.lengths.search import (
 def multipliers_are_right(objective, region, lengths):
     """Whether minus the gradient is a combination, with no negative share, of the active constraints' normals."""
     scale = region.size
-    normals = []
-    for axis in range(2):
-        unit = np.eye(2)[axis]
-        if lengths[axis] >= region.upper[axis] - 1e-9:
-            normals.append(unit)
-        if lengths[axis] <= region.lower[axis] + 1e-9:
-            normals.append(-unit)
+    normals = [*np.eye(2)[lengths >= region.upper - 1e-9], *-np.eye(2)[lengths <= region.lower + 1e-9]]
     if region.inequality(lengths) >= -1e-9:
         normals.append(np.array([1.0, -region.ratio_limit]) * scale / scale[0])
     downhill = -objective.gradient(lengths) * scale / objective.value(lengths)
@@ -42,15 +34,13 @@ def multipliers_are_right(objective, region, lengths):
 
 def test_end_points_meet_the_conditions_of_an_optimum_at_bounds_and_on_the_inequality(objective, region, cut_region):
     for within, words in ((region, "at its upper bound"), (cut_region, "crank length at 0.262 times the rod length")):
-        for result in search_from_all(objective, within, 1e-12):
-            assert within.contains(result.lengths, slack=1e-9)
-            assert words in within.active(result.lengths)
-            assert multipliers_are_right(objective, within, result.lengths)
-
-
-def test_all_starts_end_at_one_point_when_the_tolerance_is_tight(objective, region):
-    ends = np.array([result.lengths for result in search_from_all(objective, region, 1e-12)])
-    assert np.max(np.ptp(ends, axis=0)) < 1e-7
+        ends = [result.lengths for result in search_from_all(objective, within, 1e-12)]
+        assert np.max(np.ptp(ends, axis=0)) < 1e-7  # all starts end at one point
+        for lengths in ends:
+            assert within.contains(lengths, slack=1e-9) and words in within.active(lengths)
+            assert multipliers_are_right(objective, within, lengths)
+    with pytest.raises(InputError, match=r"ratio_limit 0\.2 excludes the whole box"):
+        Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.2)
 
 
 OPTIONS = Genetic(population=20, generations=100, seed=5)
@@ -70,29 +60,18 @@ def test_it_comes_near_what_local_searches_and_a_dense_grid_find(objective, regi
     assert run.value <= min(np.min(objective.value(part)) for part in np.array_split(points, 10)) * (1 + 1e-3)
 
 
-def test_each_generation_has_the_configured_shares(run):
+def test_each_generation_has_the_configured_shares_and_allowed_lengths_and_a_seed_repeats_it(objective, region, run):
     for number, generation in run.population.groupby("generation"):
         origins = generation["origin"].value_counts().to_dict()
         assert origins == ({"first": 20} if number == 0 else {"elite": 2, "crossover": 14, "mutation": 4})
-
-
-def test_every_individual_is_allowed_and_has_its_own_value(objective, region, run):
     lengths = run.population[["crank_length", "rod_length"]].to_numpy()
     assert region.contains(lengths, slack=1e-15).all()
     assert objective.value(lengths) == pytest.approx(run.population["sum_of_squares"].to_numpy(), rel=1e-13)
-
-
-def test_the_same_seed_gives_the_same_run_and_another_seed_another(objective, region, run):
-    assert evolve(objective, region, OPTIONS).population.equals(run.population)
-    other = evolve(objective, region, OPTIONS.model_copy(update={"seed": 6}))
-    assert not other.population.equals(run.population)
-
-
-def test_evaluations_until_counts_up_to_the_first_that_is_near():
-    values = np.array([9.0, 3.0, 1.1, 1.0])
-    assert evaluations_until(values, 1.0, 0.2) == 3
-    assert evaluations_until(values, 1.0, 0.0) == 4
-    assert evaluations_until(values, 0.5, 0.1) is None
+    one, same, other = (
+        evolve(objective, region, OPTIONS.model_copy(update={"generations": 3, "seed": seed})).population
+        for seed in (5, 5, 6)
+    )
+    assert one.equals(same) and not one.equals(other)
 
 
 REGION = Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.27)
@@ -119,21 +98,14 @@ def test_rank_counts_and_not_the_value():
     assert shares.sum() == pytest.approx(1.0)
 
 
-def test_crossover_lies_on_the_line_between_its_parents():
+def test_children_lie_between_their_parents_and_mutants_in_the_region_up_to_its_bounds():
     random = np.random.default_rng(0)
-    first, second = REGION.sample(100, random), REGION.sample(100, random)
-    children = intermediate_crossover(first, second, random)
+    first, second = REGION.sample(2000, random), REGION.sample(2000, random)
+    children, mutants = intermediate_crossover(first, second, random), feasible_mutation(first, REGION, random)
     across = np.cross(np.pad(second - first, ((0, 0), (0, 1))), np.pad(children - first, ((0, 0), (0, 1))))[:, 2]
     assert np.max(np.abs(across)) < 1e-17
-    assert REGION.contains(children, slack=1e-15).all()
-
-
-def test_mutants_stay_in_the_region_and_reach_all_of_it():
-    random = np.random.default_rng(0)
-    parents = REGION.sample(2000, random)
-    mutants = feasible_mutation(parents, REGION, random)
-    assert REGION.contains(mutants, slack=1e-15).all()
-    moved = np.hypot(*((mutants - parents) / REGION.size).T)
+    assert REGION.contains(children, slack=1e-15).all() and REGION.contains(mutants, slack=1e-15).all()
+    moved = np.hypot(*((mutants - first) / REGION.size).T)
     assert 0.0 < moved.min() and 0.9 < moved.max() <= 1.0
     for side in (mutants[:, 1] == REGION.upper[1], mutants[:, 1] == REGION.lower[1], mutants[:, 0] == REGION.lower[0]):
         assert side.any()  # steps cut at a bound end on it
@@ -159,37 +131,15 @@ def test_a_step_is_cut_exactly_at_the_edge_it_meets():
     assert REGION.reach(REGION.upper, [0.0, 0.001]) == 0.0
 
 
-def test_a_ratio_that_leaves_nothing_of_the_box_is_refused():
-    with pytest.raises(InputError, match=r"ratio_limit 0\.2 excludes the whole box"):
-        Region.of(Box(crank_length=(0.147, 0.153), rod_length=(0.555, 0.564)), 0.2)
-
-
-@pytest.fixture(scope="module")
-def floor(objective, region):
-    return valley.best_cranks(objective, region)
-
-
-def test_the_invariant_is_constant_along_the_floor(floor):
+def test_the_floor_lies_below_the_grid_and_its_invariant_is_constant(objective, region, cut_region):
+    floor, grid = valley.best_cranks(objective, region), valley.grid(objective, region)
     for name, rows in floor.groupby("measure"):
-        spread = np.ptp(rows["invariant"]) / rows["invariant"].mean()
-        assert spread < 2e-5, name  # 4 % of rod length along it
-
-
-def test_the_floor_lies_below_the_grid(objective, region, floor):
-    grid = valley.grid(objective, region)
-    for name in MEASURES:
+        assert np.ptp(rows["invariant"]) / rows["invariant"].mean() < 2e-5, name  # 4 % of rod length along it
         lowest = grid.groupby("rod_length")[name].min().to_numpy()
-        assert np.all(floor.query("measure == @name")["value"].to_numpy() <= lowest * (1 + 1e-12))
-
-
-def test_the_grid_marks_what_the_inequality_forbids(objective, cut_region):
-    grid = valley.grid(objective, cut_region)
-    assert np.array_equal(grid["allowed"], grid["crank_length"] <= 0.262 * grid["rod_length"] + 1e-12)
-    assert not grid["allowed"].all()
-
-
-def test_at_the_rod_length_of_the_optimum_the_floor_is_the_optimum(objective, region, floor):
+        assert np.all(rows["value"].to_numpy() <= lowest * (1 + 1e-12))
     best = min(search_from_all(objective, region, 1e-12), key=lambda result: result.value)
     rows = floor.query("measure == 'sum_of_squares'")
-    predicted = np.interp(best.lengths[1], rows["rod_length"], rows["value"])
-    assert predicted == pytest.approx(best.value, rel=1e-4)
+    assert np.interp(best.lengths[1], rows["rod_length"], rows["value"]) == pytest.approx(best.value, rel=1e-4)
+    cut = valley.grid(objective, cut_region)
+    assert np.array_equal(cut["allowed"], cut["crank_length"] <= 0.262 * cut["rod_length"] + 1e-12)
+    assert not cut["allowed"].all()

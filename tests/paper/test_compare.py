@@ -6,15 +6,13 @@ import pytest
 
 from jointgap.config import read_yaml, resolve
 from jointgap.config.yaml_files import merge
-from jointgap.core import parquet, schema
-from jointgap.core.joints import OUTPUTS, PINS
-from jointgap.core.page import to_html, to_markdown
+from jointgap.core.joints import OUTPUTS
+from jointgap.core.page import to_markdown
 from jointgap.paper.compare import (
     claim,
     comparison_page,
     contact_claims,
     deviation_claims,
-    evaluations_claim,
     gain_claims,
     joints_claim,
     limit,
@@ -22,12 +20,8 @@ from jointgap.paper.compare import (
     networks_claim,
     number,
     optimiser_claims,
-    optimum,
-    superposition_claim,
-    variant_optimum,
 )
-from jointgap.paper.printed import OPTIMA, TRAINING_MSE, departures
-from jointgap.scenario import overview
+from jointgap.paper.printed import TRAINING_MSE, departures
 from tests.rows import each
 
 HOLDS, FAILS, UNKNOWN = "holds", "does not hold", "undecided"
@@ -63,33 +57,6 @@ def test_the_angle_at_which_contact_is_last_lost_is_found(scenario):
     assert contact["verdict"] == FAILS
     assert follows["verdict"] == HOLDS
     assert follows["ours"] == pytest.approx(1.0)
-
-
-def test_a_piston_moved_by_both_clearances_is_seen_as_superposed_and_one_moved_by_neither_is_not(scenario):
-    first = _revolution(
-        scenario,
-        r2=lambda angle: 1e-3 + 0 * angle,
-        gamma2=lambda angle: angle,
-        r3=lambda angle: 1e-3 + 0 * angle,
-        gamma3=lambda angle: 2 * angle,
-    )
-    ideal = pd.DataFrame({"slider_position": np.zeros(len(first))})
-    both = 1e-3 * (np.cos(first["crank_angle"]) - np.cos(2 * first["crank_angle"]))
-    assert superposition_claim(first.assign(slider_position=both), ideal, PINS)["ours"] == pytest.approx(1.0)
-    neither = 1e-3 * np.sin(3 * first["crank_angle"])
-    assert superposition_claim(first.assign(slider_position=neither), ideal, PINS)["verdict"] == FAILS
-
-
-def test_pages_hold_every_row_and_escape_what_is_not_text(scenario):
-    rows = [number("a < b", "1", 1.0, 2.0, "because & so"), claim("joints", None, None, why="") | {"item": "c | d"}]
-    comparison = pd.DataFrame(rows)
-    parquet.to_arrow(schema.COMPARISON, comparison)
-    shown = comparison_page(comparison, scenario)
-    html, text = to_html(shown), to_markdown(shown)
-    assert "a &lt; b" in html
-    assert "because &amp; so" in html
-    assert r"| c \| d |" in text
-    assert "Numbers: differs 1. Claims: undecided 1." in text
 
 
 def _moved(scenario, **amplitudes):
@@ -160,12 +127,6 @@ def test_an_optimiser_has_to_lead_by_more_than_rounding(lead, verdict):
     assert (minima["ours"], minima["verdict"]) == (1.0, FAILS)
 
 
-@each("calls, verdict", [((30, 10), HOLDS), ((pd.NA, 10), FAILS), ((33, 10), FAILS)])
-def test_evaluations_until_near_the_optimum_are_judged(calls, verdict):
-    found, _ = _search((0.05, calls[0]), (0.05, calls[1]))
-    assert evaluations_claim(found)["verdict"] == verdict
-
-
 @each("low, high, verdict", [(0.01, 0.03, HOLDS), (-0.01, 0.03, UNKNOWN), (-0.03, -0.01, FAILS)])
 def test_a_gain_is_real_where_the_ensemble_leaves_no_doubt_and_says_what_it_is_worth(scenario, low, high, verdict):
     row = {"point": "networks_paper_genetic", "measure": "rms", "reduction_low": low, "reduction_high": high}
@@ -177,19 +138,6 @@ def test_a_gain_is_real_where_the_ensemble_leaves_no_doubt_and_says_what_it_is_w
     again = pd.DataFrame([row | {"stretch": stretch} for stretch in ("window", "settled")])
     for gain in gain_claims(again, pd.DataFrame([worth]), scenario):
         assert gain["verdict"] == verdict and "0.0500 -> 0.0490 deg" in gain["sentence"]
-
-
-def test_an_optimum_says_whether_it_lies_at_a_bound():
-    ours = {"crank_length": 0.1495, "rod_length": 0.563, "ratio": 0.2655, "rms": 1e-3, "evaluations": 10}
-    ours |= {f"{name}_reduction": 0.1 for name in ("rms", "mean_absolute", "peak", "sum_of_squares")}
-    ours |= {"status": "stopped: done", "evaluations_within_1_percent": 5}
-    for bounds, words in (
-        ("none", "No bound is active"),
-        ("rod length at its upper bound 563 mm", "upper bound 563 mm"),
-    ):
-        crank, rod, _, evaluations = optimum(OPTIMA[0], pd.Series(ours | {"active_bounds": bounds}))
-        assert words in rod["sentence"]
-        assert (crank["verdict"], rod["verdict"], evaluations["ratio"]) == ("agrees", "agrees", pytest.approx(10 / 32))
 
 
 @pytest.fixture(scope="module")
@@ -225,46 +173,6 @@ def test_more_joints_are_better_only_if_every_scenario_with_more_gains_more_spre
     row = joints_claim(variants(("c", 3, *three), ("a", 1, 0.05, 0.1), ("b", 2, 0.19, 0.2)))
     assert row["verdict"] == verdict and says in row["sentence"]
     assert row["ours"] == pytest.approx(100 * (sum(three) / 2 - 0.075))
-
-
-def resimulated(box="paper"):
-    rows = [
-        {"point": f"{source}_{box}_genetic", "measure": measure, "stretch": stretch, "frozen_reduction": 0.2}
-        | {"reduction": size, "reduction_low": size - 0.01, "reduction_high": size + 0.01}
-        | {"original_error": 2e-3, "error": 1e-3, "members": 3, "share_better": 1.0}
-        for source, size in (("networks", 0.1), ("simulation", 0.3))
-        for measure in ("rms", "peak")
-        for stretch in ("window", "settled")
-    ]
-    return pd.DataFrame(rows)
-
-
-def test_a_member_is_judged_at_the_lengths_found_on_its_own_simulation(scenarios):
-    one = variant_optimum("three_loose", scenarios["three_loose"], resimulated())
-    sizes = (one["found_reduction"], one["found_low"], one["found_high"], one["found_error"])
-    assert sizes == (0.3, 0.29, pytest.approx(0.31), 1e-3)
-    assert one["loose_joints"] == 3 and one["loose"].startswith("crank pivot (")
-
-
-def test_the_overview_lists_scenarios_in_their_order_and_families_by_count(scenarios):
-    errors = {"output": ["r2", "r1"] * 2, "model": ["network", "network", "clearance", "clearance"], "region": "all"}
-    errors |= {"seed": [0, 0, None, None], "training_mse": 1e-9, "held_out_mse": 1.0, "paper_mse": [1e-5, None] * 2}
-    optima = {"point": ["networks_paper_genetic"], "crank_length": 0.149, "rod_length": 0.564, "rms_reduction": 0.1}
-    frames = {"fit_errors": pd.DataFrame(errors), "optimise_optima": pd.DataFrame(optima)}
-    frames["optimise_resimulated"] = resimulated()
-    kinds = {"kind": ["number", "number", "number", "claim"], "verdict": ["agrees", "differs", "reached", "holds"]}
-    frames["comparison"] = pd.DataFrame(kinds)
-    names = ("three_loose", "paper", "motor", "loose_crank_pin")
-    found = overview.overview({name: (frames, scenarios[name]) for name in names})
-    parquet.to_arrow(schema.OVERVIEW, found)
-    assert tuple(found["scenario"]) == names
-    assert tuple(found["family"]) == ("three_loose", "three_loose", "motor", "three_loose")
-    text = to_markdown(overview.overview_page(found))
-    assert "| 1 of 1 | 0 of 1 | 0 of 1 | 1 of 2 |" in text
-    assert "| 149.000 | 564.000 | 10.00 | 20.00 | 10.00 (9.00 to 11.00) | 10.00 (9.00 to 11.00) | 1 of 1 |" in text
-    section = text[text.index("By number of loose joints") : text.index("## Gain when simulated again")]
-    places = [section.index(row) for row in ("| 1 | loose_crank_pin |", "| 2 | paper |", "| 3 | three_loose |")]
-    assert places == sorted(places) and "motor" not in section
 
 
 @each(

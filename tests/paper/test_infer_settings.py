@@ -57,13 +57,6 @@ def test_a_number_comes_out_in_the_share_of_the_range_that_is_near_enough():
     assert known.frame["together"].mean() == pytest.approx(0.1, abs=0.002)
 
 
-def test_a_scenario_gets_the_nearest_design_that_counts_as_its_optimum_does():
-    known = found(lambda frame: by_friction(frame) + 0.3 * (frame["error_measure"] == "rms"))
-    assert known.frame.iloc[0]["error_measure"] == "peak"
-    assert known.nearest_scenario["error_measure"] == "rms"
-    assert known.nearest_scenario["friction"] == pytest.approx(0.07, abs=1e-3)
-
-
 def test_a_setting_on_which_the_numbers_depend_is_informative_and_the_others_are_not():
     known = found(by_friction)
     chances = known.settings.groupby("setting")["p_value"].first()
@@ -73,18 +66,6 @@ def test_a_setting_on_which_the_numbers_depend_is_informative_and_the_others_are
     assert known.settings.groupby("setting")[["drawn", "accepted"]].sum().to_numpy() == pytest.approx(1.0)
     text = to_markdown(page(known))
     assert text.count("| not informative |") == 3 and text.count("| informative |") == 1
-
-
-def test_failed_designs_are_left_out_and_counted():
-    designs = designs_of(asked(64))
-    frame = pd.DataFrame(designs.values(0, 64)).assign(design=range(64), reason=None)
-    for one in NUMBERS:
-        frame[one.column] = one.printed
-    frame.loc[:3, "reason"] = "it broke"
-    known = accept(designs, frame, 0.05)
-    assert (known.failed, len(known.frame)) == (4, 60)
-    with pytest.raises(InputError, match="all designs failed"):
-        accept(designs, frame.assign(reason="it broke"), 0.05)
 
 
 @each(
@@ -101,6 +82,7 @@ def test_what_cannot_be_inferred_is_refused_before_anything_is_simulated(sweep, 
     assert message in str(raised.value)
 
 
+@pytest.mark.integration
 def test_from_a_sweep_come_page_tables_and_a_scenario_of_the_nearest_settings(tmp_path):
     scenario = asked(16)
     sweep(scenario, tmp_path / "sweep", 1)

@@ -1,6 +1,7 @@
 """A made-up rig whose samples are known exactly: the paper's mechanism without clearance at constant speed."""
 
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,10 @@ from jointgap.config.load import load_campaign
 from jointgap.config.yaml_files import merge
 from jointgap.dynamics.kinematics import Motion, linkage_motion
 from jointgap.rig.read_files import read_measurements
-from tests.config.mechanisms import PAPER, paper
+from tests.config.mechanisms import PAPER
+from tests.config.mechanisms import paper as load_paper
 
+paper = cache(load_paper)
 SPEEDS = {"slow": 200.0, "fast": 600.0}  # rpm
 COLUMNS = {"time": "t", "crank_angle": "theta", "slider_position": "x", "crank_torque": "M"}
 CAMPAIGN = {
@@ -68,7 +71,7 @@ def write_rig(folder: Path, over: dict | None = None, **tables: pd.DataFrame) ->
     ones.
     """
     for run, rpm in SPEEDS.items():
-        tables.get(run, table(rpm)).to_csv(folder / f"{run}.csv", index=False)
+        (tables[run] if run in tables else table(rpm)).to_csv(folder / f"{run}.csv", index=False)
     path = folder / "rig.yaml"
     path.write_text(yaml.safe_dump(merge(CAMPAIGN, over or {})), encoding="utf-8")
     return path

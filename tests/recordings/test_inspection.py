@@ -25,7 +25,7 @@ def noisy(count=400, turns=8.0):
     return given.assign(M=given.M + 0.02 * np.random.default_rng(2).standard_normal(count))
 
 
-def test_cycles_speed_gaps_and_scatter_are_told(tmp_path):
+def test_cycles_speed_with_its_spread_gaps_and_scatter_are_found(tmp_path):
     given = noisy()
     given.loc[100:119, "M"] = np.nan
     numbers, _ = looked(tmp_path, slow=given)
@@ -38,9 +38,6 @@ def test_cycles_speed_gaps_and_scatter_are_told(tmp_path):
     assert numbers.loc[("slow", "slider_position"), "scatter"] < 1e-9
     numbers, _ = looked(tmp_path, slow=noisy(count=1003))  # samples between those of the cycle before
     assert numbers.loc[("slow", "crank_torque"), "scatter"] == pytest.approx(0.02, rel=0.1)
-
-
-def test_a_speed_that_changes_from_cycle_to_cycle_has_a_spread(tmp_path):
     given = table(200, turns=4.0, count=400)
     given["t"] = np.interp(np.arange(400.0), [0.0, 200.0, 400.0], [0.0, 0.6, 1.2 * 0.6 + 0.6])
     numbers, _ = looked(tmp_path, slow=given)

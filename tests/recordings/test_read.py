@@ -18,7 +18,7 @@ from tests.catalogue import each, refused
 from tests.config.mechanisms import PAPER
 from tests.recordings.rig import CAMPAIGN, SPEEDS, read_rig, samples, table, write_rig
 
-SLOW, FAST = SPEEDS["slow"], SPEEDS["fast"]
+SLOW = SPEEDS["slow"]
 
 
 def rig(folder, over=None, without=(), **tables):
@@ -37,12 +37,9 @@ def test_a_good_campaign_is_read_exactly_and_without_remarks_from_csv_and_parque
     assert measurements.remarks == () and list(measurements.runs) == ["slow", "fast"]
     for run, rpm in SPEEDS.items():
         recording, true = measurements.runs[run], samples(rpm)
-        for found, name in (
-            (recording.time, "time"),
-            (recording.crank_angle, "crank_angle"),
-            *((recording.channels[name], name) for name in ("slider_position", "crank_torque")),
-        ):
-            np.testing.assert_allclose(found, true[name], rtol=1e-13)
+        read = recording.channels | {"time": recording.time, "crank_angle": recording.crank_angle}
+        for name in ("time", "crank_angle", "slider_position", "crank_torque"):
+            np.testing.assert_allclose(read[name], true[name], rtol=1e-13)
         assert recording.noise == {"crank_angle": None, "slider_position": None, "crank_torque": 0.02}
     table(SLOW).to_parquet(tmp_path / "slow.parquet")
     from_csv, from_parquet = measurements.runs["slow"], read_rig(tmp_path, run_with(file="slow.parquet")).runs["slow"]
@@ -59,13 +56,6 @@ def test_a_changed_byte_in_a_parquet_file_with_checksums_is_refused(tmp_path):
         read_measurements(load_campaign(path))
 
 
-def test_stated_noise_and_steps_become_si(tmp_path):
-    over = {"channels": {"crank_angle": {"resolution": 0.1}, "slider_position": {"noise": {"slow": 2}}}}
-    slow, fast = (read_rig(tmp_path, over).runs[run].noise for run in SPEEDS)
-    assert slow["crank_angle"] is None  # rounding is a noise beside the encoder's own
-    assert slow["slider_position"] == pytest.approx(2e-3, rel=1e-12) and fast["slider_position"] is None
-
-
 def test_an_angle_runs_on_however_it_wraps(tmp_path):
     true = samples(SLOW, turns=7.0)["crank_angle"]
     noise = 2.0 * np.random.default_rng(0).standard_normal(240)  # deg, at its bound
@@ -79,11 +69,8 @@ def test_an_angle_runs_on_however_it_wraps(tmp_path):
 
     wraps = [lambda a: a, lambda a: (a + 180) % 360 - 180, lambda a: a % 1440, lambda a: a - 5000]
     each(runs_on, [*wraps, (lambda a: a % 360, noise)])
-
-
-def test_an_angle_runs_on_across_gaps_of_several_turns(tmp_path):
     given = table(SLOW, turns=20.0, count=800)
-    given.loc[100:500, "theta"] = np.nan
+    given.loc[100:500, "theta"] = np.nan  # a gap of several turns
     given["t"] *= 1.05  # the speed is 5 % off nominal
     angle = read_rig(tmp_path, slow=given).runs["slow"].crank_angle
     known = np.isfinite(angle)
@@ -134,15 +121,6 @@ def test_signals_counts_and_sample_numbers_become_si(tmp_path):
     assert "16-bit" in remark
 
 
-def test_times_may_be_dates(tmp_path):
-    stamps = pd.Timestamp("2026-03-01T23:59:59") + pd.to_timedelta(table(SLOW).t, unit="s")
-    given = table(SLOW).assign(t=stamps.map(lambda stamp: stamp.isoformat()))
-    for unit, factor in (("s", 1.0), ("ms", 1e3)):  # dates have no unit
-        fast = table(FAST).assign(t=lambda t: factor * t.t)  # noqa: B023
-        measurements = rig(tmp_path, {"channels": {"time": {"unit": unit}}}, slow=given, fast=fast)
-        np.testing.assert_allclose(measurements.runs["slow"].time, samples(SLOW)["time"], atol=2e-6)
-
-
 def test_of_rows_at_one_time_the_campaign_says_which_is_kept_and_a_row_written_twice_is_one_sample(tmp_path):
     """A solver writes the state before and after an event at the same time."""
     before = table(SLOW)
@@ -189,16 +167,15 @@ def test_measurements_survive_the_tidy_table(tmp_path):
     given.loc[5:9, "M"] = np.nan
     measurements = read_rig(tmp_path, slow=given)
     frame = to_frame(measurements)
-    assert list(frame.columns) == ["run", "channel", "sample", "time", "crank_angle", "value", "held_out"]
-    assert len(frame) == 2 * 3 * 240 and frame.groupby(["run", "channel"])["sample"].max().eq(239).all()
+    assert len(frame) == 2 * 3 * 240
     back = from_frame(frame, load_campaign(tmp_path / "rig.yaml"))
     for run, recording in measurements.runs.items():
+        again = back.runs[run]
+        assert again.channels.keys() == recording.channels.keys() and again.noise == recording.noise
         for name in ("time", "crank_angle", "held_out"):
-            np.testing.assert_array_equal(getattr(back.runs[run], name), getattr(recording, name))
-        assert back.runs[run].channels.keys() == recording.channels.keys()
+            np.testing.assert_array_equal(getattr(again, name), getattr(recording, name))
         for name, values in recording.channels.items():
-            np.testing.assert_array_equal(back.runs[run].channels[name], values)
-        assert back.runs[run].noise == recording.noise
+            np.testing.assert_array_equal(again.channels[name], values)
 
 
 def cell(column, value):
@@ -215,21 +192,17 @@ def unit(**units):
 RADIANS = table(SLOW).assign(theta=lambda t: np.radians(t.theta))
 UNUSABLE = [
     (cell("M", "n.a."), {}, "column M, row 9 ~ 'n.a.' is not a number ~ leave the cell empty"),
-    (cell("M", "inf"), {}, "column M, row 9 ~ infinite"),
     (cell("M", 1e300), {}, "column M, row 9 ~ 1e+300 N*m is implausibly large"),
     (cell("t", 0.0), {}, "column t, row 9 ~ time falls from ~ sort the rows"),
     (cell("t", table(SLOW).t[6]), {}, "column t, row 9 ~ time repeats ~ more digits"),
     (table(SLOW).assign(M=3.0), {}, "column M: all values are equal"),
-    (table(SLOW).assign(M=np.nan), {}, "column M: 0 values ~ remove the channel"),
     (table(SLOW).assign(theta=np.nan), {}, "column theta: contains no angles"),
-    (table(SLOW).head(11), {}, "11 samples; give at least 12"),
     (table(SLOW).head(70), {}, "70 samples are 0.875 revolutions; at least one revolution ~ measure again"),
     (
         table(SLOW, turns=30).iloc[::4],
         {},
         "60 samples are 30 revolutions ~ 4 samples per revolution ~ channels.time.unit",
     ),
-    (table(SLOW).drop(columns="M"), {}, "no column 'M' ~ known here: t, theta, x"),
     (table(SLOW), unit(time="ms"), "0.003 revolutions at the nominal 200 rpm ~ did you mean 's'?"),
     (table(SLOW), unit(time="min"), "240 samples are 180 revolutions ~ did you mean 's'?"),
     (table(SLOW), unit(crank_angle="rad"), "column theta ~ did you mean 'deg'?"),
@@ -240,9 +213,7 @@ UNUSABLE = [
 ALONE = [
     (table(SLOW), unit(time="ms"), "crank_angle", "0.003 revolutions ~ did you mean 's'?"),
     (table(SLOW), unit(time="min"), "crank_angle", "180 revolutions ~ did you mean 's'?"),
-    (table(SLOW).head(70), {}, "crank_angle", "0.875 revolutions ~ measure again"),
     (table(SLOW), unit(crank_angle="rad"), "time", "row 3 ~ check channels.crank_angle.unit = 'rad'"),
-    (table(SLOW, count=2400), unit(crank_angle="rad"), "time", "channels.crank_angle.unit = 'rad'"),
     (table(SLOW).head(70), {}, "time", "0.875 revolutions ~ measure again"),
     (RADIANS, {}, "time", "at least one revolution ~ check channels.crank_angle.unit = 'deg'"),
 ]

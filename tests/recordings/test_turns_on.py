@@ -73,16 +73,6 @@ def test_a_crank_that_does_not_turn_on_is_told_with_the_time_and_its_run_left_ou
     assert read(turning(run_up), motor).left_out == {}  # which may start from rest
 
 
-def test_what_else_is_odd_in_a_run_that_is_left_out_is_no_doubt_of_a_channel(read):
-    frame = turning(run_up)
-    frame.loc[300:400:4, "M"] = -999.0
-    found = read(frame)
-    assert [(one.channel, one.kind) for one in found.contradictions] == [("crank_angle", "standstill")]
-    assert any("crank_torque is " in remark for remark in found.remarks)
-    kept = read(turning(lambda turned: turned).assign(M=frame.M))
-    assert [(one.channel, one.kind) for one in kept.contradictions] == [("crank_torque", "no_data")]
-
-
 def test_a_step_that_stays_is_told_as_a_step_and_a_single_misread_angle_is_none(read):
     """Lost pulses; a counter that overflows at a number of counts that is no whole number of turns."""
 

@@ -2,12 +2,12 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from jointgap.config import EFFECTS
 from jointgap.core.joints import PINS
 from jointgap.rig.model import build_model
-from jointgap.rig.simulate_run import augmented_mechanism
 from tests.rows import each
 from tests.slider_crank.rigs import campaign, chosen, mechanism, read, recorded, seen, worst
 
@@ -71,6 +71,16 @@ def test_a_harmonic_force_is_phased_by_the_clock_of_the_record_of_each_run():
     }
 
 
+@each("label, lowest", [("speed_fluctuation", 1.0), ("crank_periodic_torque", 3.0)])
+def test_half_orders_are_tried_for_one_run_alone(label, lowest):
+    """Of several runs nobody knows in which of the two turns of a four-stroke engine each began."""
+    several = campaign(mechanism(), ("time", "crank_angle", "slider_acceleration", "crank_torque"))
+    alone = several.model_copy(update={"runs": (several.runs[0].model_copy(update={"role": "split"}),)})
+    candidates = [chosen(build_model(own, recorded(own, kept=4)), label) for own in (several, alone)]
+    tried = [next(p for p in one.coordinates if p.name == "order").tried for one in candidates]
+    assert (min(tried[0]), min(np.diff(tried[0])), min(tried[1])) == (lowest, 1.0, 0.5) and 2.5 in tried[1]
+
+
 @each("loose", [(), PINS])
 def test_every_candidate_changes_something_and_nothing_at_zero_size(loose):
     model = build_model(campaign(mechanism(loose, effects=[effect("gravity")]), speeds=NEAR))
@@ -114,21 +124,6 @@ def test_what_cannot_act_or_a_mechanism_file_refuses_is_no_candidate():
     assert of_middle - of_rod == {"rod_flexibility"}
 
 
-def test_nuisances_are_the_mechanisms_data():
-    nuisance = {
-        "slider_mass": "5 %",
-        "rod_length": "1 %",
-        "piston_pin_clearance": [2e-4, 6e-4],
-        "joint_friction": [0.0, 0.2],
-        "restitution_crank_pin": [0.3, 0.9],
-    }
-    own, values = campaign(mechanism(PINS), nuisance=nuisance, speeds=NEAR), (0.46, 0.566, 4e-4, 0.07, 0.6)
-    other = dict(zip(nuisance, values, strict=True))
-    made = augmented_mechanism(own.mechanism, (), other)
-    again = build_model(own.model_copy(update={"mechanism": made, "nuisance": {}}))
-    assert worst(read(build_model(own), **other), read(again)) < 1e-9
-
-
 def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
     wide = {"joint_friction": [0.0, 0.2], "restitution": [0.3, 0.9]}
     data = {"slider_mass": "5 %", "crank_pin_clearance": "20 %"}
@@ -147,36 +142,3 @@ def test_an_effect_that_is_a_nuisances_own_parameter_replaces_it():
     }
     of_one = replaced(("piston_pin",), {"restitution": [0.3, 0.9]})
     assert [label for label, keys in of_one.items() if "restitution" in keys] == ["pin_restitution:piston_pin"]
-
-
-def test_a_loose_joint_is_searched_from_half_to_three_times_its_clearance_but_within_what_it_can_have():
-    own = campaign(mechanism(("piston_pin",)))
-    nominal, model = own.mechanism.clearance("piston_pin"), build_model(own)
-    candidate, ideal = (chosen(model, f"{pin}_clearance") for pin in ("piston_pin", "crank_pin"))
-    assert candidate.search_range == pytest.approx((-0.5 * nominal, 2.0 * nominal))
-    assert candidate.vanishing_amplitude == pytest.approx(-0.95 * nominal)
-    assert ideal.vanishing_amplitude == 0.0 < ideal.search_range[0]
-    crank = {"length": nominal / 0.05, "mass": 0.3704, "mass_centre": 0.0, "inertia": 1e-6}
-    short = build_model(campaign(mechanism(("piston_pin",), crank=crank)))
-    assert chosen(short, "piston_pin_clearance").search_range == pytest.approx((-0.5 * nominal, nominal))
-
-
-@each(
-    "name, key, change, nuisance",
-    [
-        ("common_pin_friction", "friction", 0.2, {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}),
-        ("common_pin_restitution", "restitution", -0.21, {"joint_friction": [0.05, 0.15], "restitution": [0.3, 0.9]}),
-        ("pin_friction:crank_pin", "friction", 0.1, {"joint_friction": [0.0, 0.3]}),
-    ],
-)
-def test_what_pins_have_beyond_the_range_of_a_nuisance_is_an_effect_of_both_or_leaves_it_to_the_other(
-    name, key, change, nuisance
-):
-    own = campaign(mechanism(PINS), nuisance=nuisance, speeds=NEAR)
-    candidate = chosen(build_model(own), name)
-    values = {f"{name}.change": change, f"{name}.joint_friction": 0.15}
-    made = augmented_mechanism(own.mechanism, (candidate,), values).applied()
-    nominal = getattr(own.mechanism.joint("crank_pin").contact, key)
-    expected = [nominal + change, 0.15 if candidate.site == "crank_pin" else nominal + change]
-    assert [getattr(made.joint(pin).contact, key) for pin in PINS] == pytest.approx(expected)
-    assert candidate.parameters({"change": change}) == pytest.approx({"coefficient": nominal + change})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jointgap.rig.checks import angle_outliers, outliers
-from jointgap.rig.sampling import planned_grid, sample_grid
+from jointgap.rig.sampling import sample_grid
 from jointgap.rig.simulate_run import tolerance_for
 from tests.slider_crank.rigs import campaign, mechanism
 
@@ -16,18 +16,6 @@ def test_a_film_and_a_small_clearance_ask_for_a_smaller_tolerance():
     dry, wet = (campaign(mechanism(("piston_pin",), effects=effects)).mechanism.applied() for effects in ((), (film,)))
     assert (tolerance_for(dry), tolerance_for(wet)) == (1e-10, 1e-11)
     assert tolerance_for(dry, 1e-6) == pytest.approx(1e-4 * 5e-4)
-
-
-def test_planned_samples_are_even_from_the_first_angle_on_beyond_their_end_and_in_between():
-    grid, step = planned_grid(speed=20.0, first_angle=0.3, encoded=True, revolutions=3), math.tau / 120
-    assert grid.time == pytest.approx(np.arange(3 * 120) * step / 20.0, rel=1e-12)
-    assert grid.angle == pytest.approx(0.3 + 20.0 * grid.time, rel=1e-14)
-    longer, finer, half = grid.extended(8 * math.pi), grid.refined(3), grid.first(math.pi)
-    assert np.array_equal(longer.time[: grid.time.size], grid.time)
-    assert longer.angle == pytest.approx(0.3 + np.arange(longer.angle.size) * step, rel=1e-9)
-    assert longer.angle[-1] >= 0.3 + 8 * math.pi - 1e-9
-    assert finer.angle == pytest.approx(0.3 + np.arange(finer.angle.size) * step / 3, rel=1e-9)
-    assert half.angle[-1] < 0.3 + math.pi <= half.angle[-1] + step + 1e-9
 
 
 def test_the_reach_of_speed_and_first_angle_is_ten_standard_errors_of_the_line_and_half_a_step():

@@ -59,25 +59,3 @@ def test_under_the_truth_chi2_is_one_per_sample_with_the_errors_of_the_drive_and
     alone, whole = np.mean(chi2, axis=0)
     assert alone > 1.1
     assert whole == pytest.approx(1.0, abs=0.06)
-
-
-def test_an_exact_angle_has_no_errors():
-    model, sds = read(0, encoder=0.0)
-    alone, whole = problems(model, sds)
-    np.testing.assert_allclose(whole.residual({}), alone.residual({}), atol=1e-3)
-
-
-def test_errors_of_the_drive_are_whitened_after_the_noise_of_each_series():
-    model, sds = read(0)
-    _, whole = problems(model, sds)
-    noise = {part.series.key: replace(part.noise, drive=None) for part in whole.parts}
-    by_series = Problem(model, noise).residual({})
-    np.testing.assert_allclose(whole.together(by_series), whole.residual({}), atol=1e-12)
-    for run in whole.runs:
-        changes = whole.shared_changes(run)
-        own = np.concatenate([by_series[part.place] for part in whole.parts if part.series.run == run])
-        likeliest = np.linalg.solve(np.eye(changes.shape[1]) + changes.T @ changes, changes.T @ own)
-        left = own - changes @ likeliest
-        together = np.concatenate([whole.residual({})[part.place] for part in whole.parts if part.series.run == run])
-        # what the likeliest errors leave, and what these cost
-        assert left @ left + likeliest @ likeliest == pytest.approx(together @ together)

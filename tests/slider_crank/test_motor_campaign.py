@@ -11,7 +11,6 @@ from jointgap.campaign.plan import preflight_tables
 from jointgap.config.campaign import MOTOR_LINE
 from jointgap.config.load import load_campaign
 from jointgap.config.scenario import MotorDrive
-from jointgap.core.errors import InputError
 from jointgap.identification.noise import noise_of_model
 from jointgap.identification.problem import Problem
 from tests.slider_crank.campaigns import model_of, samples, written
@@ -25,10 +24,10 @@ READ = ("crank_angle", "crank_speed", "guide_force")
 WIDE = {"stall_torque": [20.0, 40.0], "no_load_speed": [20.0, 50.0]}
 
 
-def rig(folder: Path, *hidden: dict, lines=LINES, **nuisance) -> Path:
-    """A campaign whose motor is stated to have one line, beside data of runs with `lines` and `hidden` effects."""
+def rig(folder: Path, *hidden: dict, **nuisance) -> Path:
+    """A campaign whose motor is stated to have one line, beside data of runs with `LINES` and `hidden` effects."""
     rng, runs, noise = np.random.default_rng(8), {}, {channel: {} for channel in READ}
-    for run, (torque, no_load) in lines.items():
+    for run, (torque, no_load) in LINES.items():
         drive = MotorDrive(kind="motor", **MOTOR | {"stall_torque": torque, "no_load_speed": no_load})
         options = {"revolutions": 40, "samples_per_revolution": PER_TURN, "drive": drive}
         table = samples(*hidden, speed=0.97 * no_load, **options).iloc[-TURNS * PER_TURN :][["time", *READ]].copy()
@@ -55,14 +54,6 @@ def test_what_is_hidden_is_found_although_each_run_has_a_line_of_its_own(tmp_pat
     assert found["gap"]["confirm"]["after"] < 1.3
 
 
-@pytest.mark.slow
-def test_gravity_is_fitted_and_offered_where_a_motor_drives(tmp_path):
-    hidden = {"name": "gravity", "parameters": {"acceleration_m_s2": 9.81}}
-    lines = {"slow": (MOTOR["stall_torque"], MOTOR["no_load_speed"]), "mid": (20.0, 30.0), "fast": (25.0, 35.0)}
-    path = rig(tmp_path, hidden, lines=lines, **WIDE | {"stall_torque": [15.0, 40.0]})
-    assert [effect["name"] for effect in analyse(path, tmp_path / "results")["effects"]] == ["gravity"]
-
-
 def test_the_model_leaves_noise_alone_where_nothing_is_hidden_but_the_lines_differ(tmp_path):
     model = model_of(rig(tmp_path, **WIDE))
     problem = Problem(model, noise_of_model(model))
@@ -86,13 +77,3 @@ def test_a_preflight_follows_the_motion_that_was_recorded_where_the_crank_does_n
         alike.append(pair["cosine"].item())
     assert alike[0] > 0.999  # one steady torque
     assert alike[1] < 0.95
-
-
-def test_a_line_is_of_each_run_for_itself_with_bounds_that_hold_the_stated_motor(tmp_path):
-    model = model_of(rig(tmp_path, stall_torque="5%", no_load_speed=[38.0, 42.0]))
-    keys = {p.key: (p.low, p.high) for p in model.nuisances}
-    for run in LINES:
-        assert keys[f"stall_torque@{run}"] == pytest.approx((28.5, 31.5))
-        assert keys[f"no_load_speed@{run}"] == (38.0, 42.0)
-    with pytest.raises(InputError, match=r"stall_torque is 30, outside of its bounds \[31, 40\]"):
-        load_campaign(rig(tmp_path, stall_torque=[31.0, 40.0]))

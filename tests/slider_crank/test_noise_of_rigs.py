@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
 from jointgap.config import Simulate
-from jointgap.config.scenario import MotorDrive
 from jointgap.core.candidates import Series
 from jointgap.dynamics.simulation import simulate
 from jointgap.identification.noise import estimate_noise, noise_of_model
@@ -16,8 +14,7 @@ from jointgap.identification.problem import Problem
 from jointgap.rig.model import build_model
 from tests.identification.toy import toy
 from tests.rows import each
-from tests.slider_crank.campaigns import model_of, samples, written
-from tests.slider_crank.rigs import campaign, mechanism, recorded, seen
+from tests.slider_crank.rigs import campaign, mechanism, recorded
 
 SHARE = 0.01  # of a channel's standard deviation: noise
 
@@ -78,44 +75,3 @@ def test_each_channel_of_loggers_that_were_joined_has_its_own_rate_noise_and_mem
         assert (found.autocorrelation or (0.0,))[0] == pytest.approx(memory, abs=0.15)
     problem = Problem(model, noise)
     assert problem.gap(problem.residual({p.key: p.nominal for p in problem.nuisances})) == pytest.approx(1.0, abs=0.06)
-
-
-@each("missing, count", [(slice(0), 121), (slice(60, 90), 111)])
-def test_errors_of_a_driving_angle_are_told_and_gaps_stay_at_the_own_rows_of_each_channel(missing, count):
-    own = campaign(mechanism(), ("time", "crank_angle", "crank_torque"), drive="measured_angle")
-    rng, measurements = np.random.default_rng(5), recorded(own, kept=4, per_turn=90)
-    for one in measurements.runs.values():
-        one.channels["crank_torque"][np.arange(one.time.size) % 3 > 0] = np.nan
-        one.channels["crank_torque"][missing] = np.nan
-        one.crank_angle[:] += np.deg2rad(0.05) * rng.standard_normal(one.time.size)
-    model = build_model(own, measurements)
-    known = np.isfinite(seen(model)["crank_torque"])
-    assert known.sum() == count and known[:20].all() and known.all() == (count == 121)
-    assert model.drive_errors("slow", model.nominal("slow"))["crank_torque"].shape[0] == known.size
-
-
-def test_the_noise_of_a_motor_rig_is_found_although_the_weight_is_not_in_its_model(tmp_path):
-    content = {
-        "crank": {"length": 0.06, "mass": 1.0, "inertia": 2e-3, "mass_centre": 1e-3},
-        "rod": {"length": 0.21, "mass": 0.1, "inertia": 4e-4, "mass_centre": 0.1},
-        "slider": {"mass": 0.3, "offset": -0.09},
-        "joints": {"crank_pivot": "ideal", "crank_pin": "ideal", "piston_pin": "ideal"},
-        "gravity_direction": 0.0,
-    }
-    drive = MotorDrive(kind="motor", stall_torque=0.9, no_load_speed=20.9, inertia=4e-3)
-    options = {"speed": 17.8, "revolutions": 20, "samples_per_revolution": 360, "drive": drive}
-    seen = samples({"name": "gravity"}, mechanism=content, **options)
-    rng, time = np.random.default_rng(0), np.arange(seen["time"].iloc[0] + 2.0, seen["time"].iloc[-1], 0.02)
-    angle = np.interp(time, seen["time"], seen["crank_angle"])
-    position = 0.06 * np.cos(angle) + np.sqrt(0.21**2 - (-0.09 - 0.06 * np.sin(angle)) ** 2)
-    table, sd = pd.DataFrame({"time": time}), {"crank_angle": np.deg2rad(0.06), "slider_position": 3e-4}
-    for (channel, own), true in zip(sd.items(), (angle, position), strict=True):
-        table[channel] = true + own * rng.standard_normal(time.size)
-    keys = {
-        "drive": "motor",
-        "motor": {"stall_torque": 1.5, "no_load_speed": 24.1, "inertia": 4e-3},
-        "nuisance": {"stall_torque": [0.3, 3.0], "no_load_speed": [18.0, 60.0], "slider_mass": "20 %"},
-    }
-    noise = noise_of_model(model_of(written(tmp_path, {"v": (20.9, table)}, content, **keys)))
-    for channel, true in sd.items():
-        assert noise["v", channel].sd[0] == pytest.approx(true, rel=0.2)

@@ -2,17 +2,15 @@
 recorded.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from jointgap.config import MotorDrive
+from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.core.joints import PINS
 from jointgap.rig.model import build_model
-from jointgap.rig.recording import Measurements
 from tests.rows import each
-from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, read, recorded, rig, seen, worst
+from tests.slider_crank.rigs import CHANNELS, campaign, mechanism, read, recorded, seen, worst
 
 EXACT = {"sensors": {"crank_angle": {"resolution": 1e-5}}}
 TURNED = ("crank_speed", "rod_acceleration_y", "crank_torque", "guide_force", "frame_force_y")
@@ -26,7 +24,7 @@ def without(channel):
 @each(
     "keys, simulated, unread, bound",
     [
-        ({}, {}, {"time"}, 1e-9),
+        ({"channels": tuple(UNITS)}, {}, {"time"}, 1e-9),
         ({"content": mechanism(PINS)}, {}, {"time"}, 5e-3),
         ({"content": mechanism(PINS), "run": {"start": "dead_centre"}}, {"dropped": 0}, {"time"}, 5e-3),
         ({"channels": without("time")}, {}, {"time", "crank_angle"}, 1e-9),
@@ -45,45 +43,11 @@ def test_prediction_is_the_simulation_at_the_samples(keys, simulated, unread, bo
     model = build_model(own, recorded(own, **simulated))
     for run in model.plans:
         found, expected = read(model, run=run), seen(model, run)
-        assert found.keys() == expected.keys() == set(CHANNELS) - unread
+        assert found.keys() == expected.keys() == set(own.channels) - unread
         assert worst(found, expected) < bound
     if keys.get("drive") == "measured_angle":  # the smooth angle is weak at the ends of the record
         inside = [{name: value[20:-20] for name, value in one.items()} for one in (found, expected)]
         assert worst(*inside) < 1e-3
-
-
-def test_without_times_samples_lie_at_the_angles_read():
-    time = rig(channels=without("time")).series[0].time
-    assert time[90] - time[0] == pytest.approx(2 * np.pi / 30.0)
-
-
-def test_a_first_angle_is_left_to_the_fit_unless_it_is_stated():
-    own = campaign(mechanism(), without("crank_angle"))
-    later = {
-        name: replace(
-            one,
-            time=one.time[31:],
-            crank_angle=one.crank_angle[31:],
-            channels={channel: values[31:] for channel, values in one.channels.items()},
-            held_out=one.held_out[31:],
-        )
-        for name, one in recorded(own).runs.items()
-    }
-    first = next(p for p in build_model(own, Measurements(later)).nuisances if p.key == "first_angle@slow")
-    assert first.nominal == pytest.approx(31 / 90 * 2 * np.pi, abs=0.01)
-    assert first.low < first.nominal < first.high
-    assert not rig(channels=without("crank_angle"), run={"first_angle": 0.0}).nuisances
-
-
-def test_mean_speed_and_phase_come_from_times_and_noisy_angles():
-    own = campaign(mechanism(), nuisance={"speed": "1 %"})
-    measurements = recorded(own)
-    one, noise = measurements.runs["slow"], np.random.default_rng(1).normal(0.0, 3e-3, 181)
-    measurements.runs["slow"] = replace(one, time=one.time * 1.001, crank_angle=one.crank_angle + noise)
-    bounds = {p.key: (p.low, p.high) for p in build_model(own, measurements).nuisances}
-    low, high = bounds["speed@slow"]
-    assert low < 30.0 / 1.001 < high < low + 0.3
-    assert bounds["first_angle@slow"][0] < 4 * np.pi < bounds["first_angle@slow"][1]
 
 
 def force(formula, torque):

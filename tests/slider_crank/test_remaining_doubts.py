@@ -6,7 +6,6 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from jointgap.config.load import load_campaign
 from jointgap.rig.model import build_model, remaining_inconsistencies
@@ -62,12 +61,6 @@ def test_a_gain_accounts_for_a_wrong_unit_if_it_is_that_gain(tmp_path):
         assert doubts(*own, {"sensor_gain:slider_acceleration.gain_error": gain}) == left
 
 
-def test_the_fit_of_an_encoder_offset_begins_where_the_other_channels_say_too(tmp_path):
-    first, told = chosen(rig(tmp_path, turned=-60.0)[0], "encoder_offset").initial_guesses
-    assert first == {} and math.degrees(told["offset_rad"]) == pytest.approx(-60.0, abs=2.0)
-    assert chosen(rig(tmp_path)[0], "encoder_offset").initial_guesses == ({},)
-
-
 def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
     model, measurements = rig(tmp_path)
     recording, name = measurements.runs["slow"], "slider_acceleration"
@@ -88,15 +81,3 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
     found = Faults([(chosen(model, "encoder_offset"), {"offset_rad": 0.4})], False, {}).taken_out(recording)
     assert np.allclose(found.crank_angle, recording.crank_angle - 0.4)
     assert np.array_equal(found.channels[name], read)
-
-
-def test_of_a_clockwise_crank_the_offset_is_that_of_the_angle_as_it_is_read(tmp_path):
-    runs = [
-        {"id": run, "file": f"{run}.csv", "speed": f"{rpm} rpm", "role": role, "direction": "clockwise"}
-        for run, rpm, role in (("slow", 200, "identify"), ("fast", 600, "confirm"))
-    ]
-    model, measurements = rig(tmp_path, {"runs": runs}, turned=-90.0)
-    told = chosen(model, "encoder_offset").initial_guesses[1]["offset_rad"]
-    assert math.degrees(told) == pytest.approx(90.0, abs=2.0)
-    assert doubts(model, measurements, {OFFSET: told}) == ()
-    assert doubts(model, measurements, {OFFSET: -told}) == ("crank_angle",)

@@ -21,10 +21,6 @@ def wave(frequency, delay=0.0):
     return np.cos(math.tau * frequency * (TIME - delay))
 
 
-def accelerometer(**sensor):
-    return rig(sensors={"slider_acceleration": sensor})
-
-
 @pytest.fixture(scope="module")
 def plain():
     """The model of sensors without filters, and what they read."""
@@ -59,13 +55,6 @@ def test_a_lag_follows_its_differential_equation_and_is_exact_for_straight_lines
     assert ramp == pytest.approx(3.0 * (time - lag * (1.0 - np.exp(-time / lag))), abs=1e-11)
 
 
-@each("corners, count", [([], 1000), ([50.0, 1000.0], 10_000)])
-def test_filters_see_ten_samples_of_a_corner_and_half_a_degree_of_the_crank(corners, count):
-    times = sensors.filter_times(0.0, 1.0, 0.72, corners)
-    assert np.diff(times) == pytest.approx(np.full(count, 1.0 / count), rel=1e-9)
-    assert (times[0], times[-1]) == (0.0, 1.0)
-
-
 def test_bias_and_gain_act_on_their_own_channel_alone(plain):
     model, true = plain
     torque = true["crank_torque"]
@@ -94,17 +83,6 @@ def test_an_accelerometer_reads_gravity_upwards_with_its_gain_and_without_its_bi
     assert read(model)[name] == pytest.approx(true - GRAVITY)
     found = read(model, (f"sensor_bias:{name}", {"bias": 0.3}), (f"sensor_gain:{name}", {"gain_error": 0.05}))
     assert found[name] == pytest.approx(1.05 * (true - GRAVITY) + 0.3, rel=1e-12)
-
-
-def test_a_wide_band_hardly_filters_and_a_narrow_one_leaves_the_first_order(plain):
-    _, true = plain
-    assert worst(read(accelerometer(bandwidth="2 kHz")), true) < 1e-2
-    narrow = read(accelerometer(bandwidth=f"{1.4 * 30.0 / math.tau} Hz"))["slider_acceleration"]
-    angle, values = true["crank_angle"], true["slider_acceleration"]
-    amplitudes = {k: 2 * abs(np.mean(values[:-1] * np.exp(1j * k * angle[:-1]))) for k in (1, 2)}
-    expected = -sum(size / (1 + (k / 1.4) ** 8) * np.cos(k * angle) for k, size in amplitudes.items())
-    inside = slice(60, 120)
-    assert narrow[inside] == pytest.approx(expected[inside], abs=0.05 * amplitudes[1])
 
 
 @each("fault, sensor, delay", [

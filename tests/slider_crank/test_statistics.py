@@ -9,7 +9,7 @@ from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements, Recording
 from jointgap.rig.sampling import sample_grid
 from jointgap.rig.simulate_run import channels_read
-from jointgap.rig.statistics import BINS, CycleStatistics, cycle_variance, persistence
+from jointgap.rig.statistics import CycleStatistics
 from tests.slider_crank.rigs import campaign, mechanism, read, seen
 
 TURN = 2 * np.pi
@@ -20,51 +20,6 @@ def angles(cycles, per_turn=96):
     return np.arange(cycles * per_turn) * (TURN / per_turn)
 
 
-def noisy_cycles(cycles, seed):
-    random, angle = np.random.default_rng(seed), angles(cycles)
-    return angle, [np.cos(angle) + random.normal(0.0, 0.1, angle.size), random.normal(0.0, 2.0, angle.size)]
-
-
-def test_a_smooth_course_counts_alike_however_densely_it_is_sampled():
-    # 27 samples lie unevenly in 24 bins, at the same angles in every revolution
-    coarse, dense = (angles(40, many) for many in (27, 27 * 12))
-    learnt = CycleStatistics.of(("position",), dense, [np.cos(dense)], finer=12)
-    means = [learnt.cycles(angle, [np.cos(angle) + 0.01]).mean(axis=0)[:BINS] for angle in (coarse, dense)]
-    assert means[0] == pytest.approx(means[1], abs=1e-3)
-
-
-def test_gaps_leave_the_other_bins_as_they_are():
-    angle, values = noisy_cycles(40, 1)
-    learnt = CycleStatistics.of(("position", "force"), angle, values)
-    whole = learnt.cycles(angle, values)
-    values[0][10:30] = np.nan
-    holes = learnt.cycles(angle, values)
-    same = np.isclose(whole, holes, rtol=0, atol=1e-12)
-    assert np.flatnonzero(~same.all(axis=0)).max() < 2 * BINS  # of the first channel
-    assert np.flatnonzero(~same.all(axis=1)).tolist() == [0]
-
-
-def test_what_is_left_of_statistics_that_scatter_together_is_independent():
-    random, angle = np.random.default_rng(2), angles(400)
-    slow = np.repeat(random.normal(0.0, 1.0, angle.size // 8), 8)
-    values = [slow + 1.0 * random.normal(size=angle.size), 3.0 * slow + 3.0 * random.normal(size=angle.size)]
-    learnt = CycleStatistics.of(("one", "other"), angle, values)
-    rows = learnt.cycles(angle, values)
-    pairs, chance = np.triu_indices(rows.shape[1], 1), 1.0 / np.sqrt(len(rows))
-    before, after = (np.sum(np.abs(np.corrcoef(one.T)[pairs]) > 4 * chance) for one in (rows, learnt.independent(rows)))
-    assert after < before / 3  # of 4560 pairs
-
-
-def test_cycles_that_persist_count_for_less():
-    random = np.random.default_rng(3)
-    rows = random.normal(size=(600, 2 * BINS))
-    rows[:, BINS:] = np.repeat(rows[::3, BINS:], 3, axis=0)
-    found = persistence(rows, 12)
-    assert found[:BINS] == pytest.approx(1.0, abs=0.15)
-    assert found[BINS:] == pytest.approx(3.0, rel=0.2)
-    assert cycle_variance(rows) == pytest.approx(1.0, abs=0.3)
-
-
 def test_noise_is_told_from_what_bins_spread_beyond_the_simulation():
     random, angle = np.random.default_rng(4), angles(100)
     wild = np.where(np.sin(angle) > 0, 1.0, 0.02)  # half of every cycle is quiet
@@ -72,25 +27,6 @@ def test_noise_is_told_from_what_bins_spread_beyond_the_simulation():
     learnt = CycleStatistics.of(("position",), angle, [clean])
     found = learnt.noise(angle, [other + 0.1 * random.normal(size=angle.size)], angle, [clean])
     assert found == pytest.approx(0.1, rel=0.1)
-
-
-def test_a_deviation_stands_in_its_own_bin_of_its_own_channel_and_kind():
-    none = [(np.empty(0, dtype=int), np.empty(0))] * (2 * 2 * BINS)  # predicts one bin from another
-    flat = np.zeros((2, 2))
-    own = CycleStatistics(("position", "force"), np.array([0.0, TURN]), flat, np.array([0.3, 2.0]), none)
-    angle = 5 * TURN + angles(2) + 0.5 * TURN / 96  # four samples a bin, two cycles
-    values = np.zeros((2, angle.size))
-    values[0, 8:12] = [0.4, 0.4, -0.1, -0.1]  # bin 2 of the first cycle
-    values[1, 96 + 20 : 96 + 24] = -3.0  # bin 5 of the second cycle
-    rows = own.cycles(angle, list(values))
-    large, small = 0.3 * np.tanh(0.4 / 0.3), 0.3 * np.tanh(0.1 / 0.3)
-    expected = np.zeros((2, 4 * BINS))
-    expected[0, 2], expected[0, BINS + 2] = (large - small) / 2, (large + small) / 2
-    expected[1, 2 * BINS + 5], expected[1, 3 * BINS + 5] = -2.0 * np.tanh(1.5), 2.0 * np.tanh(1.5)
-    assert rows == pytest.approx(expected, abs=1e-15)
-    parts = own.split(rows[1])
-    assert list(parts) == ["position mean", "position spread", "force mean", "force spread"]
-    assert parts["force mean"][5] == -2.0 * np.tanh(1.5) and not parts["position mean"].any()
 
 
 def measured(own, cycles=30, per_turn=120):
@@ -142,7 +78,6 @@ def test_statistics_of_the_true_model_miss_by_their_standard_errors_and_those_of
     _, model = chaotic
     true = np.concatenate([missed(model, run) for run in model.plans])
     assert np.mean(np.square(true)) == pytest.approx(1.0, abs=0.45) and np.max(np.abs(true)) < 5.0
-    assert np.array_equal(missed(model, "slow"), missed(model, "slow"))
     assert np.mean(np.square(missed(model, "slow", ("slider_constant_force", {"force_N": 5.0})))) > 2.0
 
 

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from jointgap.config import resolve
-from jointgap.core.page import to_html, to_markdown
+from jointgap.core.page import to_markdown
 from jointgap.lengths.region import regions
 from jointgap.scenario.outcome import details, document, headline, outcome, page, remarks
 from tests.catalogue import each
@@ -66,9 +66,8 @@ def frames(**other):
             forces["peak_angle"] = np.radians(30.0 + 5.0 * found)
             tables["loads"].append(own | forces | {"joint": joint})
     for source, reduction in itertools.product(SOURCES, of["floor"]):
-        tables["floor"].append(
-            {"source": source, "box": box, "measure": "rms", "ratio": 0.2634, "reduction": reduction}
-        )
+        where = {"source": source, "box": box, "measure": "rms", "ratio": 0.2634}
+        tables["floor"].append(where | {"reduction": reduction})
     errors = {"region": "all", "seed": 0, "training_mse": 1e-8, "model": ["network"] * 8 + ["regularised"] * 8}
     errors["held_out_mse"] = [of["held_out"]] * 8 + [1.5e-8] * 7 + [1e-7]
     return {f"optimise_{name}": pd.DataFrame(rows) for name, rows in tables.items()} | {
@@ -89,19 +88,12 @@ def test_the_headline_answers_in_numbers():
     )
 
 
-def test_without_boxes_the_crank_keeps_its_length_and_so_its_stroke():
-    options = scenario(boxes={"within": None}).optimise
-    assert options.constraints.crank_length == (0.025, 0.025)
-    (region,) = regions(scenario().mechanism.applied(), options).values()
-    assert region.project([[0.024, 0.09], [0.026, 0.099]])[:, 0] == pytest.approx(0.025, abs=1e-7)
-    assert scenario().optimise.constraints.crank_length is None  # bounds were given, and both lengths are searched
+def test_without_boxes_the_crank_is_what_constraints_on_the_stroke_make_it_or_keeps_its_length():
     kept = found({"crank": 0.025}, boxes={"within": None})
     assert "Crank 25.0 mm (unchanged), rod 95.0 → 98.7 mm; crank over rod 0.2632 → 0.2533." in details(kept)
-
-
-def test_without_boxes_the_crank_is_what_constraints_on_the_stroke_make_it():
     centres = {"inner_dead_centre": "69.6 mm", "outer_dead_centre": "120.6 mm"}
     for constraints, crank in (
+        ({}, 0.025),
         ({"stroke": "51 mm"}, 0.0255),
         (centres, 0.0255),
         ({"outer_dead_centre": "121 mm"}, 0.025),
@@ -130,9 +122,7 @@ REMARKS = [
     ({}, "Contact of the crank pin and piston pin: you asked for a restitution of"),
     ({"peak": 2.0}, "peak error grows from 0.61 to 0.76 deg (+25 %)"),
     ({"allowed": 5e-6}, "within ±5 um. The tolerance IT7, ±17.5 um, cancels the gain"),
-    ({"allowed": 1e-3}, "IT7, ±17.5 um, reduces the gain by up to 0.0057 deg"),
     ({"held_out": 1e-6}, "8 of 8 networks overfit"),
-    ({"held_out": 1e-6}, "7 of 8 regularised networks do not"),
 ]
 
 
@@ -141,15 +131,8 @@ def test_what_has_to_be_known_before_the_lengths_are_taken_over_is_remarked():
         assert any(words in remark for remark in remarks(found(given)))
 
     each(remarked, REMARKS)
-
-
-def test_nothing_is_remarked_of_what_is_held_or_did_not_change():
-    given = {"crank": 0.025, "force": (400.0, 401.0)}
-    said = " ".join(remarks(found(given, boxes={"within": None})))
-    assert "stroke" not in said and "force" not in said and "network" not in said and "limits the result" not in said
-    assert "peak" not in said
-    kept = found({}, constraints={"stroke": ["49 mm", "53 mm"], "largest_pin_force": "600 N"})
-    assert not any("constraints" in remark for remark in remarks(kept))
+    said = " ".join(remarks(found({"crank": 0.025, "force": (400.0, 401.0)}, boxes={"within": None})))
+    assert [word for word in ("stroke", "force", "network", "limits the result", "peak") if word in said] == []
 
 
 def test_a_largest_force_that_no_lengths_keep_is_told_with_the_nearest():
@@ -165,15 +148,11 @@ def test_the_page_tells_lengths_gain_price_and_what_was_asked():
     text = to_markdown(page(outcome, "mine", remarks(outcome)))
     for line in (
         "| crank length [mm] | 25.000 | 26.000 | +1.000 | +4.00 | 24 to 26 |",
-        "| stroke without clearance [mm] | 50.0 | 52.0 | +2.0 | +4.00 |",
         "| largest force in the crank pin [N] | 400 | 500 | +100 | +25.00 |",
-        "| crank angle of the largest force in the crank pin [deg] | 30.0 | 35.0 | +5.0 | – |",
         "| share of time in contact, piston pin [%] | 90.0 | 90.0 | 0.0 | – |",
         "| stroke | 52 mm | 50 mm | 52 mm | yes |",
     ):
         assert line in text, line
-    assert "comparison.html" not in text
-    assert "Crank 26.0 mm, rod 98.7 mm" in to_html(page(outcome, "mine", ()))
 
 
 def test_programs_find_the_same_numbers():

@@ -91,14 +91,3 @@ def test_no_sample_that_is_held_out_is_trained_at():
     nearest = np.abs(samples.crank_angle[:, None] - coarse["crank_angle"].to_numpy()).min(axis=1)
     assert nearest.min() > 0.9 * 2 * np.pi / 14400
     assert samples.shares.sum() == pytest.approx(1.0)
-
-
-def test_the_networks_come_back_from_parquet_the_same_to_the_last_bit(fit, tmp_path):
-    parquet.write(schema.CLEARANCE_FIT, fit.weights(), tmp_path / "fit.parquet")
-    back = parquet.read(schema.CLEARANCE_FIT, tmp_path / "fit.parquet")
-    angle = np.linspace(0.2, 6.4, 99)
-    for joint in (2, 3):
-        network = ClearanceNetwork.from_frame(back, joint)
-        for name in (f"r{joint}", f"gamma{joint}", f"gamma{joint}_ddot"):
-            np.testing.assert_array_equal(network.output(name, angle), fit.joints[joint].network.output(name, angle))
-    parquet.write(schema.FIT_ERRORS, fit.errors(), tmp_path / "errors.parquet")

@@ -142,11 +142,6 @@ def test_it_says_why_it_ends(status, targets, settings):
         assert result.gradient <= 1e-3
 
 
-def test_targets_that_are_not_finite_are_refused():
-    with pytest.raises(ValueError, match="remove undefined points"):
-        minimise(NetworkModel(LAYOUT, INPUTS), np.where(INPUTS > 0.5, np.nan, 1.0), nguyen_widrow(LAYOUT, 0), PRECISE)
-
-
 LAYOUTS = [Layout((10, 10, 10, 10)), Layout((5,)), Layout((3, 7))]
 POINTS = np.linspace(0.0, 1.0, 31)
 

@@ -26,15 +26,6 @@ def trajectory(revolutions=2, samples=720, start=0.4, gap=()):
     return pd.DataFrame({"crank_angle": angle, "gamma2": gamma})
 
 
-def test_every_kth_sample_of_the_first_revolution_trains_and_the_others_are_held_out():
-    grid = Grid.of(trajectory(), "gamma2", 73)
-    assert len(grid.training.values) == 73
-    assert len(grid.held_out.values) == 720 - 72
-    np.testing.assert_allclose(np.degrees(grid.training.crank_angle - 0.4), np.arange(0, 361, 5), atol=1e-9)
-    assert not np.intersect1d(grid.training.crank_angle, grid.held_out.crank_angle).size
-    assert grid.held_out.crank_angle.max() < 0.4 + 2 * np.pi
-
-
 def test_undefined_points_are_left_out_and_counted():
     fit = train(trajectory(gap=(0, 3, 40)), "gamma2", SMALL)[0]
     assert (fit.grid.training.undefined, fit.grid.held_out.undefined) == (2, 1)
@@ -78,18 +69,6 @@ def test_the_default_seed_comes_first_with_its_own_budget_and_the_others_share_t
     error = (fit.network.values(training.crank_angle) - training.values) / fit.network.output.range
     assert last == pytest.approx(np.mean(error**2), rel=1e-9)
     assert fit.errors()["training_mse"].iloc[0] == pytest.approx(last, rel=1e-9)
-
-
-def test_the_network_as_it_was_when_it_reached_the_papers_error_is_judged_too():
-    fit = train(trajectory(), "gamma2", SMALL.model_copy(update={"hidden": (6, 6), "iterations": 120}))[0]
-    row, mse = fit.errors().iloc[0], fit.mse
-    assert mse[row["iterations_to_paper"]] <= TRAINING_MSE["gamma2"] < mse[row["iterations_to_paper"] - 1]
-    history = fit.history().set_index("iteration")["held_out_mse"]
-    assert history[row["iterations_to_paper"]] == pytest.approx(row["held_out_mse_at_paper"], rel=1e-12)
-    assert history.iloc[-1] == pytest.approx(row["held_out_mse"], rel=1e-12)
-    assert {10, 18, 32} < set(history.dropna().index)
-    short = train(trajectory(), "gamma2", SMALL.model_copy(update={"iterations": 5, "seeds": (4,)}))[0]
-    assert short.errors()[["iterations_to_paper", "held_out_mse_at_paper"]].isna().all(axis=None)
 
 
 def test_training_is_the_same_to_the_last_bit_every_time():

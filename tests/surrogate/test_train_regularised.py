@@ -5,9 +5,7 @@ import pandas as pd
 import pytest
 
 from jointgap.config import Surrogate
-from jointgap.core import parquet, schema
 from jointgap.networks.errors import Points, smoothing_spline
-from jointgap.networks.network import Network
 from jointgap.networks.train import train, train_regularised
 
 OPTIONS = Surrogate(
@@ -47,23 +45,6 @@ def test_a_third_of_the_samples_is_held_out_and_takes_no_part(fit):
     again = train_regularised(ringing(720), spoilt, "gamma2", OPTIONS)
     np.testing.assert_array_equal(again.grid.held_out.crank_angle, held_out)
     np.testing.assert_array_equal(again.network.parameters, fit.network.parameters)
-
-
-def test_curves_end_at_the_errors_and_the_tables_hold_the_network(fit, tmp_path):
-    history, errors = fit.history(), fit.errors()
-    assert history["iteration"].tolist() == list(range(errors["iterations"].iloc[0] + 1))
-    for kind in ("mse", "held_out_mse"):
-        whole = errors["training_mse" if kind == "mse" else kind].iloc[0]
-        assert history[kind].iloc[-1] == pytest.approx(whole, rel=1e-9)
-        assert history[kind].iloc[-1] < 0.5 * history[kind].iloc[0]
-    papers = train(ringing(720), "gamma2", OPTIONS.model_copy(update={"iterations": 5}))[0]
-    weights = pd.concat([papers.weights(), fit.weights()], ignore_index=True)
-    for table, frame in ((schema.FIT, weights), (schema.FIT_HISTORY, history), (schema.FIT_ERRORS, errors)):
-        parquet.write(table, frame, tmp_path / table.name)
-    stored, angle = parquet.read(schema.FIT, tmp_path / "fit"), np.linspace(0.1, 6.0, 77)
-    for model, network in (("network", papers.network), ("regularised", fit.network)):
-        back = Network.from_frame(stored, 4, model)
-        np.testing.assert_array_equal(back.values(angle), network.values(angle))
 
 
 def test_the_smoothing_spline_follows_exact_points_and_smooths_noise():

@@ -75,7 +75,8 @@ def learned(folder: Path, salt: int = 0, outputs: Sequence[str] = ("r2", "r3")) 
     """Tables of the stages simulate and surrogate."""
     frames = {}
     for place, output in enumerate(outputs):
-        lengths = [ITERATIONS + 1, 101, 51]  # of the paper's two starts and of the regularised network
+        # of the paper's two starts and of the regularised network
+        lengths = [1 + (150 if place else ITERATIONS), 101, 51]
         steps, seeds = np.concatenate([np.arange(length) for length in lengths]), (*SEEDS, SEEDS[0])
         models = np.array(["network", "network", "regularised"])
         history = {"iteration": steps, "seed": np.repeat(seeds, lengths), "mse": 0.1 / (1.0 + steps)}

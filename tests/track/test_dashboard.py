@@ -1,20 +1,16 @@
 """The dashboard: addresses that compare scenarios, a page that shows them, a clean end."""
 
-import http.server
 import os
 import re
 import signal
 import socket
-import socketserver
 import subprocess
 import sys
-import threading
 import time
 import urllib.request
 
 import pytest
 
-from jointgap.app import dashboard as served
 from jointgap.app.dashboard import dashboard, free_port
 from jointgap.core.errors import InputError
 from tests.track import synthetic
@@ -71,10 +67,13 @@ class Serving:
 
 
 @pytest.fixture
-def serving(two_scenarios, monkeypatch):
+def serving(new_results, monkeypatch):
     """A dashboard over two finished scenarios."""
+    results = new_results()
+    for salt, name in enumerate(("paper", "frictionless")):
+        publish(results, synthetic.finished(results / name, salt), name)
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_TIMEOUT", str(PATIENCE))
-    server = Serving(two_scenarios)
+    server = Serving(results)
     yield server
     if server.process.poll() is None:
         server.end()
@@ -117,30 +116,3 @@ def test_where_nothing_can_be_shown_it_is_told_what_to_do_and_a_port_in_use_is_p
         taken.listen()
         port = taken.getsockname()[1]
         assert free_port(port) > port
-
-
-class Answering(http.server.BaseHTTPRequestHandler):
-    """A server that answers, and says nothing."""
-
-    def do_GET(self) -> None:
-        self.send_response(200)
-        self.end_headers()
-
-    def log_message(self, *words) -> None:
-        pass
-
-
-def test_the_comparison_opens_in_a_browser_once_something_answers(monkeypatch, tmp_path):
-    opened = tmp_path / "opened.txt"
-    browser = tmp_path / "browser"
-    browser.write_text(f'#!/bin/sh\nprintf %s "$1" > "{opened}"\n')
-    browser.chmod(0o755)
-    monkeypatch.setenv("BROWSER", f"{browser} %s")
-    with socketserver.TCPServer(("127.0.0.1", 0), Answering) as server:
-        base = f"http://127.0.0.1:{server.server_address[1]}"
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        served._open_when_served(f"{base}/#/comparison", base).wait(timeout=PATIENCE)
-        server.shutdown()
-        thread.join()
-    assert opened.read_text() == f"{base}/#/comparison"

@@ -56,15 +56,10 @@ def services() -> Iterator[Path]:
         shutil.rmtree(folder)
 
 
-def address_in(folder: Path) -> str:
-    """The address that `start` prints, also of a server that runs already."""
-    return service("start", folder).partition("MLFLOW_TRACKING_URI=")[2]
-
-
 @pytest.fixture
 def database(services) -> Iterator[str]:
     """Address of a database in which nothing is, not even tables."""
-    name, server = f"runs_{uuid.uuid4().hex[:8]}", address_in(services)
+    name, server = f"runs_{uuid.uuid4().hex[:8]}", service("start", services).partition("MLFLOW_TRACKING_URI=")[2]
     said_by(server, f"CREATE DATABASE {name}")
     yield f"{server.rpartition('/')[0]}/{name}"
     said_by(server, f"DROP DATABASE {name} WITH (FORCE)")
@@ -110,11 +105,10 @@ def wait_until(happened: Callable[[], bool]) -> None:
 
 
 def answers(address: str) -> bool:
-    try:
+    with suppress(OSError):
         urllib.request.urlopen(f"{address}/health", timeout=2).close()
-    except OSError:
-        return False
-    return True
+        return True
+    return False
 
 
 @pytest.fixture(params=["a database", "a server of MLflow"])
@@ -147,43 +141,14 @@ def test_scenarios_are_published_once_each(store, tmp_path):
     own, nested = runs["jointgap-simulate/one"], runs["jointgap-simulate/one nested"]
     assert nested.data.tags["mlflow.parentRunId"] == own.info.run_id
     assert 280 <= len(client.get_metric_history(own.info.run_id, "c")) <= 300
+    if not store.startswith("http"):  # artifacts of a database lie in the results folder
+        assert all(note.is_relative_to(tmp_path / "mlflow-artifacts/simulate") for note in tmp_path.rglob("note.md"))
 
 
-def test_artifacts_of_a_database_lie_in_the_results_folder(database, tmp_path):
-    published(database, "one", tmp_path)
-    (note,) = tmp_path.rglob("note.md")
-    assert note.is_relative_to(tmp_path / "mlflow-artifacts/simulate")
-
-
-@pytest.mark.parametrize(("changed", "into"), [(":{password}@", ":wrong@"), ("/{name}", "/no_such_database")])
-def test_a_wrong_password_and_a_database_that_is_not_there_are_told(database, changed, into):
+def test_a_wrong_password_and_a_database_that_is_not_there_are_refused(database):
     password, name = database.partition("@")[0].rpartition(":")[2], database.rpartition("/")[2]
-    wrong = database.replace(changed.format(password=password, name=name), into)
     check_store(database)
-    with pytest.raises(InputError, match=r"cannot be reached or used .*FATAL") as refused:
-        check_store(wrong)
-    assert password not in str(refused.value)
-
-
-def test_a_crashed_server_leaves_no_process_and_keeps_its_address():
-    folder = Path(tempfile.mkdtemp(prefix="jointgap-services-", dir="/tmp"))
-    folder.chmod(0o755)
-    try:
-        address = address_in(folder)
-        assert address_in(folder) == address  # what runs stays
-        data = folder / "postgresql/data"
-        os.kill(int((data / "postmaster.pid").read_text().split()[0]), signal.SIGKILL)
-        service("stop", folder)
-        assert not [place for place in Path("/proc").glob("[0-9]*/cwd") if reads(place) == str(data)]
-        assert address_in(folder) == address
-        check_store(address)
-    finally:
-        service("stop", folder)
-        shutil.rmtree(folder)
-
-
-def reads(link: Path) -> str:
-    try:
-        return os.readlink(link)
-    except OSError:  # ended meanwhile
-        return ""
+    for known, wrong in ((f":{password}@", ":wrong@"), (f"/{name}", "/no_such_database")):
+        with pytest.raises(InputError, match=r"cannot be reached or used .*FATAL") as refused:
+            check_store(database.replace(known, wrong))
+        assert password not in str(refused.value)

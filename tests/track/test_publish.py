@@ -65,11 +65,10 @@ def test_a_changed_option_or_table_or_an_interruption_replaces_the_runs_that_it_
     parquet.write(schema.TRAJECTORY, numbers(schema.TRAJECTORY, 50, salt=3), simulated["trajectory"])
     states, _, new = published(simulated, options=other)
     assert states == again and new["simulate"] not in (old["simulate"], None)
-    for status in ("RUNNING", "FAILED", "KILLED"):
-        client.update_run(new["simulate"], status)
-        states, deleted, new = published(simulated, options=other)
-        assert states == again and deleted == 1
-        assert {run.info.status for run in runs_of(client).values()} == {"FINISHED"}
+    client.update_run(new["simulate"], "RUNNING")  # as an interrupted one is
+    states, deleted, new = published(simulated, options=other)
+    assert states == again and deleted == 1
+    assert {run.info.status for run in runs_of(client).values()} == {"FINISHED"}
     client.delete_experiment(client.get_run(new["simulate"]).info.experiment_id)
     published(simulated, options=other)
     assert len(runs_of(client)) == 2  # the experiment comes back

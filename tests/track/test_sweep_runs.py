@@ -117,43 +117,37 @@ def test_designs_that_failed_are_counted_and_a_dataset_that_lacks_some_is_not_pu
         published(scenario(swept={}), folder)
 
 
-def test_what_decides_and_inferred_settings_belong_to_the_run_where_the_scenario_asks_for_them(folder, client):
-    asked = scenario(sensitivity={}, infer_settings={})
+def test_what_else_a_scenario_asks_for_belongs_to_its_run(folder, client):
+    """Indices of what decides, inferred settings, robust lengths."""
+    uncertain = {"uncertain": {"friction": {"from": 0, "to": 0.2}}}
+    asked = scenario(sensitivity={}, infer_settings={}, optimise_robust=uncertain)
     simulated(asked, folder)
-    named = {"measure": ["stroke", "noise_share"], "q2": [0.99, 0.1], "reason": [None, "predicted badly"]}
-    indices = {"measure": ["stroke"] * 2, "parameter": ["clearance", "friction"], "total": [0.7, 0.4]}
     designs = {"design": [4, 2, 3], "together": [True, False, False], "farthest": [0.04, 0.1, 0.2]}
     designs |= {one.column: [one.printed, 0.0, 0.0] for one in NUMBERS}
-    tables = {"sensitivity_surrogates": named, "sensitivity_indices": indices, "sensitivity_effects": {}}
-    tables |= {"infer_settings_settings": {"setting": ["friction"]}, "infer_settings_designs": designs}
-    files = "sensitivity/figures/indices.png", "infer_settings/nearest_scenario.yaml"
-    (folder / "sensitivity/figures").mkdir(parents=True)
-    made_up(folder, *files, **tables)
-    published(asked, folder)
-    run = the_run(client)
-    metrics = run.data.metrics
-    assert metrics["total/stroke by clearance"] == 0.7 and metrics["q2/noise_share"] == 0.1
-    assert not [name for name in metrics if name.startswith(("total/noise_share", "first_order/noise_share"))]
-    shares = {"together": 100 / 3, "best_ratio_in_window": 100 / 3, "farthest_off_in_nearest": 4}
-    assert {name: metrics[f"printed/{name}_percent"] for name in shares} == pytest.approx(shares)
-    assert inputs(run) == {"sweep_designs", *(table.name for table in TABLES), *list(tables)[3:]}
-    for folder_, file in (("sensitivity/figures", files[0]), ("infer_settings", files[1])):
-        assert [one.path for one in client.list_artifacts(run.info.run_id, folder_)] == [file]
-
-
-def test_a_scenario_that_asks_for_robust_lengths_alone_has_a_run_too(folder, client):
-    asked = scenario(swept={}, optimise_robust={"uncertain": {"friction": {"from": 0, "to": 0.2}}})
-    tables = {
+    robust = {
         "lengths": {"lengths": ["original", "robust"], "crank_length": [0.150, 0.149]},
         "gains": {"lengths": ["robust"], "beside": ["original"], "probability": [0.875]},
         "constraints": {"constraint": ["stroke"], "lengths": ["robust"]},
         "candidates": {"search": ["robust"], "step": ["grid"]},
         "fresh": {},
     }
-    made_up(folder, **{f"optimise_robust_{name}": columns for name, columns in tables.items()})
+    tables = {f"optimise_robust_{name}": columns for name, columns in robust.items()} | {
+        "sensitivity_surrogates": {"measure": ["stroke", "noise_share"], "q2": [0.99, 0.1], "reason": [None, "poor"]},
+        "sensitivity_indices": {"measure": ["stroke"] * 2, "parameter": ["clearance", "friction"], "total": [0.7, 0.4]},
+        "sensitivity_effects": {},
+        "infer_settings_settings": {"setting": ["friction"]},
+        "infer_settings_designs": designs,
+    }
+    (folder / "sensitivity/figures").mkdir(parents=True)
+    made_up(folder, "sensitivity/figures/indices.png", "infer_settings/nearest_scenario.yaml", **tables)
     published(asked, folder)
-    params, metrics = the_run(client).data.params, the_run(client).data.metrics
-    assert params["optimise_robust.uncertain.friction.to"] == "0.2" and "designs" not in metrics
-    assert metrics["robust/crank_length_mm"] == pytest.approx(149)
-    assert metrics["robust beside original/probability_percent"] == 87.5
-    assert "robust keeps stroke/probability_low_percent" in metrics
+    run = the_run(client)
+    params, metrics = run.data.params, run.data.metrics
+    assert params["optimise_robust.uncertain.friction.to"] == "0.2"
+    wanted = {"robust/crank_length_mm": 149, "robust beside original/probability_percent": 87.5, "q2/noise_share": 0.1}
+    wanted |= {"total/stroke by clearance": 0.7, "printed/together_percent": 100 / 3}
+    assert {name: metrics[name] for name in wanted} == pytest.approx(wanted)
+    assert not [name for name in metrics if name.startswith("total/noise_share")]  # it has no index
+    assert inputs(run) >= {"sweep_designs", "infer_settings_designs", *(table.name for table in TABLES)}
+    for stage, file in (("sensitivity/figures", "indices.png"), ("infer_settings", "nearest_scenario.yaml")):
+        assert [one.path for one in client.list_artifacts(run.info.run_id, stage)] == [f"{stage}/{file}"]

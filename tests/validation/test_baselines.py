@@ -10,6 +10,7 @@ pytest.importorskip("pysindy", reason="needs pysindy: scripts/set-up peers")
 
 from jointgap.config.load import load_campaign
 from jointgap.rig.read_files import read_measurements
+from tests.catalogue import each
 from validation.analyse import sparse_names
 from validation.kinds import Trial
 from validation.trial import make_trial
@@ -26,14 +27,9 @@ def residuals(folder, missing) -> pd.DataFrame:
         sine = (links[2] - links[0] * np.sin(angle)) / links[1]
         v = speed * links[0] * (-np.sin(angle) + np.cos(angle) * sine / np.sqrt(1 - sine**2))
         torque = -missing(v) * v / speed + np.random.default_rng(0).normal(0.0, 1e-3, v.size)
-        parts.append(
-            pd.DataFrame(
-                {
-                    "run": run, "channel": "crank_torque", "sample": np.arange(v.size), "crank_angle": angle,
-                    "held_out": recording.held_out, "measured": torque, "base": 0.0,
-                }
-            )
-        )  # fmt: skip
+        columns = {"run": run, "channel": "crank_torque", "sample": np.arange(v.size), "crank_angle": angle}
+        columns |= {"held_out": recording.held_out, "measured": torque, "base": 0.0}
+        parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -44,23 +40,17 @@ def folder(tmp_path_factory):
     return place
 
 
-@pytest.mark.parametrize(
-    ("name", "force"),
-    [
-        ("slider_coulomb_friction", lambda v: -5.0 * np.sign(v)),
-        ("slider_viscous_friction", lambda v: -3.0 * v),
-        ("slider_quadratic_drag", lambda v: -3.0 * v * np.abs(v)),
-        ("slider_constant_force", lambda v: np.full_like(v, 20.0)),
-    ],
-)
-def test_one_force_is_named(folder, name, force):
-    assert sparse_names(folder / "campaign.yaml", residuals(folder, force)) == [name]
+def test_one_force_is_named_and_nothing_in_noise_or_without_a_channel_that_serves(folder):
+    def is_named(names, force):
+        assert sparse_names(folder / "campaign.yaml", residuals(folder, force)) == names
 
-
-def test_nothing_is_named_in_noise(folder):
-    assert sparse_names(folder / "campaign.yaml", residuals(folder, np.zeros_like)) == []
-
-
-def test_without_a_channel_that_serves_it_says_nothing(folder):
+    cases = [
+        (["slider_coulomb_friction"], lambda v: -5.0 * np.sign(v)),
+        (["slider_viscous_friction"], lambda v: -3.0 * v),
+        (["slider_quadratic_drag"], lambda v: -3.0 * v * np.abs(v)),
+        (["slider_constant_force"], lambda v: np.full_like(v, 20.0)),
+        ([], np.zeros_like),
+    ]
+    each(is_named, cases)
     found = residuals(folder, np.zeros_like).assign(channel="guide_force", measured=math.pi)
     assert sparse_names(folder / "campaign.yaml", found) is None

@@ -11,12 +11,12 @@ import pandas as pd
 import pytest
 
 from jointgap.core.errors import InputError
+from tests.rows import each
 from validation.benchmark.draw import answers, draw
 from validation.benchmark.score import Answer, score, score_answer
 from validation.kinds import plan_trials, read_set
 from validation.rig import LABELS
 
-README = "validation/benchmark/README.md"
 DRAG = {"name": "slider_quadratic_drag", "site": "slider", "listed": True, "parameters": {"drag_N_s2_m2": 2.0}}
 GAIN = {"name": "sensor_gain", "site": "crank_torque", "listed": True, "parameters": {"gain": 0.1}}
 FIFTH = {"name": "fifth_power_drag", "site": "slider", "listed": False, "parameters": {"s": 2.0}}
@@ -61,20 +61,17 @@ def test_a_draw_that_goes_on_ends_with_the_same_files(drawn):
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
-def test_the_readme_counts_the_campaigns_of_each_kind():
+def test_the_readme_counts_the_campaigns_of_each_kind_and_lists_every_label():
     kinds = Counter(trial.kind for trial in plan_trials(read_set("config/blind.yaml", "published"), 100))
-    rows = re.findall(r"^\| `(\w+)` \| (\d+) \|", Path(README).read_text(encoding="utf-8"), re.MULTILINE)
+    text = Path("validation/benchmark/README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| (\d+) \|", text, re.MULTILINE)
     assert {kind: int(count) for kind, count in rows} == kinds
-
-
-def test_the_readme_lists_every_label():
-    text = Path(README).read_text(encoding="utf-8")
     for label in LABELS:
         assert f"`{label.partition(':')[0] if label.startswith('sensor') else label}`" in text
 
 
-@pytest.mark.parametrize(
-    ("true", "named", "outcome"),
+@each(
+    "true, named, outcome",
     [
         (truth(DRAG), ["slider_quadratic_drag"], "right"),
         (truth(DRAG), ["gravity"], "wrong"),
@@ -97,19 +94,11 @@ def test_outcomes(true, named, outcome):
     assert row(true, named)["outcome"] == outcome
 
 
-@pytest.mark.parametrize(
-    ("shape", "outcome"), [(2.05, "right"), ([1.8, 2.1], "right"), (3.0, "wrong"), (None, "wrong")]
-)
-def test_a_law_is_the_hidden_effect_at_its_shape(shape, outcome):
-    assert row(truth(DRAG), ["slider_power_drag"], slider_power_drag={"shape": shape})["outcome"] == outcome
-
-
-def test_a_law_off_the_list_can_be_right():
-    found = row(truth(FIFTH, kind="off_list"), ["slider_power_drag"], slider_power_drag={"shape": [4.5, 5.5]})
-    assert found["outcome"] == "right"
-
-
-def test_the_size_is_the_first_parameter():
+def test_a_law_is_the_hidden_effect_at_its_shape_and_its_size_is_the_first_parameter():
+    fifth = truth(FIFTH, kind="off_list")
+    cases = [(truth(DRAG), 2.05, "right"), (truth(DRAG), [1.8, 2.1], "right"), (truth(DRAG), 3.0, "wrong")]
+    for true, shape, outcome in (*cases, (truth(DRAG), None, "wrong"), (fifth, [4.5, 5.5], "right")):
+        assert row(true, ["slider_power_drag"], slider_power_drag={"shape": shape})["outcome"] == outcome
     found = row(truth(DRAG), ["slider_quadratic_drag"], slider_quadratic_drag={"drag_N_s2_m2": 2.5})
     assert found["size_error"] == pytest.approx(0.25)
 
@@ -129,15 +118,13 @@ def test_answers_are_scored_with_intervals(tmp_path):
     assert "no labels of the list: slider_sprung" in text
     table = pd.read_csv(tmp_path / "score/rates.csv").set_index(["what", "group"])
     assert table.loc[("right", "single"), ["count", "value"]].tolist() == [3, pytest.approx(1 / 3, rel=1e-4)]
-    assert table.loc[("abstained", "all"), "value"] == 0.25
-    assert table.loc[("false alarm, nothing hidden", "all"), "value"] == 1.0
-    assert table.loc[("size within 10 %", "all"), "value"] == 1.0
-    assert table.loc[("precision", "all"), "value"] == pytest.approx(1 / 3, rel=1e-4)
-    assert table.loc[("recall", "all"), "value"] == pytest.approx(1 / 3, rel=1e-4)
+    wanted = {"abstained": 0.25, "false alarm, nothing hidden": 1.0, "size within 10 %": 1.0}
+    wanted |= {"precision": 1 / 3, "recall": 1 / 3}
+    assert {what: table.loc[(what, "all"), "value"] for what in wanted} == pytest.approx(wanted, rel=1e-4)
     assert table.loc[("right", "all"), "low"] < 0.25 < table.loc[("right", "all"), "high"]
 
 
-@pytest.mark.parametrize("content", ['["a"]', '{"a": "gravity"}', '{"a": {"name": []}}', '{"z": []}', "{"])
+@each("content", ['["a"]', '{"a": "gravity"}', '{"a": {"name": []}}', '{"z": []}', "{"])
 def test_answers_that_cannot_be_read_are_refused(tmp_path, content):
     with zipfile.ZipFile(tmp_path / "truth.zip", "w") as archive:
         archive.writestr("a.json", json.dumps(truth(DRAG)))
@@ -161,9 +148,6 @@ def test_answers_come_from_verdicts_and_from_peers(tmp_path):
         (tmp_path / f"{name}.json").write_text(json.dumps(record))
     found = answers(tmp_path)
     own = {"slider_quadratic_drag": {"drag_N_s2_m2": 2.1}}
-    assert found["a"] == {"named": ["slider_quadratic_drag"], "size": own}
-    assert found["b"] == []
-    assert found["c"] is None
-    assert found["d"] is None
+    assert [found[name] for name in "abcd"] == [{"named": ["slider_quadratic_drag"], "size": own}, [], None, None]
     assert row(truth(DRAG), found["e"]["named"], **found["e"]["size"])["outcome"] == "right"
     assert answers(tmp_path, "greedy") == {"a": ["gravity"], "b": [], "c": None, "d": None, "e": None}

@@ -10,6 +10,7 @@ import yaml
 from jointgap.config.load import load_campaign
 from jointgap.core.errors import InputError
 from jointgap.rig.read_files import read_measurements
+from tests.rows import each
 from validation.kinds import Trial
 from validation.trial import make_trial
 from validation.wiring import DAMAGES
@@ -40,7 +41,7 @@ def lengths(path) -> dict[str, float]:
     return found
 
 
-@pytest.mark.parametrize("damage", ["swapped", "sign", "unit", "gain", "other_run", "clipped"])
+@each("damage", ["swapped", "sign", "unit", "gain", "other_run", "clipped"])
 def test_only_what_the_truth_says_is_damaged(campaigns, damage):
     (_, sound), (done, path) = campaigns[""], campaigns[damage]
     assert done["what"] == damage
@@ -57,7 +58,7 @@ def test_only_what_the_truth_says_is_damaged(campaigns, damage):
             assert same == (name not in done["channels"] or elsewhere), (run, name)
 
 
-@pytest.mark.parametrize("damage", ["time_stretched", "wrong_speed"])
+@each("damage", ["time_stretched", "wrong_speed"])
 def test_times_or_the_speed_of_one_run_are_wrong_by_the_factor_of_the_truth(campaigns, damage):
     (_, sound), (done, path) = campaigns[""], campaigns[damage]
     before, after = (load_campaign(each) for each in (sound, path))
@@ -71,8 +72,7 @@ def test_times_or_the_speed_of_one_run_are_wrong_by_the_factor_of_the_truth(camp
     try:
         told = {(one.run, one.channel) for one in read_measurements(after).contradictions}
     except InputError as refused:
-        assert done["run"] in str(refused)
-        assert "column t " in str(refused)
+        assert done["run"] in str(refused) and "column t " in str(refused)
     else:
         assert (done["run"], "time") in told
 

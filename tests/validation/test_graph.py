@@ -23,11 +23,7 @@ class Files(NamedTuple):
 @pytest.fixture(scope="module")
 def rules() -> dict[str, Files]:
     """Every rule with its files, as Snakemake draws them."""
-    command = [sys.executable, "-m", "snakemake", "--snakefile", "workflow/blind/Snakefile", "--config", "set=small"]
-    run = subprocess.run(
-        [*command, "--filegraph", "--forceall", "--nolock"],
-        cwd=ROOT, capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
+    run = dry_run("--filegraph")
     found = {}
     for node in re.findall(r"label=<<table.*?</table>>", run.stdout, re.DOTALL):
         inputs, _, outputs = node.partition("output &rarr;")
@@ -40,39 +36,28 @@ def rules() -> dict[str, Files]:
 
 
 def test_a_part_of_a_set_says_so_in_its_score():
-    printed = dry_run("trials=2").stdout
+    shown = ("--dry-run", "--printshellcmds")
+    printed = dry_run("trials=2", *shown).stdout
     assert printed.count("validation conceal") == 2
     assert "score 'small, the first 2 of 6 trials' " in printed
-    refused = dry_run("batches=1")
+    refused = dry_run("batches=1", *shown)
     assert "give `--config trials=N` for the first N trials" in refused.stdout + refused.stderr
 
 
-def dry_run(choice: str) -> subprocess.CompletedProcess:
+def dry_run(*more: str) -> subprocess.CompletedProcess:
     command = [sys.executable, "-m", "snakemake", "--snakefile", "workflow/blind/Snakefile", "--config", "set=small"]
-    command += [choice, "--dry-run", "--printshellcmds", "--forceall", "--nolock"]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
-
-
-def test_the_rules_are_those_we_think_of(rules):
-    assert set(rules) == {"conceal", "analyse", "score", "blind"}
-
-
-def test_only_the_scoring_takes_the_sealed_truth(rules):
-    assert {name for name, files in rules.items() if any("sealed" in path for path in files.inputs)} == {"score"}
-
-
-def test_only_the_concealing_writes_it(rules):
-    assert {name for name, files in rules.items() if any("sealed" in path for path in files.outputs)} == {"conceal"}
-
-
-def test_the_analysis_takes_the_campaign_alone(rules):
-    assert rules["analyse"] == Files(
-        {"results/blind/{set}/campaigns/{trial}"}, {"results/blind/{set}/verdicts/{trial}.json"}
+    return subprocess.run(
+        [*command, *more, "--forceall", "--nolock"], cwd=ROOT, capture_output=True, text=True, timeout=120
     )
 
 
-def test_the_analysis_does_not_name_the_seals_in_its_command_either():
+def test_only_the_scoring_takes_the_sealed_truth_and_only_the_concealing_writes_it(rules):
+    assert set(rules) == {"conceal", "analyse", "score", "blind"}
+    for kind, wanted in (("inputs", {"score"}), ("outputs", {"conceal"})):
+        assert {name for name, files in rules.items() if "sealed" in str(getattr(files, kind))} == wanted
+    assert rules["analyse"] == Files(
+        {"results/blind/{set}/campaigns/{trial}"}, {"results/blind/{set}/verdicts/{trial}.json"}
+    )
     text = (ROOT / "workflow/blind/Snakefile").read_text()
     analyse = text[text.index("rule analyse") : text.index("rule score")].lower()
-    assert "seal" not in analyse
-    assert "truth" not in analyse
+    assert "seal" not in analyse and "truth" not in analyse

@@ -10,11 +10,11 @@ import yaml
 
 from jointgap.config import EFFECTS
 from jointgap.config.load import load_campaign
-from jointgap.core.errors import InputError
 from jointgap.core.joints import PINS
 from jointgap.rig.read_files import read_measurements
+from tests.catalogue import each, refused
 from validation.kinds import CLEARANCES, Trial, TrialSet, plan_trials
-from validation.rig import LISTED, OFF_LIST, RECIPE, Numerics, draw_effect, draw_rig, read, simulate
+from validation.rig import LISTED, OFF_LIST, RECIPE, draw_effect, draw_rig, read
 from validation.trial import (
     GAP_TOLERANCE,
     Calibrator,
@@ -59,32 +59,25 @@ def test_a_set_holds_what_it_says_and_its_names_tell_nothing():
         "single": 60, "nothing": 50, "pair": 10, "off_list": 11, "exudyn": 20, "clearance": 24, "wiring": 18,
     }  # fmt: skip
     assert found == plan_trials(SET)
-    assert len({trial.id for trial in found}) == len(found)
-    assert all(len(trial.id) == 12 and int(trial.id, 16) >= 0 for trial in found)
+    assert len({trial.id for trial in found if len(trial.id) == 12 and int(trial.id, 16) >= 0}) == len(found)
     assert {trial.size for trial in found if trial.effects and not trial.shown} == set(RECIPE["gaps"])
     assert sum(trial.base == "chaotic" for trial in found) >= 5
     assert plan_trials(SET, 2) == found[:2]
     names = [trial.effects[0] for trial in found if trial.kind == "single"]
     assert max(map(names.count, LISTED)) - min(map(names.count, LISTED)) <= 1
     assert sorted(trial.damage for trial in found if trial.damage) == sorted(2 * DAMAGES)
+    refused(
+        lambda count: plan_trials(SET, count), [(n, "whole number from 1 to 193") for n in (0, 194, 2.0, "2", True)]
+    )
 
 
-@pytest.mark.parametrize("count", [0, 194, 2.0, "2", True])
-def test_a_part_of_a_set_that_is_not_there_is_told(count):
-    with pytest.raises(InputError, match="whole number from 1 to 193"):
-        plan_trials(SET, count)
-
-
-def test_clearances_are_of_joints_in_turn_some_of_them_loose_already():
+def test_clearances_are_of_joints_in_turn_some_of_them_loose_already_and_exudyn_moves_loose_joints_too():
     hidden = [trial for trial in plan_trials(SET) if trial.kind == "clearance"]
     assert sorted(trial.effects[0] for trial in hidden) == sorted(8 * CLEARANCES)
     loosened = [trial for trial in hidden if trial.loose]
     assert {trial.loose for trial in loosened} <= set(PINS)
     assert all(trial.base != "ideal" and trial.effects == (f"{trial.loose}_clearance",) for trial in loosened)
     assert 2 <= len(loosened) <= 12
-
-
-def test_exudyn_moves_loose_joints_with_nothing_hidden_and_with_an_effect():
     trials = [trial for trial in plan_trials(SET) if trial.kind == "exudyn"]
     assert sum(not trial.effects for trial in trials) == 4
     assert {trial.base for trial in trials} == {"ideal", "loose"}
@@ -98,42 +91,29 @@ def test_a_share_of_the_cranks_follow_the_angle_that_was_read_and_all_else_of_a_
     assert all(trial in able for trial in more if trial.measured_angle)
 
 
-@pytest.mark.parametrize("label", [*LISTED, *OFF_LIST])
-def test_every_effect_has_sizes_and_parameters_that_a_mechanism_file_may_hold(ideal, loose, label):
-    for rig in (ideal.rig, loose):
-        spread = dict.fromkeys(rig.sensors, 1.0)
-        effect = draw_effect(label, rig, spread, np.random.default_rng(1))
+def test_every_effect_has_sizes_and_parameters_that_a_mechanism_file_may_hold(ideal, loose):
+    def may_hold(label, rig):
+        effect = draw_effect(label, rig, dict.fromkeys(rig.sensors, 1.0), np.random.default_rng(1))
         if effect is None:
             assert label.startswith("lubricated_joint")
-            continue
+            return
         assert effect.least < effect.first <= effect.most
         for entry in effect.in_file(effect.first):
             EFFECTS[entry["name"]].model_validate(entry)
 
+    each(may_hold, [(label, rig) for label in (*LISTED, *OFF_LIST) for rig in (ideal.rig, loose)])
 
-@pytest.mark.parametrize("label", ["slider_coulomb_friction", "crank_viscous_friction", "sensor_gain"])
-def test_the_gap_is_what_was_asked_for(ideal, label):
-    effect = draw_effect(label, ideal.rig, ideal.spread, np.random.default_rng(0))
-    for target in RECIPE["gaps"]:
+
+def test_the_gap_is_what_was_asked_for(ideal):
+    def asked_for(label, target):
+        effect = draw_effect(label, ideal.rig, ideal.spread, np.random.default_rng(0))
         size, gap = sized(ideal, effect, target)
-        if size < effect.most:
-            assert gap == pytest.approx(target, rel=GAP_TOLERANCE)
+        assert size == effect.most or gap == pytest.approx(target, rel=GAP_TOLERANCE)
         assert ideal.gap([(effect, size)]) == gap
 
-
-def test_nothing_hidden_leaves_the_gap_of_the_noise_and_other_numerics_one_where_an_effect_rests_on_them(ideal):
     assert ideal.gap([]) == 1.0
-    friction = draw_effect("slider_coulomb_friction", ideal.rig, ideal.spread, np.random.default_rng(1))
-    hidden = [(friction, 10 * friction.first)]
-
-    def gap(numerics) -> float:
-        runs = {run: ideal.rig.runs[run] for run in ideal.rig.fitted}
-        return ideal.numerics_gap(
-            hidden, {name: read(ideal.rig.true, run, numerics, hidden) for name, run in runs.items()}
-        )
-
-    assert gap(ideal.numerics) == 1.0
-    assert gap(replace(ideal.numerics, sign_factor=3.0)) > 1.0
+    labels = ["slider_coulomb_friction", "crank_viscous_friction", "sensor_gain"]
+    each(asked_for, [(label, target) for label in labels for target in RECIPE["gaps"]])
 
 
 def test_what_a_nuisance_can_take_up_is_no_gap_and_no_effect_is_as_small(ideal):
@@ -178,10 +158,15 @@ def test_a_campaign_can_be_read_tells_nothing_of_the_truth_and_holds_it_with_noi
             assert np.nanstd(off) == pytest.approx(sensor.noise_share * clean[channel].std(), rel=0.3), (run, channel)
 
 
+def rig_with(what):
+    """The first rig of which that holds, and its readings without noise."""
+    rigs = (draw_rig(np.random.default_rng(seed), Trial("nothing", "ideal")) for seed in range(30))
+    rig = next(filter(what, rigs))
+    return rig, {name: read(rig.true, run, rig.numerics) for name, run in rig.runs.items()}
+
+
 def test_channels_of_a_slower_rate_are_read_every_few_samples_alone():
-    rigs = [draw_rig(np.random.default_rng(seed), Trial("nothing", "ideal")) for seed in range(30)]
-    rig = next(rig for rig in rigs if max(sensor.every for sensor in rig.sensors.values()) > 1)
-    clean = {name: read(rig.true, run, rig.numerics) for name, run in rig.runs.items()}
+    rig, clean = rig_with(lambda rig: max(sensor.every for sensor in rig.sensors.values()) > 1)
     for own in noisy(np.random.default_rng(0), rig, clean).values():
         for channel, sensor in rig.sensors.items():
             read_at = np.isfinite(own[channel])
@@ -190,23 +175,13 @@ def test_channels_of_a_slower_rate_are_read_every_few_samples_alone():
 
 
 def test_an_encoder_that_is_late_reads_what_was_true_earlier():
-    rigs = [draw_rig(np.random.default_rng(seed), Trial("nothing", "ideal")) for seed in range(30)]
-    rig = next(rig for rig in rigs if abs(rig.values.get("encoder_lag", 0.0)) > 1e-4)
+    rig, clean = rig_with(lambda rig: abs(rig.values.get("encoder_lag", 0.0)) > 1e-4)
     low, high = rig.bounds["encoder_lag"]
     assert low < rig.values["encoder_lag"] < high
-    clean = {name: read(rig.true, run, rig.numerics) for name, run in rig.runs.items()}
     for name, own in noisy(np.random.default_rng(0), rig, clean).items():
         behind = np.mean(clean[name]["crank_angle"] - own["crank_angle"])
         spread = rig.angle_noise / math.sqrt(own["crank_angle"].size)
         assert behind == pytest.approx(rig.values["encoder_lag"] * rig.runs[name].speed, abs=4 * spread)
-
-
-def test_a_crank_swings_at_half_order_only_where_its_angle_is_measured():
-    trials = [Trial("nothing", "ideal", measured_angle=number % 2 == 0) for number in range(40)]
-    rigs = [draw_rig(np.random.default_rng(number), trial) for number, trial in enumerate(trials)]
-    swing = [rig.content["effects"] for rig in rigs]
-    assert 2 <= sum(map(bool, swing)) <= 12
-    assert all(rig.drive == "measured_angle" for rig in rigs if rig.content["effects"])
 
 
 def test_where_a_hidden_effect_shows_adds_up_to_its_gap(ideal):
@@ -221,7 +196,7 @@ def test_where_a_hidden_effect_shows_adds_up_to_its_gap(ideal):
 
 @pytest.mark.integration
 def test_a_clearance_of_any_size_is_drawn_until_it_shows():
-    for number in range(3):
+    for number in range(2):
         trial = Trial("clearance", "ideal", 0.0, ("crank_pin_clearance",), shown=(1.5, 20.0), number=number)
         _, calibrator, ((effect, size),), (gap,), discarded = draw(trial, np.random.default_rng(number))
         assert 1.5 <= gap <= 20.0
@@ -238,36 +213,6 @@ def test_a_mass_that_is_added_to_one_not_exactly_known_counts_from_the_file(idea
     assert parameters_beyond_nominal(ideal.rig, heavier, 2.0)["mass_kg"] == pytest.approx(own + off, rel=1e-9)
 
 
-@pytest.mark.integration
-def test_a_crank_that_follows_the_angle_read_has_an_encoder_with_its_noise_or_its_steps(tmp_path):
-    stated = set()
-    for number in range(4):
-        folder = tmp_path / str(number)
-        truth = make_trial(Trial("nothing", "ideal", measured_angle=True, number=number, id="a"), 5, folder)
-        own = load_campaign(folder / "campaign.yaml")
-        encoder = own.channels["crank_angle"]
-        assert truth["drive"] == own.drive == "measured_angle"
-        assert "speed" not in own.nuisance
-        stated |= {key for key in ("noise", "resolution") if getattr(encoder, key)}
-        angle = read_measurements(own).runs["run1"].crank_angle
-        if encoder.resolution:
-            steps = angle / (encoder.resolution * own.factor("crank_angle"))
-            np.testing.assert_allclose(np.diff(steps), np.round(np.diff(steps)), atol=1e-3)
-    assert stated == {"noise", "resolution"}
-
-
-@pytest.mark.integration
-def test_the_contact_of_a_joint_that_the_model_has_as_ideal_is_drawn_and_it_does_not_whirl():
-    trial = Trial("clearance", "ideal", 1.5, ("crank_pin_clearance",), number=1)
-    _, calibrator, ((hidden, size),), (gap,), _ = draw(trial, np.random.default_rng(1))
-    own = hidden.parameters(size)
-    assert list(own)[:3] == ["clearance_m", "restitution", "friction"]
-    assert 0.3 <= own["restitution"] <= 0.9
-    assert gap < 2.0
-    sticky = replace(hidden, parameters=lambda size: own | {"clearance_m": size, "friction": 0.3, "restitution": 0.84})
-    assert calibrator.gap([(sticky, 5e-5)]) > gap
-
-
 def test_runs_with_loose_joints_begin_anywhere_and_their_lasting_contacts_are_damped_otherwise(loose):
     assert len({run.start_angle for run in loose.runs.values()}) == 3
     assert all(12 <= run.settling <= 16 for run in loose.runs.values())
@@ -276,13 +221,3 @@ def test_runs_with_loose_joints_begin_anywhere_and_their_lasting_contacts_are_da
     for joint, value in values.items():
         file, true = (mechanism.joint(joint).contact for mechanism in (loose.nominal, loose.true))
         assert true.reference_speed == pytest.approx(file.reference_speed * math.exp(-value), rel=1e-12)
-    run = next(iter(loose.runs.values()))
-    torque, finer, undamped = (
-        simulate(mechanism, run, numerics)["crank_torque"]
-        for mechanism, numerics in (
-            (loose.true, Numerics(1e-10)),
-            (loose.true, Numerics(1e-11)),
-            (replace(loose, values={}).true, Numerics(1e-10)),
-        )
-    )
-    assert np.std(undamped - torque) > 10.0 * np.std(finer - torque)

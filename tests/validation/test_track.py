@@ -1,6 +1,7 @@
 """Scores of blind trials in the dashboard."""
 
 import json
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -30,51 +31,51 @@ def made_up(right: int, count: int = 4) -> pd.DataFrame:
     return frame.assign(id=names, base="ideal", size=5.0, seconds=2.0, **flags)
 
 
-def published(results, name: str, right: int) -> dict:
-    folder = results / "blind" / name / "score"
-    write_score(name, made_up(right), folder)
-    return publish_records(name, DESCRIPTION, mlflow_records(folder), None, results)
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Score of a set of which three of four were named right."""
+    place = tmp_path_factory.mktemp("score")
+    write_score("small", made_up(3), place)
+    return place
 
 
-def test_the_command_scores_the_trials_of_a_folder_and_publishes_them(tmp_path):
-    folder = tmp_path / "blind" / "small"
-    scored(folder, [truth(name="a", kind="nothing")], [{**analysis(verdict="no_disagreement"), "id": "a"}])
-    score("small", str(folder), "a")
-    assert pd.read_csv(folder / "score/trials.csv")["outcome"].tolist() == ["right"]
-    assert json.loads((folder / "score/published.json").read_text())["runs"]["blind"]["run_id"]
-
-
-def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(tmp_path):
-    write_score("small", made_up(3), tmp_path)
-    (record,) = mlflow_records(tmp_path)
-    assert record.metrics["right name/all"] == 0.75
-    assert record.metrics["right name/gap 5"] == 0.75
+def test_every_figure_of_a_set_is_a_metric_and_what_it_took_is_a_cost(folder):
+    (record,) = mlflow_records(folder)
+    assert record.metrics["right name/all"] == record.metrics["right name/gap 5"] == 0.75
     assert record.metrics["trials/single"] == 4
     assert record.costs == {"seconds/median/base ideal": 2.0, "seconds/of 90 percent at most/base ideal": 2.0}
     assert len(record.metrics) + len(record.costs) == len(rates(made_up(3))) + 2  # and two kinds counted
     assert set(record.files) >= {"summary.md", "trials.csv", "confusion.csv", "figures/rates.svg", "figures/curves.png"}
 
 
-def test_sets_stand_side_by_side_and_a_new_score_supersedes_the_old(tmp_path):
-    results = tmp_path
-    runs = {name: published(results, name, right)["runs"]["blind"] for name, right in (("small", 2), ("large", 4))}
-    assert published(results, "small", 2)["runs"]["blind"] == runs["small"] | {"state": "kept"}
-    client = MlflowClient(tracking_uri=f"sqlite:///{results / 'mlflow.db'}")
-    found = {name: client.get_run(run["run_id"]).data.metrics for name, run in runs.items()}
-    assert {name: metrics["right name/all"] for name, metrics in found.items()} == {"small": 0.5, "large": 1.0}
-    address = addresses(f"sqlite:///{results / 'mlflow.db'}", "http://here")["scores of all blind trials"]
-    (experiment,) = {client.get_run(run["run_id"]).info.experiment_id for run in runs.values()}
-    assert f"experiments=%5B%22{experiment}%22%5D" in address
-    assert published(results, "small", 3)["deleted"] == 1
+def test_sets_are_runs_of_one_experiment_and_a_new_score_supersedes_the_old(folder, tmp_path):
+    own = shutil.copytree(folder, tmp_path / "score")
+
+    def published(name):
+        done = publish_records(name, DESCRIPTION, mlflow_records(own), None, tmp_path)
+        return done["runs"]["blind"], done["deleted"]
+
+    store = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    runs, client = {name: published(name)[0] for name in ("small", "large")}, MlflowClient(tracking_uri=store)
+    assert published("small") == (runs["small"] | {"state": "kept"}, 0)
+    found = [client.get_run(run["run_id"]) for run in runs.values()]
+    assert [run.data.metrics["right name/all"] for run in found] == [0.75, 0.75]
+    (experiment,) = {run.info.experiment_id for run in found}
+    assert f"experiments=%5B%22{experiment}%22%5D" in addresses(store, "http://here")["scores of all blind trials"]
+    table = own / "rates.csv"
+    table.write_text(table.read_text().replace("0.75", "0.5"))
+    assert published("small")[1] == 1
 
 
-def test_trials_are_collected_over_several_runs_of_one_version_and_reported(tmp_path):
-    table, one, other = tmp_path / "trials.csv", tmp_path / "one", tmp_path / "other"
-    scored(one, [truth(name="a", kind="nothing")], [{**analysis(verdict="no_disagreement"), "id": "a"}])
-    scored(other, [truth(name="b", kind="nothing")], [{**analysis(verdict="no_disagreement"), "id": "b"}])
-    collect(str(one), str(table), "v1")
-    collect(str(other), str(table), "v1")
-    collect(str(other), str(table), "v1")
+def test_trials_are_scored_and_published_collected_over_several_runs_of_one_version_and_reported(tmp_path):
+    table, one, other = tmp_path / "trials.csv", tmp_path / "blind/one", tmp_path / "blind/other"
+    for name, folder in (("a", one), ("b", other)):
+        scored(folder, [truth(name=name, kind="nothing")], [analysis(verdict="no_disagreement") | {"id": name}])
+    for folder in (one, other, other):
+        collect(str(folder), str(table), "v1")
+    score("one", str(one), "a")
+    assert pd.read_csv(one / "score/trials.csv")["outcome"].tolist() == ["right"]
+    assert json.loads((one / "score/published.json").read_text())["runs"]["blind"]["run_id"]
     report("made up", str(table), str(tmp_path / "score"))
     assert pd.read_csv(table)["id"].tolist() == ["a", "b"]
     rates = pd.read_csv(tmp_path / "score/rates.csv").set_index(["what", "group"])["value"]

@@ -1,4 +1,4 @@
-"""The workflow away from home: on a cluster, inside another workflow, with somebody's own campaign file."""
+"""The workflow away from home: inside another workflow, and with a campaign file of one's own."""
 
 import json
 import re
@@ -8,7 +8,6 @@ import yaml
 
 from benchmarks.project import ROOT, run
 from jointgap.campaign.stages import CAMPAIGN_STAGES
-from tests.workflow.conftest import tables
 
 pytestmark = pytest.mark.integration
 
@@ -35,20 +34,6 @@ rule study:
     shell:
         "jointgap describe {{input:q}} > {{output:q}}"
 """
-
-
-@pytest.mark.slow  # each job starts a Snakemake of its own: minutes
-def test_smoke_runs_through_a_cluster_executor_with_the_same_results(smoke, fresh_project):
-    submit = fresh_project / "tests/workflow/submit.sh"
-    done = run(
-        fresh_project,
-        *["snakemake", "--configfile", "config/smoke.yaml", "--workflow-profile", "workflow/profiles/slurm"],
-        *["--executor", "cluster-generic", "--cluster-generic-submit-cmd", f"'{submit}'", "--jobs", "2"],
-        *["--seconds-between-status-checks", "1"],
-    )
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-6000:]
-    assert "Submitted job" in done.stdout + done.stderr
-    assert tables(fresh_project) == tables(smoke.folder)
 
 
 def test_another_workflow_uses_the_rules_with_its_own_configuration(tmp_path):

@@ -5,7 +5,6 @@ import tomllib
 from importlib import import_module
 from pkgutil import resolve_name
 
-import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -16,18 +15,6 @@ from tests.catalogue import each
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-
-
-@pytest.mark.parametrize("command", ["ruff check .", "ruff format --check .", "snakefmt --check Snakefile workflow"])
-def test_the_style_checkers_have_no_complaint(command):
-    done = run(ROOT, *command.split())
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.integration
-def test_snakemake_has_no_complaint():
-    done = run(ROOT, "snakemake", "--lint")
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_the_lock_file_and_the_conda_environment_ask_for_the_packages_of_the_project():
@@ -65,26 +52,8 @@ def test_the_page_of_the_stages_is_what_their_records_say():
     assert (ROOT / "docs/workflow.md").read_text(encoding="utf-8") == done.stdout
 
 
-def test_a_group_of_packages_that_does_not_exist_is_told_with_those_that_do():
-    done = run(ROOT, "scripts/set-up", "tset")
-    assert done.returncode == 1
-    assert "no group 'tset'; known here: test, peers, docs, cluster" in done.stderr
-
-
 PAGES = [ROOT / f"{name}.md" for name in ("README", "config/README", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT")]
 PAGES += sorted(page for page in ROOT.glob("docs/**/*.md") if "_build" not in page.parts)
-
-
-def test_every_link_leads_to_a_file_and_to_a_heading_of_it():
-    def leads(page):
-        for path, heading in re.findall(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)", page.read_text("utf-8")):
-            target = (page.parent / path).resolve() if path else page
-            assert target.exists(), path
-            if heading:
-                heads = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE)
-                assert heading in [re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads], heading
-
-    each(leads, PAGES)
 
 
 def test_every_name_of_the_package_and_every_path_of_the_map_of_the_code_is_there():

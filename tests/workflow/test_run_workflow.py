@@ -84,17 +84,8 @@ def test_a_configuration_that_cannot_be_read_is_refused_before_snakemake_sees_it
 def test_snakemake_itself_takes_no_configuration_that_is_wrong_in_silence(tmp_path):
     (tmp_path / "mine.yaml").write_text("simulate: {revolutions: 010}\n")
     for more in ((), ("--snakefile", "workflow/blind/Snakefile")):
-        command = [
-            "snakemake",
-            *more,
-            "--configfile",
-            str(tmp_path / "mine.yaml"),
-            "--dry-run",
-            "--quiet",
-            "--cores",
-            "1",
-        ]
-        done = run(ROOT, *command)
+        given = ["--configfile", str(tmp_path / "mine.yaml"), "--dry-run", "--quiet", "--cores", "1"]
+        done = run(ROOT, "snakemake", *more, *given)
         said = done.stdout + done.stderr
         assert done.returncode == 1 and "Traceback" not in said
         assert f"{tmp_path / 'mine.yaml'}, line 1, column 25: 010 differs between YAML versions" in said
@@ -142,14 +133,9 @@ def slow_workflow(tmp_path) -> Path:
 
 def started(folder: Path, *command: str) -> subprocess.Popen:
     """A run in `folder`."""
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
     return subprocess.Popen(
-        [*command, "--cores", "1", "--forceall", "--quiet", "all"],
-        cwd=folder,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
+        [*command, "--cores", "1", "--forceall", "--quiet", "all"], cwd=folder, env=environment(), **piped
     )
 
 

@@ -142,7 +142,7 @@ _SCREENED = _read("noise", "recalibrate", "screen")
 
 @stage(reads=_SCREENED, writes=_of("fit/{part}", FIT_TABLES), does="fit candidates, part {part}", minutes=120)
 def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
-    """Fit the selected effects by forward simulation; with loose joints the stage pair does."""
+    """Fit the selected effects."""
     from jointgap.identification.hypothesis_fits import fit_singles
 
     fits, seconds = fit_singles(state.baseline, *state.screening, part, parts)

@@ -247,23 +247,28 @@ def recalibrate(
 
 
 def deepest_base(problem: Problem, base: Fit, differences: FiniteDifferences, enough: float) -> Fit:
-    """The `base` or, if better, a fit from random start values of the shared nuisances (local minima).
+    """The `base` or, if better, a fit from the best of random values of the shared nuisances (local minima).
 
     The search ends below the chi2 `enough`, or if a fit ends in the same minimum as the best one (by chi2).
     """
-    if base.status == FAILED or base.chi2 < enough:
-        return base
+    settings = problem.settings.baseline
     shared = [p for p in problem.nuisances if p.run is None and np.isfinite(p.high - p.low)]
-    generator = np.random.default_rng(0)
-    for _ in range(problem.settings.baseline.drawn_starts if shared else 0):
-        if base.status == FAILED or base.chi2 < enough:
-            break
-        drawn = {p.key: float(generator.uniform(p.low, p.high)) for p in shared}
-        fit = fit_hypothesis(problem, start=base.mapping | drawn, differences=differences)
-        near = max(problem.settings.baseline.same_minimum * base.chi2, differences.numerical_noise_chi2)
+    if base.status == FAILED or base.chi2 < enough or not shared:
+        return base
+    generator, starts = np.random.default_rng(0), []
+    for _ in range(settings.drawn_values):
+        at = base.mapping | {p.key: float(generator.uniform(p.low, p.high)) for p in shared}
+        try:
+            residual = problem.residual(at)
+        except (InputError, SimulationError):
+            continue
+        starts.append((float(residual @ residual), at))
+    for _, start in sorted(starts, key=lambda each: each[0])[: settings.drawn_starts]:
+        fit = fit_hypothesis(problem, start=start, differences=differences)
+        near = max(settings.same_minimum * base.chi2, differences.numerical_noise_chi2)
         is_same = abs(fit.chi2 - base.chi2) < near
         base = min(base, fit, key=lambda fit: fit.chi2)
-        if is_same:
+        if is_same or base.chi2 < enough:
             break
     return base
 

@@ -14,6 +14,7 @@ from jointgap.identification.initial_fit import best_fit_per_hypothesis, fit_scr
 from jointgap.identification.law_family import family_suffices
 from jointgap.identification.model_selection import (
     best_sufficient,
+    failed_labels,
     shortlist_pairs,
     shortlist_singles,
     swap_one_effect,
@@ -27,9 +28,8 @@ from jointgap.identification.screening import (
     shortlist,
     simulate_sensitivities,
 )
-from jointgap.identification.settings import DEFAULT_SETTINGS
 from jointgap.identification.verdict import Thresholds
-from jointgap.identification.window_search import Size, best_sizes, fit_clearances
+from jointgap.identification.window_search import fit_clearances, likely_clearances
 
 TimedFits = tuple[list[Fit], list[float]]
 """Fits, one for each hypothesis, and their durations [s]."""
@@ -69,9 +69,8 @@ def fit_pairs(
 
     If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
     shapes of law families; clearances that are likely by the filter; pairs whose sensitivities explain nearly
-    everything; the best partners of each leading single effect, and pairs near the best one; other clearances. The
-    search is sequential, so it is not divided into parts, and limited by `max_simulations`. Clearances are not searched
-    on inconsistent data.
+    everything; the best partners of each leading single effect, and pairs near the best one. The search is sequential,
+    so it is not divided into parts, and limited by `max_simulations`. Clearances are not searched on inconsistent data.
 
     If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
     """
@@ -81,7 +80,7 @@ def fit_pairs(
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
     if pairs and part == 0 and not inconsistent:
         begin = time.monotonic()
-        searched = fit_clearances(baseline, _likely(best_sizes(baseline)), limits)
+        searched = fit_clearances(baseline, likely_clearances(baseline), limits)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
     kept = {id(fit) for fit in best_fit_per_hypothesis(fits)}
@@ -116,11 +115,11 @@ def _search(
     # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    until = problem.simulations + _max_simulations(problem)
     if family_suffices(baseline, alone, limits):
         return [], []  # the stage decide names it
-    sizes = [] if inconsistent else best_sizes(baseline)
-    fits = fit_clearances(baseline, _likely(sizes), limits, alone)
+    clearances = [] if inconsistent else likely_clearances(baseline)
+    fits = fit_clearances(baseline, clearances, limits, alone)
+    until = problem.simulations + _max_simulations(problem)
 
     def singles() -> list[Fit]:
         return [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
@@ -135,10 +134,8 @@ def _search(
         # fits in windows have partners already
         leading = [fit for fit in singles() if not fit.in_windows]
         fits += _pairs_of_leading(baseline, sensitivities, leading, limits, until)
-    if not found():
+    if not found() and problem.simulations <= until:
         fits += swap_one_effect(baseline, sensitivities, [*alone, *fits])
-    if not found() and not _likely(sizes):
-        fits += fit_clearances(baseline, sizes, limits, alone)
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, sensitivities, limits, singles())
     chosen = [(pair, about) for pair, about in chosen if labels_of(pair.hypothesis) not in done]
@@ -146,11 +143,6 @@ def _search(
     fits = best_fit_per_hypothesis(fits)
     share = (time.monotonic() - begin) / max(len(fits), 1)
     return fits, [share] * len(fits)
-
-
-def _likely(sizes: Sequence[Size]) -> list[Size]:
-    """All clearances if one may explain the data, otherwise none."""
-    return [*sizes] if any(size.deviance <= DEFAULT_SETTINGS.windows.likely_deviance for size in sizes) else []
 
 
 def _max_simulations(problem: Problem) -> int:
@@ -166,7 +158,7 @@ def _masked_pairs(
     regression, noise = SensitivityRegression(sensitivities), limits.omnibus * baseline.problem.size
     if any(single.chi2 <= noise for single in regression.singles()):
         return []
-    pairs = [pair for pair in regression.pairs() if not _failed(alone) & labels_of(pair.hypothesis)]
+    pairs = [pair for pair in regression.pairs() if not failed_labels(alone) & labels_of(pair.hypothesis)]
     misfit = baseline.base.chi2 - baseline.problem.size
     least = baseline.problem.settings.decision.min_explained_share * misfit
     pairs = [pair for pair in pairs if baseline.base.chi2 - pair.chi2 >= least]
@@ -202,16 +194,11 @@ def _pairs_of_leading(
         about = simulate_sensitivities(problem, single, baseline.differences, likely)
         partners = SensitivityRegression(about, single.hypothesis).singles()
         for pair in shortlist(partners, settings.partners):
-            if pair.hypothesis[-1].label not in _failed(alone):
+            if pair.hypothesis[-1].label not in failed_labels(alone):
                 labels = labels_of(pair.hypothesis)
                 chosen[labels] = min(chosen.get(labels, (pair, about)), (pair, about), key=lambda each: each[0].chi2)
     ranked = sorted(chosen.values(), key=lambda each: each[0].chi2)
     return [*singles, *_fit_each(baseline, ranked, limits, [*alone, *singles], until)[0]]
-
-
-def _failed(fits: Sequence[Fit]) -> set[str]:
-    """Labels of hypotheses whose fits all failed."""
-    return {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
 
 
 def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:

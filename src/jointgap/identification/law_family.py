@@ -4,7 +4,7 @@ An effect such as quadratic drag is one shape of a family, here drag with any ex
 (`jointgap.core.candidates.LawFamily`). Once it is found, chi2 is profiled over the shape to see which shapes fit.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -60,22 +60,37 @@ def fit_shape(
 ) -> Fit:
     """Fit the law of a family including its shape, in place of the `member` in the fit `found`.
 
-    Starts: the member's shape (unless parameters are inactive there), then the next shapes in use until a fit
-    converges, each with all initial guesses of the law.
+    Starts are tried until a fit converges: the member's shape, then the next ones in use. If parameters are inactive at
+    the member's shape, the others in use with each initial guess of the law, the most promising first, at most
+    `tried_starts`.
     """
-    hypothesis, start = _with_law(found, member, family)
+    hypothesis, at = _with_law(found, member, family)
+    keys = {name: f"{family.law.label}.{name}" for name in (family.shape, *(family.law.initial_guesses or ({},))[0])}
+    if found.in_windows and not family.inactive_at_default:
+        # at the member's shape the law is the found effect: only the end of the fit is repeated
+        start = at | {keys[family.shape]: family.own}
+        return fitted(problem, hypothesis, start, near=found, vary=problem.parameters(hypothesis))
+    shapes = sorted(family.in_use, key=lambda shape: abs(shape - family.own))
+    guesses = [{**guess, family.shape: shape} for shape in shapes for guess in family.law.initial_guesses or ({},)]
+    starts = [at | {keys[name]: value for name, value in guess.items()} for guess in guesses]
+    if family.inactive_at_default:
+        starts = [start for start in starts if start[keys[family.shape]] != family.own]
+        starts.sort(key=lambda start: _chi2_at(problem, hypothesis, start))
+        starts = starts[: problem.settings.family.tried_starts]
     fits: list[Fit] = []
-    # at the member's shape the law is the found effect: only the end of the fit is repeated
-    vary = problem.parameters(hypothesis) if found.in_windows and not family.inactive_at_default else None
-    shapes = [shape for shape in family.in_use if not (family.inactive_at_default and shape == family.own)]
-    for shape in sorted(shapes, key=lambda shape: abs(shape - family.own)):
-        for guess in family.law.initial_guesses or ({},):
-            at_guess = {f"{family.law.label}.{name}": value for name, value in {**guess, family.shape: shape}.items()}
-            at = start | at_guess
-            fits.append(fitted(problem, hypothesis, at, differences=differences, refresh=True, near=found, vary=vary))
-        if converged := [fit for fit in fits if fit.status == CONVERGED]:
-            return min(converged, key=lambda fit: fit.chi2)
+    for start in starts:
+        fits.append(fitted(problem, hypothesis, start, differences=differences, refresh=True, near=found))
+        if fits[-1].status == CONVERGED:
+            break
     return min(fits, key=lambda fit: fit.chi2)
+
+
+def _chi2_at(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, float]) -> float:
+    try:
+        residual = problem.residual(values, hypothesis)
+    except (InputError, SimulationError):
+        return np.inf
+    return float(residual @ residual)
 
 
 def profile_shape(

@@ -70,13 +70,18 @@ def shortlist_pairs(
 
     `fits`: all single effects; `sensitivities`: about the base; `second`: from `two_effect_thresholds`.
     """
-    failed = {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
+    failed = failed_labels(fits)
     pairs = SensitivityRegression(sensitivities.about(best), best.hypothesis).singles()
     pairs = [pair for pair in pairs if pair.hypothesis[-1].label not in failed]
     gaining = [pair for pair in pairs if best.bic - pair.bic > second.max_gain_threshold]
     needed = second_effect_gain(baseline.problem, fits, second) if gaining else 0.0
     gaining = [pair for pair in gaining if best.bic - pair.bic > needed]
     return shortlist(gaining, baseline.problem.settings.selection.partners)
+
+
+def failed_labels(fits: Sequence[Fit]) -> set[str]:
+    """Labels of hypotheses whose fits all failed."""
+    return {fit.label for fit in fits} - {fit.label for fit in fits if fit.status != FAILED}
 
 
 def two_effect_thresholds(baseline: Baseline, fits: Sequence[Fit], limits: Thresholds) -> Thresholds:
@@ -194,11 +199,12 @@ def swap_one_effect(baseline: Baseline, sensitivities: Sensitivities, fits: Sequ
         return []
     problem, differences = baseline.problem, baseline.differences
     done, swapped = {labels_of(fit.hypothesis) for fit in fits}, []
+    failed = failed_labels(fits)
     for kept in best.hypothesis:
         rest = without_other_effects(problem, best, (kept,))
         partners = SensitivityRegression(sensitivities.about(rest), rest.hypothesis).singles()
         for pair in shortlist(partners, problem.settings.selection.partners):
-            if labels_of(pair.hypothesis) not in done:
+            if labels_of(pair.hypothesis) not in done and pair.hypothesis[-1].label not in failed:
                 done.add(labels_of(pair.hypothesis))
                 start = rest.mapping | pair.start
                 swapped.append(fit_hypothesis(problem, pair.hypothesis, start, differences=differences))

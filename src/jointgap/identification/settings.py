@@ -81,7 +81,10 @@ class StoppingSettings:
 class BaselineSettings:
     """Fit of the current model."""
 
-    drawn_starts: int = 2  # Random starts of the shared nuisances, if the residual exceeds noise (experience)
+    # If the residual exceeds noise: number of random values of the shared nuisances, and of fits from the best of them
+    # (experience)
+    drawn_values: int = 12
+    drawn_starts: int = 2
     # [1, of chi2] Fits that differ by less, or by less than the numerical noise, are in the same minimum
     same_minimum: float = 1e-3
     # [standard deviations of chi2] Limit for noise (one in a thousand by chance)
@@ -121,9 +124,8 @@ class WindowSettings:
     size_factor: float = 1.4  # [1] Factor between tried clearances: half the width of the basin
     tried_sizes: int = 4  # Best clearances that are tried with all shapes
     fitted_sizes: int = 2  # Best of these that are fitted
-    # [1] Deviance per reading of a clearance that is fitted before pairs: hidden ones alone had at most 1.8, with a
-    # second effect 3.1, other causes 1.9 to 11
-    likely_deviance: float = 4.0
+    # [1] Largest deviance per reading of a clearance that is fitted: hidden ones had 1.6 to 4.5 (experience)
+    likely_deviance: float = 5.0
     leading: int = 4  # Largest number of effects fitted in windows
     leading_share: float = 0.5  # [1, of the largest predicted gain] Least predicted gain of a fitted effect
 
@@ -309,6 +311,7 @@ class EnsembleSettings:
 class FamilySettings:
     """Profile over the shape of a law family."""
 
+    tried_starts: int = 2  # Fits of a law, from the most promising shapes (experience)
     least_step: float = 0.01  # [1] Of the shape: common laws differ by more
     largest_step: float = 0.5  # [1] Of the shape: limit of the first step, doubled at each
     overshoot: float = 1.2  # [1] Step over the predicted end of the interval, which is then interpolated

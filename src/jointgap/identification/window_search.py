@@ -3,7 +3,6 @@
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,16 +19,12 @@ Found = list[tuple[Fit | None, Estimate]]
 """Estimates at the end of the search, with a fit if it was completed."""
 
 
-class Size(NamedTuple):
-    """A clearance with the start values of a fit."""
-
-    deviance: float  # Of the filter over one revolution, per reading
-    hypothesis: Hypothesis
-    start: Mapping[str, float]
+Start = tuple[Hypothesis, Mapping[str, float]]
+"""A hypothesis and start values of its fit by key [SI]."""
 
 
 def fit_clearances(
-    baseline: Baseline, sizes: Sequence[Size], limits: Thresholds, alone: Sequence[Fit] = ()
+    baseline: Baseline, starts: Sequence[Start], limits: Thresholds, alone: Sequence[Fit] = ()
 ) -> list[Fit]:
     """Fits of clearances in windows, best first.
 
@@ -38,7 +33,7 @@ def fit_clearances(
     """
     problem = baseline.problem
     until = problem.simulations + problem.settings.selection.max_simulations
-    found = _fitted(problem, [Estimate(problem, size.hypothesis, size.start) for size in sizes], below=math.inf)
+    found = _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
     if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
@@ -95,8 +90,9 @@ def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None
     return found
 
 
-def best_sizes(baseline: Baseline) -> list[Size]:
-    """The best clearance sizes that are not neighbours, each with the best of its shapes; best first.
+def likely_clearances(baseline: Baseline) -> list[Start]:
+    """The best clearance sizes that are not neighbours, each with the best of its shapes, best first; none if the best
+    one is unlikely.
 
     Many sizes of each clearance are tried by the filter over one revolution.
     """
@@ -132,8 +128,9 @@ def best_sizes(baseline: Baseline) -> list[Size]:
         shapes = range(1, len(by_label[label].initial_guesses))
         others = [(deviance(label, place, shape), label, place, shape) for shape in shapes]
         tried.append(min([(found[label, place], label, place, 0), *others]))
-    best_tried = sorted(tried)[: settings.fitted_sizes]
-    return [Size(value, (by_label[one],), values_of(one, *at)) for value, one, *at in best_tried]
+    if not tried or min(tried)[0] > settings.likely_deviance:
+        return []
+    return [((by_label[one],), values_of(one, *at)) for _, one, *at in sorted(tried)[: settings.fitted_sizes]]
 
 
 def _sizes(candidate: Candidate, factor: float) -> np.ndarray:
