@@ -259,7 +259,6 @@ def test_a_dominated_fit_ends_early_and_a_true_one_does_not():
     assert ended.simulations < 0.7 * wrong.simulations and ended.chi2 > wrong.chi2 > 10.0 * true.chi2
 
 
-@pytest.mark.xfail(reason="the rule counts predictions that fall from step to step like those of a minimum")
 def test_a_slow_true_fit_does_not_end_as_a_dominated_one():
     here = free_oscillator()
     start = {"frequency": 1.3}

@@ -286,7 +286,7 @@ class StoppingRule:
         self.settings, self.size = settings, size
         self._numerical_noise, self._sufficient = numerical_noise_chi2, sufficient_chi2
         self._stalled = max(settings.stalled_decrease, numerical_noise_chi2)
-        self._renewed, self._chi2_at_renewal, self._far = 0, np.inf, 0
+        self._renewed, self._chi2_at_renewal, self._minimum = 0, np.inf, np.inf
         self.chi2: list[float] = []
 
     def record(self, chi2: float) -> None:
@@ -316,9 +316,10 @@ class StoppingRule:
 
     def dominated(self, minimum: float) -> bool:
         """Record the predicted `minimum` of a linear model that has proved right; whether it is far above a sufficient
-        chi2 for the second time."""
-        self._far += minimum > self._sufficient + self.settings.dominated_excess
-        return self._far > 1
+        chi2 and hardly less than the one before."""
+        before, self._minimum = self._minimum, minimum
+        is_far = minimum > self._sufficient + self.settings.dominated_excess
+        return is_far and minimum > (1.0 - self.settings.dominated_progress) * before
 
     def stalled(self, iteration: int) -> bool:
         """Whether a long fit hardly improves with its corrected Jacobian."""
