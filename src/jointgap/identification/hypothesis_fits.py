@@ -186,11 +186,10 @@ def _pairs_of_leading(
         if single.status == FAILED:
             continue
         singles.append(single)
-        near = shortlist(
-            SensitivityRegression(sensitivities.about(single), single.hypothesis).singles(),
-            2 * settings.leading_singles,
-        )
-        likely = [one.hypothesis[-1] for one in near]
+        ranked = SensitivityRegression(sensitivities.about(single), single.hypothesis).singles()
+        first = [one.hypothesis[-1] for one in shortlist(ranked, settings.linearised_partners)]
+        labels = {label for one in first for label in (one.label, one.carrier)}
+        likely = [one for one in problem.model.candidates if one.label in labels]
         about = simulate_sensitivities(problem, single, baseline.differences, likely)
         partners = SensitivityRegression(about, single.hypothesis).singles()
         for pair in shortlist(partners, settings.partners):
