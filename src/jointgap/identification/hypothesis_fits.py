@@ -8,6 +8,7 @@ import numpy as np
 
 from jointgap.core.progress import with_progress
 from jointgap.identification.baseline import Baseline, probed_differences
+from jointgap.identification.block_sums import BlockSums
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import best_fit_per_hypothesis, fit_screened, labels_of, refit_from_part
@@ -68,9 +69,10 @@ def fit_pairs(
     """Fit the selected pairs of one part.
 
     If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
-    shapes of law families; clearances that are likely by the filter; pairs whose sensitivities explain nearly
-    everything; the best partners of each leading single effect, and pairs near the best one. The search is sequential,
-    so it is not divided into parts, and limited by `max_simulations`. Clearances are not searched on inconsistent data.
+    single effects fitted to sums of samples first; shapes of law families; clearances that are likely by the filter;
+    pairs whose sensitivities explain nearly everything; the best partners of each leading single effect, and pairs near
+    the best one. The search is sequential, so it is not divided into parts, and limited by `max_simulations`.
+    Clearances are not searched on inconsistent data.
 
     If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
     """
@@ -115,10 +117,12 @@ def _search(
     # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    if family_suffices(baseline, alone, limits):
-        return [], []  # the stage decide names it
-    clearances = [] if inconsistent else likely_clearances(baseline)
-    fits = fit_clearances(baseline, clearances, limits, alone)
+    fits = _fit_sums_first(baseline, sensitivities, limits)
+    if not any(_is_sufficient(fit, limits) for fit in fits):
+        if family_suffices(baseline, alone, limits):
+            return [], []  # the stage decide names it
+        clearances = [] if inconsistent else likely_clearances(baseline)
+        fits += fit_clearances(baseline, clearances, limits, alone)
     until = problem.simulations + _max_simulations(problem)
 
     def singles() -> list[Fit]:
@@ -143,6 +147,35 @@ def _search(
     fits = best_fit_per_hypothesis(fits)
     share = (time.monotonic() - begin) / max(len(fits), 1)
     return fits, [share] * len(fits)
+
+
+def _fit_sums_first(baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds) -> list[Fit]:
+    """Fits of single effects whose sums over ever shorter blocks are nearly noise, to all samples from there.
+
+    None for ideal joints, whose chi2 is smooth anyway.
+    """
+    problem, settings = baseline.problem, baseline.problem.settings
+    if problem.has_statistics or not any(np.any(part.noise.numerics) for part in problem.parts):
+        return []
+    fits: list[Fit] = []
+    for place, per_revolution in enumerate(settings.selection.sums_per_revolution):
+        sums = BlockSums(problem, per_revolution)
+        differences = probed_differences(sums, baseline.base.mapping)
+        if place == 0:
+            about = sums.sensitivities(sensitivities)
+            chosen = shortlist_singles(about, limits, settings)
+            fits = [fit_screened(sums, differences, about, single) for single in chosen]
+        else:
+            fits = [fit_hypothesis(sums, fit.hypothesis, fit.mapping, differences=differences) for fit in fits]
+        fits = [fit for fit in fits if reduced_chi2(fit) <= settings.stopping.poor_chi2_per_sample]
+    found: list[Fit] = []
+    for fit in sorted(fits, key=lambda fit: fit.chi2):
+        sufficient = min((one.chi2 for one in found if _is_sufficient(one, limits)), default=np.inf)
+        start, differences = fit.mapping, baseline.differences
+        found.append(
+            fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient)
+        )
+    return found
 
 
 def _max_simulations(problem: Problem) -> int:

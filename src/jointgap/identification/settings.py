@@ -134,6 +134,8 @@ class WindowSettings:
 class ModelSelectionSettings:
     """Selection and comparison of hypotheses."""
 
+    # Sums of residuals per revolution, fitted in this order before all samples (experience)
+    sums_per_revolution: tuple[int, ...] = (6, 12, 24, 48)
     max_singles: int = 8  # Candidates fitted alone, and sums of terms of one size for a law (experience)
     # [1] Least gain predicted by linearisation over the required one, if the base is consistent with noise; and least
     # share of a gain due to the effects, otherwise the base is re-fitted. One half, as residuals are nonlinear

@@ -1,0 +1,74 @@
+"""Whitened residuals summed over blocks of samples.
+
+An impact that comes a few samples later changes single residuals by more than any effect does, so that their chi2 has
+many local minima. Sums over a part of a revolution change smoothly.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from jointgap.identification.problem import Hypothesis, Part, Problem
+from jointgap.identification.screening import Sensitivities
+
+
+class BlockSums(Problem):
+    """A problem with the whitened residuals summed over blocks, divided by the root of their number: again of variance
+    1, if they are noise."""
+
+    def __init__(self, problem: Problem, per_revolution: int):
+        super().__init__(problem.model, problem.noise, settings=problem.settings)
+        self._samples, self._problem, self._blocks, begin = self.size, problem, [], 0
+        for i, part in enumerate(self.parts):
+            edges = _edges(part, per_revolution)
+            place = slice(begin, begin + edges.size)
+            begin = place.stop
+            counts = np.diff(np.append(edges, part.place.stop - part.place.start))
+            self._blocks.append((part.place, edges, np.sqrt(counts)))
+            self.parts[i] = replace(part, place=place)
+        self.size = begin
+
+    def predict(
+        self, run: str, values: Mapping[str, float], hypothesis: Hypothesis = (), numerics: int = 0
+    ) -> Mapping[str, np.ndarray]:
+        """As of the whole problem, whose simulations are counted."""
+        return self._problem.predict(run, values, hypothesis, numerics)
+
+    def residual(
+        self,
+        values: Mapping[str, float],
+        hypothesis: Hypothesis = (),
+        runs: Sequence[str] | None = None,
+        out: np.ndarray | None = None,
+        numerics: int = 0,
+    ) -> np.ndarray:
+        """Summed residuals (size,); of the other `runs` those of `out`."""
+        summed = self.sums(self._problem.residual(values, hypothesis, runs, np.zeros(self._samples), numerics))
+        if out is not None and runs is not None:
+            for part in self.parts:
+                if part.series.run not in runs:
+                    summed[part.place] = out[part.place]
+        return summed
+
+    def sums(self, residual: np.ndarray) -> np.ndarray:
+        """Sums (size,) or (size, k) of residuals or their derivatives (n,) or (n, k)."""
+        parts = [
+            np.add.reduceat(residual[place], edges, axis=0) / (root if residual.ndim == 1 else root[:, None])
+            for place, edges, root in self._blocks
+        ]
+        return np.concatenate(parts)
+
+    def sensitivities(self, whole: Sensitivities) -> Sensitivities:
+        """The sensitivities of the sums."""
+        entries = [replace(one, columns=self.sums(one.columns), origin=self.sums(one.origin)) for one in whole.entries]
+        return replace(whole, jacobian=self.sums(whole.jacobian), residual=self.sums(whole.residual), entries=entries)
+
+
+def _edges(part: Part, per_revolution: int) -> np.ndarray:
+    """First samples of the blocks of a part; single samples where the angle is unknown."""
+    angle = part.series.angle[part.used]
+    known = angle[np.isfinite(angle)]
+    turns = np.ptp(known) / (2.0 * np.pi) if known.size and not part.series.statistic else 0.0
+    length = max(round(angle.size / (turns * per_revolution)), 1) if turns > 0.0 else 1
+    return np.arange(0, angle.size, length)

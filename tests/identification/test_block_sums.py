@@ -1,0 +1,56 @@
+"""Sums of whitened residuals over blocks of samples."""
+
+import numpy as np
+import pytest
+
+from jointgap.identification.block_sums import BlockSums
+from jointgap.identification.fit import FiniteDifferences, fit_hypothesis
+from jointgap.identification.problem import Problem
+
+from .toy import candidate_of, screened, stated_noise, toy
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    model = toy({"viscous": {"damping_N_s_m": 0.5}}, noise=0.02, samples=70)
+    return Problem(model, stated_noise(model))
+
+
+def test_a_sum_over_a_block_of_noise_has_variance_one(problem):
+    sums = BlockSums(problem, 12)
+    noise = np.random.default_rng(0).standard_normal((problem.size, 400))
+    np.testing.assert_allclose(sums.sums(noise).var(axis=1), 1.0, atol=0.35)
+    assert sums.size == 6 * 59  # 350 samples in blocks of 6, the last of 2
+
+
+def test_an_even_number_of_blocks_holds_the_sums_of_its_samples(problem):
+    values = {p.key: p.nominal for p in problem.nuisances}
+    sums, residual = BlockSums(problem, 10), problem.residual(values)
+    np.testing.assert_allclose(sums.residual(values), residual.reshape(-1, 7).sum(axis=1) / np.sqrt(7.0))
+
+
+def test_other_runs_keep_their_sums(problem):
+    values, sums = {p.key: p.nominal for p in problem.nuisances}, BlockSums(problem, 10)
+    changed = values | {"speed@slow": 10.01, "speed@mid": 16.02}
+    before = sums.residual(values)
+    after = sums.residual(changed, runs=("slow",), out=before)
+    for part in sums.parts:
+        kept = np.array_equal(after[part.place], before[part.place])
+        assert kept == (part.series.run != "slow")
+
+
+def test_sums_of_sensitivities_are_the_sensitivities_of_sums():
+    baseline, sensitivities = screened(toy({"viscous": {"damping_N_s_m": 0.5}}))
+    sums = BlockSums(baseline.problem, 12)
+    jacobian = FiniteDifferences(sums).jacobian(
+        baseline.base.parameters, baseline.base.mapping, sums.sums(baseline.base.residual), ()
+    )
+    np.testing.assert_allclose(sums.sensitivities(sensitivities).jacobian, jacobian, atol=1e-2 * np.abs(jacobian).max())
+
+
+def test_a_fit_to_sums_finds_the_effect_and_counts_its_simulations(problem):
+    before = problem.simulations
+    fit = fit_hypothesis(BlockSums(problem, 12), (candidate_of("viscous"),))
+    damping = dict(zip((p.key for p in fit.parameters), fit.values, strict=True))["viscous.damping_N_s_m"]
+    assert abs(damping - 0.5) < 4 * np.sqrt(fit.covariance()[-1, -1])
+    assert problem.simulations > before
