@@ -47,7 +47,6 @@ def test_a_base_that_leaves_more_than_noise_is_fitted_again_until_a_minimum_is_f
 def test_with_loose_joints_base_and_effects_are_fitted_to_whole_runs_as_with_ideal_ones():
     """The model has windows for all. Only those of a hidden clearance are used."""
     problem = linear(hidden={"swing": {"size": 0.1}}, candidates=(SWING, WOBBLE), numerics=("another step",))
-    problem.model.windows = None
     found = recalibrate(problem.model, noise_of(problem))
     assert not found.base.in_windows and not found.nominal.in_windows
     assert [p.key for p in found.nominal.parameters] == ["zero@slow", "zero@fast"]
@@ -56,6 +55,7 @@ def test_with_loose_joints_base_and_effects_are_fitted_to_whole_runs_as_with_ide
     fits, _ = fit_singles(found, screening.sensitivities, screening.limits)
     named = select_hypothesis(found, screening.sensitivities, fits, screening.limits)
     assert (named.verdict, named.chosen.label) == ("named", "swing")
+    assert not named.chosen.in_windows and problem.model.filtered == []
     assert named.chosen.mapping["swing.size"] == pytest.approx(0.1, abs=0.01)
     assert named.chosen.mapping["drive"] == pytest.approx(0.3, abs=0.01)
 
