@@ -14,7 +14,7 @@ from tests.catalogue import each
 HEAVY = {"numpy", "pandas", "numba", "torch", "matplotlib", "pydantic", "scipy"}
 
 
-def test_importing_it_loads_nothing_heavy_and_a_name_that_is_not_there_is_told():
+def test_importing_it_loads_nothing_heavy_and_a_name_that_is_not_there_is_reported():
     code = f"import sys, jointgap; sys.exit(', '.join({HEAVY} & set(sys.modules)) or 0)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
     with pytest.raises(AttributeError, match="no attribute 'simulat'") as told:

@@ -52,7 +52,7 @@ def test_a_sweep_shows_itself_in_columns_numbers_and_figures(swept):
     assert sorted(drawn.query("series == 'design'")["y"].unique()) == sorted(swept.designs["crank_pin_peak_force"])
 
 
-def test_a_sweep_that_is_asked_for_again_is_read_and_a_wrong_key_or_a_failure_is_told(
+def test_a_sweep_that_is_asked_for_again_is_read_and_a_wrong_key_or_a_failure_is_reported(
     sweep, swept, monkeypatch, tmp_path
 ):
     cases = [

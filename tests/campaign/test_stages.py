@@ -79,7 +79,7 @@ def test_the_gap_on_held_out_runs_falls_to_that_of_noise_and_is_that_of_the_resi
     assert {key for key, value in values.items() if value != base.mapping.get(key)} == {"speed@fast"}
 
 
-def test_without_an_effect_the_gap_stays_and_the_part_that_is_held_out_is_told(chain):
+def test_without_an_effect_the_gap_stays_and_the_part_that_is_held_out_is_reported(chain):
     gaps = confirm(chain.model, chain.noise, chain.recalibrated.base).gaps
     gap, roles = gap_of(gaps, "confirm"), {"slow": "identify", "mid": "identify"}
     assert gap["before"] == gap["after"]

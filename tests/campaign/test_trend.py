@@ -91,7 +91,7 @@ def rig(tmp_path):
     return Rig(tmp_path)
 
 
-def test_a_clearance_that_grows_is_told_with_its_rate_per_day_however_campaigns_are_given(rig):
+def test_a_clearance_that_grows_is_reported_with_its_rate_per_day_however_campaigns_are_given(rig):
     rig.grows(days=reversed(DAYS))
     said = rig.trend(pictures=True)
     (growth,) = rig.growth.to_dict("records")

@@ -81,7 +81,7 @@ def test_a_mistake_ends_the_command_with_one_line_and_code_two(tmp_path):
     assert "unknown key 'mechanism.crnk'; did you mean 'crank'?" in done.stderr
 
 
-def test_a_file_or_an_option_that_is_wrong_in_itself_is_told(tmp_path):
+def test_a_file_or_an_option_that_is_wrong_in_itself_is_reported(tmp_path):
     file, written = tmp_path / "mine.yaml", tmp_path / "growth.parquet"
 
     def told(content, words):

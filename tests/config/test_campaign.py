@@ -208,7 +208,7 @@ name: "" => name = '': must have at least 1 character
 """
 
 
-def test_a_value_of_the_wrong_kind_is_told_in_words_and_nothing_is_said_that_is_not_so():
+def test_a_value_of_the_wrong_kind_is_stated_in_words_and_nothing_is_said_that_is_not_so():
     channels = {key: {k: v for k, v in one.items() if k != "noise"} for key, one in CAMPAIGN["channels"].items()}
     good = CAMPAIGN | {"mechanism": read_yaml(PAPER), "runs": [RUN], "nuisance": {}, "channels": channels}
     assert validate(Campaign, good, "rig.yaml").runs[0].id == "slow"

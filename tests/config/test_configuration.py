@@ -95,7 +95,7 @@ def test_a_mechanism_file_may_be_laid_over_the_one_beside_it_and_a_base_that_is_
     refused(lambda given: resolve(own | {"scenarios": {"own": {"mechanism": given}}}, (ROOT, folder)), written(rows))
 
 
-def test_each_value_is_told_with_the_file_that_it_is_written_in(other):
+def test_each_value_is_reported_with_the_file_that_it_is_written_in(other):
     folders = (ROOT, other.parent)
     own = {"mechanism": {"base": "other.yaml", "slider": {"offset": "1 mm"}}, "simulate": {"speed": "9 rpm"}}
     lower = Layer("lower.yaml", SHIPPED | {"figures": {"magnification": 3}})
@@ -169,7 +169,7 @@ def test_a_mistake_is_named_with_its_scenario_key_value_and_mend():
     refused(resolved, [*written(MISTAKES), *WIDER], starts="configuration, scenario paper: ")
 
 
-def test_every_mistake_is_told_in_one_go_and_one_in_a_shared_contact_once():
+def test_every_mistake_is_reported_together_and_one_in_a_shared_contact_once():
     for over, lines in (
         ({"simulate": {"samples_per_revolution": -1, "revolutions": 0}}, 2),
         ({"mechanism": {"contacts": {"steel": {"restitution": 1.4}}}}, 1),

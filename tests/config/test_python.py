@@ -7,7 +7,7 @@ from tests.catalogue import refused
 from tests.config.mechanisms import paper
 
 
-def test_a_section_made_in_python_is_told_what_a_file_is_told():
+def test_a_section_made_in_python_is_checked_like_a_file():
     pin = {"journal": "crank", "journal_radius": "7 mm", "bearing_radius": "6 mm"}
     cases = [
         (lambda: Simulate(sped="600 rpm"), "Simulate: unknown key 'sped'; did you mean 'speed'?"),
@@ -41,7 +41,7 @@ def test_a_word_changes_every_loose_joint_and_a_path_one():
     assert [by_reference.joint(joint).contact.friction for joint in by_reference.loose] == [0.2, 0.2]
 
 
-def test_an_effect_goes_by_its_name_and_a_change_that_cannot_be_is_told_with_its_key():
+def test_an_effect_goes_by_its_name_and_a_change_that_cannot_be_is_reported_with_its_key():
     with_gravity = change(paper(), {"effects": [{"name": "gravity"}]})
     on_the_moon = change(with_gravity, {"effects.gravity.parameters.acceleration_m_s2": 1.62})
     assert on_the_moon.effect("gravity").acceleration_m_s2 == 1.62

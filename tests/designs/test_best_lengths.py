@@ -39,7 +39,7 @@ def test_clearances_that_act_as_a_longer_crank_ask_for_a_crank_as_much_shorter(l
     assert known.reductions((best, ROD)).rms == pytest.approx(1.0, abs=1e-6)
 
 
-def test_without_clearance_the_best_lengths_are_the_original_ones_and_no_share_is_told():
+def test_without_clearance_the_best_lengths_are_the_original_ones_and_no_share_is_reported():
     rod = -np.arcsin(CRANK * np.sin(ANGLE) / ROD)
     assert best_crank_length(objective_of_motion(MADE, ANGLE, rod), ROD) == pytest.approx(CRANK, abs=1e-9)
     for design in measured(asked({"speed": ["300 rpm", "600 rpm"]}, mechanism(loose=()))):

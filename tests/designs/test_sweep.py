@@ -222,7 +222,7 @@ def test_a_folder_that_holds_anything_else_is_refused_before_anything_is_simulat
     assert not simulated and dataset(tmp_path) == before
 
 
-def test_a_design_that_is_missing_or_there_twice_is_told(tmp_path):
+def test_a_design_that_is_missing_or_there_twice_is_reported(tmp_path):
     designs = designs_of(scenario({"friction": {"from": 0, "to": 0.1}}, number=2))
     write_designs(designs, 1, 1, tmp_path / "b.parquet", "code")
     with pytest.raises(InputError, match="design 0 is missing"):

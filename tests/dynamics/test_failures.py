@@ -34,7 +34,7 @@ def test_a_formula_without_a_value_on_the_way_ends_in_an_error():
     assert slider == pytest.approx(0.6, abs=3e-3)  # within the clearances of where the root ends
 
 
-def test_a_motor_that_stalls_or_that_friction_holds_is_told_with_advice(monkeypatch):
+def test_a_motor_that_stalls_or_that_friction_holds_is_reported_with_advice(monkeypatch):
     weak = {"kind": "motor", "stall_torque": 0.5, "no_load_speed": 100.0}
     for loose in ((), ALL):
         made = mechanism(effect("slider_constant_force", force_N=-500.0), loose=loose)

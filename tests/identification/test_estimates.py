@@ -100,7 +100,7 @@ def test_what_follows_from_a_coordinate_at_its_bound_is_at_its_bound_too_with_an
     assert found["interval_90"] == pytest.approx([0.0, 2.0 * cut_off(0.0, 0.2, 0.0).ppf(0.9)], abs=0.03)
 
 
-def test_a_nuisance_that_changes_nothing_is_told_as_that_and_not_as_fitted():
+def test_a_nuisance_that_changes_nothing_is_reported_as_that_and_not_as_fitted():
     model = toy(seed=0, channels=("acceleration",))  # no force is read: the mass changes nothing
     fit = fit_hypothesis(Problem(model, stated_noise(model)), refresh=True)
     told = {p.name: estimate for p, estimate in nuisance_estimates(fit)}

@@ -113,7 +113,7 @@ def test_parameters_off_nominal_within_their_ranges_are_no_effect():
         assert decision.chosen.mapping["slider_mass"] == pytest.approx(0.515, abs=0.01)
 
 
-def test_at_one_speed_a_spring_is_not_told_from_a_force_that_grows_with_speed():
+def test_at_one_speed_a_spring_is_not_distinguished_from_a_force_that_grows_with_speed():
     speeds = {"one": 10.0, "fast": 24.0}
     decision, _ = named({"spring": {"stiffness_N_m": 5.0}}, seed=2, speeds=speeds, held_out=("fast",))
     assert decision.verdict == "ambiguous"

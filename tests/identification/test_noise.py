@@ -81,7 +81,7 @@ def test_the_held_out_part_of_a_run_tells_nothing_of_its_noise(stated):
         assert one.effective_samples == other.effective_samples <= 240
 
 
-def test_a_stated_noise_wins_and_is_told_where_cycles_differ_by_far_more():
+def test_a_stated_noise_wins_and_is_reported_where_cycles_differ_by_far_more():
     claimed = changed(toy(seed=2), lambda s: replace(s, stated_noise=s.stated_noise / 3))
     for series, one in estimates(claimed):
         assert one.source == "stated" and (one.sd == series.stated_noise).all()

@@ -122,7 +122,7 @@ def test_the_smallest_detectable_size_is_found_nine_times_in_ten():
 # What is not known or cannot be simulated
 
 
-def test_noise_that_is_not_stated_is_assumed_and_told_of_what_is_planned(found):
+def test_noise_that_is_not_stated_is_assumed_and_reported_of_what_is_planned(found):
     unstated = preflight(planned(stated=False))
     assert len(unstated.assumed) == 9 and found.assumed == ()
     assert unstated.assumed[0].startswith("torque in run slow: 0.") and "2 %" in unstated.assumed[0]
@@ -131,7 +131,7 @@ def test_noise_that_is_not_stated_is_assumed_and_told_of_what_is_planned(found):
     assert [text.partition(":")[0] for text in base.assumed] == ["torque in run slow", "torque in run mid"]
 
 
-def test_a_candidate_that_cannot_be_simulated_is_told_and_the_others_go_on_but_such_a_model_is_refused():
+def test_a_candidate_that_cannot_be_simulated_is_reported_and_the_others_go_on_but_such_a_model_is_refused():
     def jams(candidate, at):
         if candidate.name == "spring":
             raise SimulationError("the spring jams")
@@ -149,7 +149,7 @@ def test_a_candidate_that_cannot_be_simulated_is_told_and_the_others_go_on_but_s
 # What would help
 
 
-def test_the_most_helpful_change_is_told_first():
+def test_the_most_helpful_change_is_stated_first():
     base, changes = advise(planned(), [("slow", "torque")])
     assert ["spring", "centrifugal"] in base.merged and "sensor_gain:acceleration" in base.undetectable
     table = changes.set_index("change")

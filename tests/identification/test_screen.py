@@ -127,7 +127,7 @@ def test_resistance_cannot_push():
 # Several effects
 
 
-def test_an_effect_that_another_contains_is_told_from_one_that_is_merely_like_it():
+def test_an_effect_that_another_contains_is_distinguished_from_one_that_is_merely_like_it():
     *_, sensitivities = screened({}, seed=6, speeds={"one": 10.0, "fast": 24.0}, held_out=("fast",))
     by_label = {one.candidate.label: (one.candidate,) for one in sensitivities.entries}
     both, spaces = (*by_label["viscous"], *by_label["coulomb"]), SensitivitySubspaces(sensitivities)

@@ -104,7 +104,7 @@ def test_what_has_an_objection_or_failed_is_not_named_and_ranks_by_what_it_gains
 # The data cannot tell
 
 
-def test_effects_within_a_rivals_distance_and_numerical_noise_are_not_told_apart():
+def test_effects_within_a_rivals_distance_and_numerical_noise_are_not_distinguished():
     near, far = (decided(GREAT, row(NOISE + behind, "spring"), row(NOISE, "coulomb")) for behind in (13.9, 14.1))
     assert (near.verdict, near.equivalent, near.chosen) == ("ambiguous", ["coulomb", "spring"], "base")
     assert (far.verdict, far.equivalent, far.chosen) == ("named", [], "coulomb")
@@ -198,7 +198,7 @@ def test_a_row_tells_gain_share_and_whether_noise_alone_is_left():
     assert replace(row(25.0), samples=2, parameters=2).misfit == 25.0
 
 
-def test_a_share_is_told_where_the_excess_is_above_a_standard_deviation_of_chi2():
+def test_a_share_is_reported_where_the_excess_is_above_a_standard_deviation_of_chi2():
     shares = [weigh(row(NOISE + excess), row(NOISE, "coulomb"), LIMITS).share for excess in (44.7, 44.8)]
     assert np.isnan(shares[0]) and shares[1] == pytest.approx(1.0)  # sqrt(2 * 1000) is 44.72
     few = {"samples": 200, "parameters": 1}  # of which one is exactly 20

@@ -109,7 +109,7 @@ def test_torque_and_acceleration_with_swapped_columns_are_both_named(found):
     assert "crank_torque and slider_acceleration are swapped" in remark
 
 
-def test_a_turned_sign_or_a_wrong_unit_is_told_for_its_channel_alone(found):
+def test_a_turned_sign_or_a_wrong_unit_is_reported_for_its_channel_alone(found):
     def told_alone(column, factor, kind, words):
         channel = {"M": "crank_torque"}.get(column, column)
         told = found(**in_both(**{column: factor}))
@@ -124,7 +124,7 @@ def test_a_turned_sign_or_a_wrong_unit_is_told_for_its_channel_alone(found):
     assert rows(told) == both("slider_acceleration", "sign") and "remove the channel's sign: -1" in told.remarks[0]
 
 
-def test_an_encoder_whose_zero_is_off_is_told_with_the_angle_unless_it_lies_within_the_bounds_listed(found):
+def test_an_encoder_whose_zero_is_off_is_reported_with_the_angle_unless_it_lies_within_the_bounds_listed(found):
     def told(slow, fast):
         read = found(slow=measured(200, turned=slow), fast=measured(600, turned=fast))
         assert rows(read) == both("crank_angle", "phase") and len(read.remarks) == (1 if slow == fast else 2)
@@ -150,7 +150,7 @@ def test_a_channel_from_another_runs_file_is_named_in_that_run(found):
         assert "crank_torque has the samples of run fast" in told.remarks[0]
 
 
-def test_stretched_times_are_told_apart_from_a_wrong_speed(found):
+def test_stretched_times_are_distinguished_from_a_wrong_speed(found):
     time = {("slow", "time", "", "time")}
     for factor in (0.8, 1.4):
         told = found(slow=stretched(measured(200), factor))
@@ -205,7 +205,7 @@ def test_a_load_is_taken_neither_for_wrong_times_nor_for_a_fault_of_a_force_sens
     assert rows(found(NEAR, **thousandth)) == both("crank_torque", "scale")
 
 
-def test_nothing_is_told_of_times_where_no_channel_can_be_compared_or_speeds_are_two_percent_off(found, tmp_path):
+def test_nothing_is_reported_of_times_where_no_channel_can_be_compared_or_speeds_are_two_percent_off(found, tmp_path):
     listed = mechanism_with(tmp_path, "slider_coulomb_friction", force_N=5.0)
     assert found(listed, TORQUE_ALONE).remarks == ()
     speed = {"channels": {"crank_speed": {"column": "w", "unit": "rad/s"}}}

@@ -74,7 +74,7 @@ def test_a_clipped_channel_is_named_with_how_many_samples_stand_at_the_extreme_a
     assert not any(clipped(np.round(wave * levels) / levels) for levels in (10, 50, 1000, 1e9))
 
 
-def test_a_mark_of_no_data_is_told_with_how_many_and_where(tmp_path):
+def test_a_mark_of_no_data_is_reported_with_how_many_and_where(tmp_path):
     def told(column, name, unit, step):
         given = noisy()
         given.loc[1::step, column] = -9999.0
@@ -84,7 +84,7 @@ def test_a_mark_of_no_data_is_told_with_how_many_and_where(tmp_path):
     each(told, [(*channel, step) for channel in CHANNELS_OF_FILES for step in (2, 30)])
 
 
-def test_a_sensor_that_is_stuck_is_told_with_how_long_and_where(tmp_path):
+def test_a_sensor_that_is_stuck_is_reported_with_how_long_and_where(tmp_path):
     def told(column, name, unit, first, last, value):
         given = noisy()
         given.loc[first:last, column] = given[column][first] if value is None else value

@@ -18,7 +18,7 @@ def crank(turns: float, half: float = 0.0, first: float = 0.0, noise: float = 0.
     return time, angle + noise * np.random.default_rng(3).standard_normal(angle.size)
 
 
-def test_a_speed_that_repeats_after_one_or_two_turns_is_told_with_its_size_and_order():
+def test_a_speed_that_repeats_after_one_or_two_turns_is_reported_with_its_size_and_order():
     for turns, phase in ((6.0, 0.0), (6.0, 2.0), (24.3, 0.0), (24.3, 2.0)):
         time, angle = crank(turns, half=0.025, first=0.005, noise=1e-3, phase=phase)
         within, over, error, order = speed_variation(time, angle)

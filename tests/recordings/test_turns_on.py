@@ -48,7 +48,7 @@ def turn_back(turned):
     return turned - np.clip(turned - 2.5, 0.0, 0.5) * 2.0
 
 
-def test_a_crank_that_does_not_turn_on_is_told_with_the_time_and_its_run_left_out(read, tmp_path):
+def test_a_crank_that_does_not_turn_on_is_reported_with_the_time_and_its_run_left_out(read, tmp_path):
     def left_out(course, words, until):
         found = read(turning(course))
         assert list(found.runs) == ["fast"]
@@ -73,7 +73,7 @@ def test_a_crank_that_does_not_turn_on_is_told_with_the_time_and_its_run_left_ou
     assert read(turning(run_up), motor).left_out == {}  # which may start from rest
 
 
-def test_a_step_that_stays_is_told_as_a_step_and_a_single_misread_angle_is_none(read):
+def test_a_step_that_stays_is_reported_as_a_step_and_a_single_misread_angle_is_none(read):
     """Lost pulses; a counter that overflows at a number of counts that is no whole number of turns."""
 
     def told_as_step(drive, step):

@@ -20,7 +20,7 @@ def angles(cycles, per_turn=96):
     return np.arange(cycles * per_turn) * (TURN / per_turn)
 
 
-def test_noise_is_told_from_what_bins_spread_beyond_the_simulation():
+def test_noise_is_distinguished_from_what_bins_spread_beyond_the_simulation():
     random, angle = np.random.default_rng(4), angles(100)
     wild = np.where(np.sin(angle) > 0, 1.0, 0.02)  # half of every cycle is quiet
     clean, other = (np.cos(angle) + wild * random.normal(size=angle.size) for _ in range(2))

@@ -87,7 +87,7 @@ def test_of_noisy_readings_a_filter_finds_the_states_from_directions_alone(found
     assert np.median(np.abs(away), axis=0).max() < 0.02
 
 
-def test_a_window_that_cannot_be_simulated_is_told_and_its_samples_are_missing(found):
+def test_a_window_that_cannot_be_simulated_is_reported_and_its_samples_are_missing(found):
     model, windows, _, own = found
     slow = own.states.slow.copy()
     slow[5, 1] = 1e4  # so fast that steps run out

@@ -18,7 +18,7 @@ SUMMARY = {
 }
 
 
-def test_a_verdict_is_told_with_size_interval_gap_and_page(tmp_path):
+def test_a_verdict_is_reported_with_size_interval_gap_and_page(tmp_path):
     with pytest.raises(InputError, match=r"verdict\.json"):
         verdict_lines(tmp_path)
     (tmp_path / "verdict.json").write_text(json.dumps(NAMED))
@@ -29,7 +29,7 @@ def test_a_verdict_is_told_with_size_interval_gap_and_page(tmp_path):
     assert page == f"  page: {tmp_path / 'summary.html'}"
 
 
-def test_each_scenario_has_a_row_with_the_numbers_of_its_page_and_shared_remarks_are_told_once(tmp_path):
+def test_each_scenario_has_a_row_with_the_numbers_of_its_page_and_shared_remarks_are_reported_once(tmp_path):
     assert optimum_lines(["mine"], tmp_path) == []
     names = ("short", "a_longer_name")
     for name in names:

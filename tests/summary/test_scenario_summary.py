@@ -135,7 +135,7 @@ def test_what_has_to_be_known_before_the_lengths_are_taken_over_is_remarked():
     assert [word for word in ("stroke", "force", "network", "limits the result", "peak") if word in said] == []
 
 
-def test_a_largest_force_that_no_lengths_keep_is_told_with_the_nearest():
+def test_a_largest_force_that_no_lengths_keep_is_reported_with_the_nearest():
     over = found({}, constraints={"largest_pin_force": "450 N"})
     assert any("largest pin force of 450 N; the nearest have 500 N" in remark for remark in remarks(over))
     text = to_markdown(page(over, "mine", ()))

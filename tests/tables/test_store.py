@@ -81,7 +81,7 @@ def test_a_failed_write_keeps_the_old_file_and_no_half_written_one(place):
         parquet.write(SMALL, FRAME, place / "small.parquet")  # below a file
 
 
-def test_a_missing_a_damaged_a_wrong_file_and_one_of_another_version_are_told_apart(place):
+def test_a_missing_a_damaged_a_wrong_file_and_one_of_another_version_are_distinguished(place):
     refused(parquet.describe, [(place, "no such file")])
     refused(lambda: parquet.read(SMALL, place), [("no such file",)])
     parquet.write(SMALL, FRAME, place)

@@ -103,7 +103,7 @@ def test_a_dashboard_shows_optima_and_curves_keeps_what_is_published_and_ends_wi
     assert serving.children() == []
 
 
-def test_where_nothing_can_be_shown_it_is_told_what_to_do_and_a_port_in_use_is_passed_over(
+def test_where_nothing_can_be_shown_it_is_reported_what_to_do_and_a_port_in_use_is_passed_over(
     results, monkeypatch, tmp_path
 ):
     with pytest.raises(InputError, match=r"mlflow\.db: no such store; run `make run`"):
