@@ -20,13 +20,8 @@ from validation.wiring import DAMAGES
 CLEARANCES = tuple(f"{joint}_clearance" for joint in JOINTS)
 
 # Names that one word of the recipe stands for
-_NAMES = {
-    "listed": LISTED,
-    "off_list": OFF_LIST,
-    "clearances": CLEARANCES,
-    "damages": DAMAGES,
-    "exudyn": RECIPE["exudyn"],
-}
+_NAMES = {"listed": LISTED, "off_list": OFF_LIST, "clearances": CLEARANCES, "damages": DAMAGES}
+_NAMES["exudyn"] = RECIPE["exudyn"]
 
 # How many trials of each kind a set has, and the share of them whose crank follows the angle read
 TrialSet = create_model(
