@@ -87,6 +87,9 @@ def test_a_swinging_force_is_tried_at_the_frequency_that_the_residual_shows_but_
     order = crank_orders(problem.parts, problem.settings.screening)
     near = {5.04: "order 1 of the crank in run slow", 7.2: "order 0.5 of the crank in run fast", 6.1: "", 10.2: ""}
     assert {frequency: order(frequency) for frequency in near} == near
+    order = crank_orders(problem.parts, problem.settings.screening, in_all_runs=True)
+    near = {5.04: "", 7.0: "", 70.05: "order 14 of the crank in run slow and order 5 of the crank in run fast"}
+    assert {frequency: order(frequency) for frequency in near} == near
 
 
 def test_the_signature_of_what_replaces_a_nuisance_begins_where_that_is_nominal():

@@ -8,7 +8,7 @@ import numpy as np
 
 from jointgap.core.progress import with_progress
 from jointgap.identification.baseline import Baseline, probed_differences
-from jointgap.identification.block_sums import BlockSums
+from jointgap.identification.block_sums import first_sums, fit_from_sums, is_rough
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit, fit_hypothesis
 from jointgap.identification.initial_fit import best_fit_per_hypothesis, fit_screened, labels_of, refit_from_part
@@ -150,32 +150,20 @@ def _search(
 
 
 def _fit_sums_first(baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds) -> list[Fit]:
-    """Fits of single effects whose sums over ever shorter blocks are nearly noise, to all samples from there.
-
-    None for ideal joints, whose chi2 is smooth anyway.
-    """
-    problem, settings = baseline.problem, baseline.problem.settings
-    if problem.has_statistics or not any(np.any(part.noise.numerics) for part in problem.parts):
+    """Fits of the single effects that rank first by sums of samples, where chi2 of all samples is rough."""
+    problem = baseline.problem
+    if not is_rough(problem):
         return []
+    sums = first_sums(problem)
+    differences, about = probed_differences(sums, baseline.base.mapping), sums.sensitivities(sensitivities)
+    chosen = shortlist_singles(about, limits, problem.settings)
+    starts = [fit_screened(sums, differences, about, single) for single in chosen]
     fits: list[Fit] = []
-    for place, per_revolution in enumerate(settings.selection.sums_per_revolution):
-        sums = BlockSums(problem, per_revolution)
-        differences = probed_differences(sums, baseline.base.mapping)
-        if place == 0:
-            about = sums.sensitivities(sensitivities)
-            chosen = shortlist_singles(about, limits, settings)
-            fits = [fit_screened(sums, differences, about, single) for single in chosen]
-        else:
-            fits = [fit_hypothesis(sums, fit.hypothesis, fit.mapping, differences=differences) for fit in fits]
-        fits = [fit for fit in fits if reduced_chi2(fit) <= settings.stopping.poor_chi2_per_sample]
-    found: list[Fit] = []
-    for fit in sorted(fits, key=lambda fit: fit.chi2):
-        sufficient = min((one.chi2 for one in found if _is_sufficient(one, limits)), default=np.inf)
-        start, differences = fit.mapping, baseline.differences
-        found.append(
-            fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient)
-        )
-    return found
+    for start in sorted(starts, key=lambda fit: fit.chi2):
+        sufficient = min((fit.chi2 for fit in fits if _is_sufficient(fit, limits)), default=np.inf)
+        fit = fit_from_sums(problem, start, baseline.differences, sufficient)
+        fits += [] if fit is None else [fit]
+    return fits
 
 
 def _max_simulations(problem: Problem) -> int:

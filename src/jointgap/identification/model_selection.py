@@ -172,7 +172,8 @@ def refit_and_decide(
     subspaces = SensitivitySubspaces(sensitivities, problem.settings.screening)
     best = without_repetitions(best, subspaces.is_special_case, settings.min_delta_bic)
     bounds = {p.name: (p.nominal, p.low, p.high) for p in problem.nuisances}
-    order_label = crank_orders(problem.parts, problem.settings.screening)
+    # one frequency in runs of different speeds is no order of the crank
+    order_label = crank_orders(problem.parts, problem.settings.screening, in_all_runs=True)
     rows = []
     for fit in best.values():
         similarity = 0.0 if fit.status == FAILED else subspaces.nearest(fit.hypothesis)[1]

@@ -79,8 +79,11 @@ def likely_orders(
     return [float(tried[i]) for i in sorted(range(tried.size), key=lambda i: -power[i])[: settings.max_frequencies]]
 
 
-def crank_orders(parts: Sequence[Part], settings: ScreeningSettings) -> Callable[[float], str]:
-    """A function: text for a frequency [Hz] that is an order or half order of a run's crank, else empty."""
+def crank_orders(
+    parts: Sequence[Part], settings: ScreeningSettings, in_all_runs: bool = False
+) -> Callable[[float], str]:
+    """A function: text for a frequency [Hz] that is an order or half order of the crank, in a run or in all, else
+    empty."""
     rates = {}
     for series in (part.series for part in parts if not part.series.statistic):
         known = np.isfinite(series.time) & np.isfinite(series.angle)
@@ -89,11 +92,12 @@ def crank_orders(parts: Sequence[Part], settings: ScreeningSettings) -> Callable
             rates[series.run] = float(turns / seconds / (2.0 * np.pi))
 
     def order_label(frequency: float) -> str:
+        found = []
         for run, rate in rates.items():
             order = max(round(2.0 * frequency / rate), 1) / 2.0
             if abs(frequency / rate - order) <= settings.order_width:
-                return f"order {order:g} of the crank in run {run}"
-        return ""
+                found.append(f"order {order:g} of the crank in run {run}")
+        return " and ".join(found) if not in_all_runs or len(found) == len(rates) else ""
 
     return order_label
 
