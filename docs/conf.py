@@ -23,12 +23,9 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "numpydoc",
-    "sphinx_click",
     "sphinx_design",
     "sphinx_copybutton",
     # ours, in docs/extensions
-    "command_help",
-    "generated_reference",
     "mathml",
     "public_names",
     "sections",
