@@ -94,6 +94,13 @@ def test_every_combination_runs_from_every_start():
     assert not np.any([run.perturbation[4:] for run in runs])  # the crank pivot is ideal
 
 
+def test_the_clearance_of_one_joint_is_varied_by_its_path():
+    (run,) = runs_of(vary={"mechanism.joints.piston_pin.clearance": ["0.3 mm"]}, members=1)
+    assert run.values == {"mechanism.joints.piston_pin.clearance": pytest.approx(3e-4)}
+    assert run.mechanism.clearance("piston_pin") == pytest.approx(3e-4)
+    assert run.mechanism.clearance("crank_pin") == mechanism().clearance("crank_pin")
+
+
 def test_an_effect_at_two_sites_is_found_by_name_and_site():
     pins = [effect("pin_friction", site=site, coefficient=0.1) for site in ("crank_pin", "piston_pin")]
     made, end = mechanism(*pins, loose=()), "parameters.coefficient"
@@ -108,6 +115,7 @@ REFUSED = [
     ({"sped": [1]}, "did you mean 'speed'"),
     ({"mechanism.contacts.steel.friction": [0.1]}, "contacts are copied into the joints"),
     ({"clearance": ["1 s"]}, "ensemble.vary.clearance"),
+    ({"mechanism.joints.crank_pn.clearance": ["1 mm"]}, "did you mean 'crank_pin'"),
     ({"mechanism.crank.length": [0.7]}, "the crank cannot turn"),
     ({"mechanism.effects.added_slider_mass.parameters.mass_kg": [1]}, "vary the key itself"),
 ]

@@ -265,7 +265,8 @@ class Mechanism(ConfigModel):
         if self.crank.length + abs(self.slider.offset) + clearances >= self.rod.length:
             yield (
                 f"crank.length {self.crank.length:g} m plus offset {abs(self.slider.offset):g} m plus clearances "
-                f"{clearances:g} m exceed rod.length {self.rod.length:g} m: the crank cannot turn; shorten the crank"
+                f"{clearances:g} m exceed rod.length {self.rod.length:g} m: the crank cannot turn; lengthen the rod, "
+                "shorten the crank, or check the units of the lengths and radii"
             )
         places = [(effect.name, effect.place) for effect in self.effects]
         for name, place in places:

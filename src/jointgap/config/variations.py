@@ -175,7 +175,8 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
                 link, value = dict(value_at(data, path[:-1], named)), _metres(value, named)
                 centre = link["mass_centre"] * (value / link["length"])
                 data = set_at(data, (*path[:-1], "mass_centre"), centre, named)
-            elif key == "clearance":
+            elif path[-1] == "clearance":
+                value_at(data, path[:-1], named)  # rejects unknown joints
                 value = _metres(value, named)
             else:
                 value_at(data, path, named)  # rejects unknown keys
@@ -216,6 +217,8 @@ def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
         return VARIED_BY_WORD[key].replace("1", "")
     named = f"{source}.{key}"
     path = _paths(base, key, named)[0]
+    if path[-1] == "clearance":
+        return VARIED_BY_WORD["clearance"]
     value_at(base, path, named)
     section = value_at(base, path[:-1], named)
     described = type(section).model_json_schema()["properties"][path[-1]] if isinstance(section, ConfigModel) else {}
@@ -228,7 +231,7 @@ def unit_of(base: DrivenMechanism, key: str, source: str) -> str:
 def stored_value(changed: DrivenMechanism, key: str, value: Any, source: str) -> float | int | str | bool | None:
     """A varied value in the table of runs: in SI, as read by the scenario."""
     path, named = _paths(changed, key, f"{source}.{key}")[0], f"{source}.{key}"
-    if key == "clearance":
+    if path[-1] == "clearance":
         return float(f"{value_at(changed, path[:-1], named).clearance:.12g}")
     stored = value_at(changed, path, named)
     return stored if isinstance(stored, float | int | str | bool | None) else str(value)
