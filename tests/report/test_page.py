@@ -17,6 +17,7 @@ from jointgap.core.page import (
     Page,
     Paragraph,
     TableBlock,
+    data_address,
     to_html,
     to_markdown,
 )
@@ -135,3 +136,14 @@ def test_figures_and_tables_with_captions_are_numbered_and_a_link_leads_beside_t
         "<a href='./javascript%3Aalert%281%29'>a]b</a>",
     )
     holds(to_markdown(page), "- [the run](./my%20run/summary.html) is `new`", r"[a\]b](./javascript%3Aalert%281%29)")
+
+
+def test_a_figure_with_a_narrow_variant_shows_that_on_phones(tmp_path):
+    for name in ("wide.png", "narrow.png"):
+        (tmp_path / name).write_bytes(name.encode())
+    page = Page("page", (FigureBlock("wide", "Wide", narrow="narrow"),))
+    html = to_html(page, tmp_path)
+    assert html.index("max-width") < html.index(data_address(tmp_path / "narrow.png"))
+    assert data_address(tmp_path / "wide.png") in html
+    (tmp_path / "narrow.png").unlink()
+    assert "<picture>" not in to_html(page, tmp_path)

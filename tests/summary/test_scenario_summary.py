@@ -80,7 +80,7 @@ def found(given=None, **optimise):
 
 
 def test_the_headline_answers_in_numbers():
-    assert headline(found()) == "Crank 26.0 mm, rod 98.7 mm: transmission-angle error -37.7 %"
+    assert headline(found()) == "Crank 26.0 mm, rod 98.7 mm: error of the transmission angle 37.7 % smaller"
     assert headline(found({"low": -0.1})).endswith("(not significant)")
     assert details(found()) == (
         "RMS error over a settled revolution, simulated again: 0.610 → 0.380 deg (-39.0 to -36.0 % over the starts). "

@@ -28,7 +28,7 @@ def test_the_report_is_one_small_file_with_what_came_out_and_every_figure_in_the
     assert not re.search(r"<(script|link|iframe)\b", report)
     assert set(re.findall(r"<img [^>]*src='([^:]*:)", report)) == {"data:"}
     headline = report.partition("<h1>")[2].partition("</h1>")[0]
-    assert re.match(r"Crank [\d.]+\smm, rod [\d.]+\smm: transmission-angle error -[\d.]+\s%$", headline)
+    assert re.match(r"Crank [\d.]+\smm, rod [\d.]+\smm: error of the transmission angle [\d.]+\s% smaller$", headline)
     assert report.index("<h1>") < report.index("<img") < report.index("<h2")
     text = text_of(report)
     places = [text.index(f". {spec.title}. {spec.caption}") for spec in STILL]

@@ -114,7 +114,7 @@ def _row(name: str, known: Mapping[str, Any]) -> dict[str, str | Link]:
         "speed [rpm]": f"{known['speed_rpm']:g}",
         "crank [mm]": f"{known['crank_length_mm']['after']:.3f}",
         "rod [mm]": f"{known['rod_length_mm']['after']:.3f}",
-        "error [%]": f"{-known['reduction_percent']['median']:+.1f}",
+        "change of the error [%]": f"{-known['reduction_percent']['median']:+.1f}",
     }
     for joint, force in known["largest_force_N"].items():
         row[f"{format_name(joint)}, largest force [N]"] = f"{force['after']:.4g}"

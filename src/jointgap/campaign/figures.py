@@ -71,12 +71,25 @@ def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
     channel_errors has all numbers. A crank angle is shown as deviation from steady rotation. If nothing was
     identified, "after" shows the best candidate, if any.
     """
+    return _runs_against_model(tables, MOST_RUNS, WIDTH)
+
+
+ONE_RUN = "measured_against_model_one_run"
+"""Stem of the variant of that figure for narrow screens."""
+
+
+def one_run_against_model(tables: Tables) -> Drawing:
+    """`measured_against_model` with its first run alone."""
+    return _runs_against_model(tables, 1, 4.2)
+
+
+def _runs_against_model(tables: Tables, most_runs: int, least_width: float) -> Drawing:
     samples, errors = tables["residuals"], tables["channel_errors"]
     moments = _moments(samples["base"], samples["augmented"])
-    runs = errors.sort_values("held_out", ascending=False, kind="stable").drop_duplicates("run").head(MOST_RUNS)
+    runs = errors.sort_values("held_out", ascending=False, kind="stable").drop_duplicates("run").head(most_runs)
     missed = (errors["before"] / errors["noise"]).groupby(errors["channel"]).max()
     channels = list(missed.sort_values(ascending=False, kind="stable").index)
-    shares, width = [1.7, 1.0] * len(channels), max(WIDTH, 3.1 * len(runs))
+    shares, width = [1.7, 1.0] * len(channels), max(least_width, 3.1 * len(runs))
     sheet = Sheet(0.7 + 2.9 * len(channels), len(shares), len(runs), width=width, height_ratios=shares)
     series = dict(list(samples.groupby(["run", "channel", "held_out"], sort=False)))
     errors = errors.set_index(["run", "channel", "held_out"])

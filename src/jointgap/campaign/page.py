@@ -9,7 +9,7 @@ import pandas as pd
 from jointgap.campaign import sentences as say
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, failures, noted
-from jointgap.campaign.figures import FIGURES
+from jointgap.campaign.figures import FIGURES, ONE_RUN, one_run_against_model
 from jointgap.campaign.plan import assumed, confusable_groups, preflight_tables, separated_by
 from jointgap.campaign.state import CampaignState
 from jointgap.config.campaign import NUISANCES, Campaign
@@ -94,8 +94,8 @@ def _cell(column: schema.Column, value: Any, factor: float) -> str:
     return {"channel": format_name, "source": format_name, "unit": format_unit}.get(column.name, str)(value)
 
 
-def _figure(name: str) -> FigureBlock:
-    return FigureBlock(name, FIGURES[name].title, FIGURES[name].caption)
+def _figure(name: str, narrow: str = "") -> FigureBlock:
+    return FigureBlock(name, FIGURES[name].title, FIGURES[name].caption, narrow=narrow)
 
 
 def _parameters(effects: Sequence[Mapping[str, Any]]) -> list[Block]:
@@ -116,7 +116,7 @@ def _answer(verdict: Verdict) -> list[Block]:
         blocks.append(Bullets(tuple(map(say.format_explanation, verdict["equivalent"]))))
         if advice := verdict.get("separated_by"):
             blocks.append(Paragraph(say.names_to_labels(advice)))
-    blocks += [_figure("measured_against_model"), *_parameters(verdict["effects"])]
+    blocks += [_figure("measured_against_model", narrow=ONE_RUN), *_parameters(verdict["effects"])]
     return blocks
 
 
@@ -316,6 +316,9 @@ def show(state: CampaignState) -> None:
     for name, spec in FIGURES.items():
         with noted(folder, name):
             plot.save(FIGURES.draw(name, frames, content), folder.path / "figures" / name)
+            if name == "measured_against_model":
+                with plot.matplotlib_style():
+                    plot.save(one_run_against_model(frames), folder.path / "figures" / ONE_RUN)
         if why := failures(folder).get(name):
             with plot.matplotlib_style():
                 plot.save(plot.message_sheet(spec.title, f"could not be drawn: {why}"), folder.path / "figures" / name)

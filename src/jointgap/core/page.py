@@ -129,6 +129,7 @@ class FigureBlock:
     """A saved figure by the stem of its files, relative to the folder of figures, with title and caption.
 
     HTML omits missing figures. A `moving` one is a GIF, a still one PNG and SVG; `small` ones are placed side by side.
+    `narrow` is the stem of a variant for phones.
     """
 
     kind: ClassVar = "figure"
@@ -137,6 +138,7 @@ class FigureBlock:
     caption: str = ""
     moving: bool = False
     small: bool = False
+    narrow: str = ""
 
     @property
     def image(self) -> str:
@@ -170,6 +172,7 @@ class _Shown(NamedTuple):
     number: int = 0
     place: str = ""
     image: str = ""
+    narrow: str = ""
 
 
 def written_today() -> str:
@@ -196,10 +199,7 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
     there = [
         block for block in page.blocks if not isinstance(block, FigureBlock) or Path(figures, block.image).exists()
     ]
-    shown = tuple(
-        one._replace(image=data_address(Path(figures, one.block.image))) if isinstance(one.block, FigureBlock) else one
-        for one in _numbered(there)
-    )
+    shown = tuple(_with_images(one, Path(figures)) for one in _numbered(there))
     ahead = next((n for n, one in enumerate(shown) if isinstance(one.block, Heading)), len(shown))
     sections = [one for one in shown if isinstance(one.block, Heading)]
     if len(sections) > _PARTS_UP_TO:
@@ -209,6 +209,15 @@ def to_html(page: Page, figures: Path | str = "figures") -> str:
         first=shown[:ahead],
         rest=shown[ahead:],
         contents=sections if len(sections) >= _CONTENTS_FROM else [],
+    )
+
+
+def _with_images(one: _Shown, figures: Path) -> _Shown:
+    if not isinstance(one.block, FigureBlock):
+        return one
+    narrow = figures / f"{one.block.narrow}.png"
+    return one._replace(
+        image=data_address(figures / one.block.image), narrow=data_address(narrow) if narrow.is_file() else ""
     )
 
 

@@ -238,7 +238,8 @@ def headline(outcome: Outcome) -> str:
     """Lengths found and change of the error."""
     (crank, rod), gain = (_rounded(1e3 * length, 2) for length in outcome.lengths), outcome.gain
     unsure = "" if gain["reduction_low"] > 0 or gain["reduction_high"] < 0 else " (not significant)"
-    return f"Crank {crank} mm, rod {rod} mm: transmission-angle error {_percent(gain['reduction'])} %{unsure}"
+    change = f"{abs(100 * gain['reduction']):.1f} % {'smaller' if gain['reduction'] > 0 else 'larger'}"
+    return f"Crank {crank} mm, rod {rod} mm: error of the transmission angle {change}{unsure}"
 
 
 def details(outcome: Outcome) -> str:
