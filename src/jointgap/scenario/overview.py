@@ -87,13 +87,15 @@ def overview_page(table: pd.DataFrame) -> Page:
 
 def side_by_side(table: pd.DataFrame) -> list[Block]:
     rows = map(_cells, table.itertuples(index=False))
-    return [Paragraph(_TEXT), TableBlock.of(rows, "lllrrrrrrrrrrrr"), *_by_count(table)]
+    return [Paragraph(_TEXT), TableBlock.of(rows, "lrrllrrrrrrrrrr"), *_by_count(table)]
 
 
 def _cells(row) -> dict[str, str | Link]:
     window, learned = np.degrees([row.window_start, row.window_end]), f"of {row.judged}"
     return {
         "scenario": Link(row.scenario, f"{row.scenario}/summary.html"),
+        "simulated again, window [%]": _spread(row, "window_reduction"),
+        "simulated again, settled [%]": _spread(row, "settled_reduction"),
         "loose joints (journal on)": row.loose,
         "drive": row.drive,
         "friction, largest": f"{row.friction:g}",
@@ -102,8 +104,6 @@ def _cells(row) -> dict[str, str | Link]:
         "rod [mm]": f"{1e3 * row.rod_length:.3f}",
         "networks, frozen [%]": f"{100 * row.networks_reduction:.2f}",
         "simulation, frozen [%]": f"{100 * row.simulation_reduction:.2f}",
-        "simulated again, window [%]": _spread(row, "window_reduction"),
-        "simulated again, settled [%]": _spread(row, "settled_reduction"),
         "training MSE reached": f"{row.training_reached} {learned}" if row.judged else "–",
         "held-out MSE reached": f"{row.held_out_reached} {learned}" if row.judged else "–",
         "second surrogate, held out": f"{row.second_reached} {learned}" if row.judged else "–",
