@@ -94,9 +94,9 @@ def _size_error(truth: Mapping[str, Any], size: Mapping[str, Any]) -> float:
 
 
 def rates(trials: pd.DataFrame) -> pd.DataFrame:
-    """Shares of the outcomes by kind, false alarms, sizes, and precision, recall and F1 of names: what, group, count,
-    value, low, high."""
-    groups = [("all", trials), *trials.groupby("kind")]
+    """Shares of the outcomes by kind and base, false alarms, sizes, and precision, recall and F1 of names: what, group,
+    count, value, low, high."""
+    groups = [("all", trials), *trials.groupby("kind"), *trials.groupby("base")]
     empty = trials.query("hidden == 'nothing' and kind != 'wiring'")
     shares = {(what, group): (part["outcome"] == what).to_numpy() for group, part in groups for what in OUTCOMES}
     shares["false alarm, nothing hidden", "all"] = (empty["outcome"] == "wrong").to_numpy()
