@@ -216,6 +216,8 @@ def test_nothing_is_reported_of_times_where_no_channel_can_be_compared_or_speeds
     assert found(speed, [*TORQUE_ALONE, "crank_torque"], **tables).remarks == ()
     long = stretched(with_load(200, turns=60.0, count=2400), 1.02)
     assert found({}, ["crank_angle", "crank_torque"], slow=long).remarks == ()
+    off = found({}, ["crank_angle", "crank_torque"], slow=stretched(long, 1.08)).remarks
+    assert any("the mean speed is" in one and "Correct speed" in one for one in off)
 
 
 @pytest.mark.parametrize(("filter_", "direction"), [("causal", 1), ("zero_phase", -1)])

@@ -213,7 +213,7 @@ def _limits(verdict: Verdict, effects: pd.DataFrame | None) -> list[Block]:
     """Detectability; `effects` is table `DETECTABLE`."""
     preflight = verdict["preflight"]
     rate = percent(verdict["false_alarm_rate"])
-    lines = [f"False alarms: an effect is named in {rate} of campaigns without a missing effect."]
+    lines = [f"False alarms: thresholds that {rate} of simulated campaigns without a missing effect exceed."]
     for group in preflight["merged"]:
         lines.append(f"Indistinguishable, counted as one effect: {joined(map(say.format_label, group))}.")
     explanations = [verdict["effects"], *verdict["equivalent"], (verdict["best_known"] or {}).get("effects", ())]

@@ -256,7 +256,8 @@ _OF_TEST = {
 
 def held_out_summary(verdict: Mapping[str, Any], gap: Mapping[str, float | None] | None = None) -> str:
     """The change of the gap on held-out data, without the full stop."""
-    gap, test = gap or verdict["gap"]["confirm"], verdict["held_out_test"]
+    shown = verdict if verdict["effects"] else verdict["best_known"] or verdict
+    gap, test = gap or shown["gap"]["confirm"], verdict["held_out_test"]
     before, after = gap["before"], gap["after"]
     if after is None:
         return f"The gap on held-out data is {rounded_gap(before)} without effects. {_not_simulated(verdict)}"

@@ -7,6 +7,7 @@ import numpy as np
 MIN_SAMPLES = 12  # Of a run and of each channel
 SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
 """Plausible range of mean speed over nominal speed [1], by drive."""
+REPORTED_SPEED_ERROR = 0.03  # [1] Of the stated speed, over the mean one; measured speeds scatter by less
 ANGLE_OUTLIER = 0.1  # [rad] Largest plausible distance of a crank angle from the line between its neighbours
 
 # The limits tolerate noise, encoder steps and impacts, but not wrong units and columns

@@ -14,7 +14,7 @@ from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share, unit_factor
 from jointgap.rig import checks
-from jointgap.rig.checks import MIN_SAMPLES, SPEED_RATIOS
+from jointgap.rig.checks import MIN_SAMPLES, REPORTED_SPEED_ERROR, SPEED_RATIOS
 from jointgap.rig.consistency_checks import consistency_checks
 from jointgap.rig.recording import OF_A_RUN, Contradiction, Measurements, Recording, noise_of, sentences
 
@@ -420,6 +420,9 @@ def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: floa
     """InputError if the speed from angles and times differs from the run's, with the unit that would fit."""
     nominal, (low, high) = file.run.speed, SPEED_RATIOS[file.campaign.drive]
     if low * nominal <= speed <= high * nominal:
+        if file.campaign.drive == "constant_speed" and abs(speed / nominal - 1.0) > REPORTED_SPEED_ERROR:
+            text = f"with the times the mean speed is {_rpm(speed)}, but the run's speed is {_rpm(nominal)}"
+            file.remark("crank_angle", f"{text}; the measured one is used. Correct speed")
         return
     if -high * nominal <= speed <= -low * nominal:
         raise _falls(file, continuous_angle(time, angle, nominal))

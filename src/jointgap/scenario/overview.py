@@ -17,9 +17,9 @@ NEEDED = ("fit_errors", "optimise_optima", "optimise_resimulated", "comparison")
 TITLE = "Comparison of scenarios"
 _TEXT = (
     "Reductions of the RMS error of the transmission angle at the lengths that the genetic algorithm finds on the "
-    "networks within the first bounds, relative to the original lengths. Frozen: estimate with unchanged joint motion. Simulated "
-    "again: the result that counts, median and 5-95 % of an ensemble. Training and held-out MSE: outputs at or below "
-    "the paper's training error."
+    "networks within the first bounds, relative to the original lengths. Frozen: estimate with unchanged joint "
+    "motion. Simulated again: the result that counts, median and 5-95 % of an ensemble. Training and held-out MSE: "
+    "outputs at or below the paper's training error."
 )
 
 
