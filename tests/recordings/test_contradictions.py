@@ -216,8 +216,12 @@ def test_nothing_is_reported_of_times_where_no_channel_can_be_compared_or_speeds
     assert found(speed, [*TORQUE_ALONE, "crank_torque"], **tables).remarks == ()
     long = stretched(with_load(200, turns=60.0, count=2400), 1.02)
     assert found({}, ["crank_angle", "crank_torque"], slow=long).remarks == ()
-    off = found({}, ["crank_angle", "crank_torque"], slow=stretched(long, 1.08)).remarks
-    assert any("the mean speed is" in one and "Correct speed" in one for one in off)
+
+
+def test_a_stated_speed_that_is_off_is_remarked_with_the_measured_one(tmp_path):
+    for rpm, remarked in ((202, False), (220, True)):
+        remarks = read_rig(tmp_path, at_speeds(rpm, 600), **in_both()).remarks
+        assert any("mean speed is 200" in one and f"{rpm} rpm" in one for one in remarks) == remarked, remarks
 
 
 @pytest.mark.parametrize(("filter_", "direction"), [("causal", 1), ("zero_phase", -1)])
