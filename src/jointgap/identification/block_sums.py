@@ -33,7 +33,7 @@ class BlockSums(Problem):
     def predict(
         self, run: str, values: Mapping[str, float], hypothesis: Hypothesis = (), numerics: int = 0
     ) -> Mapping[str, np.ndarray]:
-        """As of the whole problem, whose simulations are counted."""
+        """Readings predicted by the whole problem, which counts the simulations."""
         return self._problem.predict(run, values, hypothesis, numerics)
 
     def residual(
@@ -44,7 +44,7 @@ class BlockSums(Problem):
         out: np.ndarray | None = None,
         numerics: int = 0,
     ) -> np.ndarray:
-        """Summed residuals (size,); of the other `runs` those of `out`."""
+        """Summed residuals (size,); those of runs that are not in `runs` are taken from `out`."""
         summed = self.sums(self._problem.residual(values, hypothesis, runs, np.zeros(self._samples), numerics))
         if out is not None and runs is not None:
             for part in self.parts:
