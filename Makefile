@@ -64,12 +64,12 @@ report: set-up ## write results/report.html anew
 test: ## the fast tests
 	@scripts/set-up test peers
 	@scripts/get-browser
-	@scripts/in-venv python -m pytest -n 2 --dist loadgroup $(ARGS)
+	@scripts/in-venv python -m pytest -n 2 --dist loadfile $(ARGS)
 
 test-integration: ## chains of several stages
 	@scripts/set-up test peers
 	@scripts/get-browser
-	@scripts/in-venv python -m pytest -m "integration and not slow and not cluster" -n 2 --dist loadgroup $(ARGS)
+	@scripts/in-venv python -m pytest -m "integration and not slow and not cluster" -n 2 --dist loadfile $(ARGS)
 
 test-slow: ## the slow tests
 	@scripts/set-up test peers

@@ -17,7 +17,7 @@ from benchmarks.project import SMOKE_REPORT
 from benchmarks.services import Slurm, services
 from tests.cluster.conftest import CORES, SWEEP, begun_on, dataset, run_on, workflow
 
-pytestmark = [pytest.mark.cluster, pytest.mark.xdist_group("slurm")]
+pytestmark = pytest.mark.cluster
 
 SWEPT = ("swept", "--configfile", "sweep.yaml")
 PATIENCE = 600  # seconds until something that has to happen is given up: a machine may be busy with other things

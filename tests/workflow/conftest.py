@@ -24,14 +24,6 @@ class SmokeRun:
     last: CompletedProcess
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Keep the tests that share runs of the workflow in one process of pytest-xdist."""
-    here = Path(__file__).parent
-    for item in items:
-        if item.path.is_relative_to(here):
-            item.add_marker(pytest.mark.xdist_group("workflow"))
-
-
 def tables(folder: Path) -> dict[str, bytes]:
     """Content of every Parquet file of the smoke scenario, by path; not the hidden files that a killed write leaves."""
     files = [path for path in (folder / "results/smoke").rglob("*.parquet") if not path.name.startswith(".")]
