@@ -94,7 +94,8 @@ def crank_times(p, angles):
 
 _MIN_SAMPLES = 12  # samples required for a smooth angle
 _TURN = 2 * math.pi
-_ORDERS = np.arange(1, 5)  # orders that repeat every turn; higher ones (gears, joints) are left to the spline
+# Orders that repeat every two turns, as in four-stroke engines; higher ones (gears, joints) are left to the spline
+_ORDERS = np.arange(1, 9) / 2
 _DRIFT_TERMS = 12  # largest number of terms of the polynomial
 _MIN_TURNS = 3  # with fewer, drift and orders are indistinguishable
 
@@ -197,7 +198,7 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     plus three standard errors (the mean square of n rounding errors has the relative scatter sqrt(0.8 / n)), to avoid
     fitting the rounding. Otherwise a cubic whose smoothness is chosen by cross-validation (G. Wahba, Spline models for
     observational data, 1990), in about 0.5 ms per sample. Both are fitted to the deviation from a steady rotation, the
-    cubic also without the part that repeats every turn, which it would flatten.
+    cubic also without the part that repeats every two turns, which it would flatten.
 
     At the ends the accelerations are about ten times less accurate, and zero for the cubic. Records should begin and
     end some samples outside of the simulated motion.

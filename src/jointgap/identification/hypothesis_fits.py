@@ -117,13 +117,13 @@ def _search(
     # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    fits = _fit_sums_first(baseline, sensitivities, limits)
+    until = problem.simulations + _max_simulations(problem)
+    fits = _fit_sums_first(baseline, sensitivities, limits, until)
     if not any(_is_sufficient(fit, limits) for fit in fits):
         if family_suffices(baseline, alone, limits):
             return [], []  # the stage decide names it
         clearances = [] if inconsistent else likely_clearances(baseline)
-        fits += fit_clearances(baseline, clearances, limits, alone)
-    until = problem.simulations + _max_simulations(problem)
+        fits += fit_clearances(baseline, clearances, limits, alone, until)
 
     def singles() -> list[Fit]:
         return [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
@@ -149,7 +149,9 @@ def _search(
     return fits, [share] * len(fits)
 
 
-def _fit_sums_first(baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds) -> list[Fit]:
+def _fit_sums_first(
+    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, until: float
+) -> list[Fit]:
     """Fits of the single effects that rank first by sums of samples, where chi2 of all samples is rough."""
     problem = baseline.problem
     if not is_rough(problem):
@@ -160,6 +162,8 @@ def _fit_sums_first(baseline: Baseline, sensitivities: Sensitivities, limits: Th
     starts = [fit_screened(sums, differences, about, single) for single in chosen]
     fits: list[Fit] = []
     for start in sorted(starts, key=lambda fit: fit.chi2):
+        if problem.simulations > until:
+            break
         sufficient = min((fit.chi2 for fit in fits if _is_sufficient(fit, limits)), default=np.inf)
         fit = fit_from_sums(problem, start, baseline.differences, sufficient)
         fits += [] if fit is None else [fit]

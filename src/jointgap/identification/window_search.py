@@ -24,15 +24,14 @@ Start = tuple[Hypothesis, Mapping[str, float]]
 
 
 def fit_clearances(
-    baseline: Baseline, starts: Sequence[Start], limits: Thresholds, alone: Sequence[Fit] = ()
+    baseline: Baseline, starts: Sequence[Start], limits: Thresholds, alone: Sequence[Fit] = (), until: float = math.inf
 ) -> list[Fit]:
     """Fits of clearances in windows, best first.
 
     Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect; not after
-    `max_simulations`.
+    `until` simulated runs.
     """
     problem = baseline.problem
-    until = problem.simulations + problem.settings.selection.max_simulations
     found = _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
     if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):

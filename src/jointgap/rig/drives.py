@@ -32,6 +32,7 @@ MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
 REST_SPEED = 1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
+MOST_CYCLE = 3 * tau  # [rad] Records from this length on have cycles of two revolutions
 # [1, of the rounding scatter] With a larger scatter of the readings, a spline within the encoder's step would follow
 # noise
 HARDLY_NOISY = 1.15
@@ -139,23 +140,27 @@ def constant_speed_run(
 
 def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.ndarray, np.ndarray, sparray, float]:
     """A record (times [s] from 0, angles [rad]) extended at both ends, the matrix of its errors from those of the
-    record, and the duration of the first revolution [s].
+    record, and the mean duration of a revolution of the first cycle [s].
 
-    `back` + 1/2 copies of the first revolution precede it, half a copy of the last one follows (for a lagging encoder).
+    Copies of its first cycle precede it for `back` + 1/2 revolutions; half a revolution, from a cycle before the end,
+    follows (for a lagging encoder). A cycle has two revolutions (four-stroke engines), or one in shorter records.
     """
-    turn = float(np.interp(angle[0] + tau, angle, time))
-    last = float(np.interp(angle[-1] - tau, angle, time))
-    apart = 0.5 * time[-1] / (time.size - 1)  # nearer samples are duplicates at a joint of two revolutions
-    first = time < turn - apart
-    lead = [(time[first] - k * turn, angle[first] - k * tau) for k in range(back + 1, 0, -1)]
-    out = (time > last + apart) & (time < 0.5 * (last + time[-1]))
-    after = time[out] + time[-1] - last, angle[out] + tau
+    turns = 2 if angle[-1] - angle[0] >= MOST_CYCLE else 1
+    cycle = float(np.interp(angle[0] + turns * tau, angle, time))
+    last = float(np.interp(angle[-1] - turns * tau, angle, time))
+    apart = 0.5 * time[-1] / (time.size - 1)  # nearer samples are duplicates at a joint of two cycles
+    first = time < cycle - apart
+    copies = range(math.ceil((back + 1) / turns), 0, -1)
+    lead = [(time[first] - k * cycle, angle[first] - k * turns * tau) for k in copies]
+    out = (time > last + apart) & (time < last + 0.5 * (time[-1] - last) / turns)
+    after = time[out] + time[-1] - last, angle[out] + turns * tau
     own = eye_array(time.size, format="csr")
-    # a copied revolution is shifted by the errors of the readings at its ends
-    led_in, led_out = own[[0]] - _between(time, turn), own[[time.size - 1]] - _between(time, last)
-    copied = [own[first] + csr_array(np.full((first.sum(), 1), k)) @ led_in for k in range(back + 1, 0, -1)]
+    # a copied cycle is shifted by the errors of the readings at its ends
+    led_in, led_out = own[[0]] - _between(time, cycle), own[[time.size - 1]] - _between(time, last)
+    copied = [own[first] + csr_array(np.full((first.sum(), 1), k)) @ led_in for k in copies]
     copied += [own, own[out] + csr_array(np.ones((out.sum(), 1))) @ led_out]
     time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
+    turn = cycle / turns
     kept = time > -(back + 0.5) * turn  # half a revolution more than simulated, as the smooth angle is poor at its ends
     return time[kept], angle[kept], vstack(copied, format="csr")[kept], turn
 
