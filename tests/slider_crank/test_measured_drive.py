@@ -5,11 +5,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.interpolate import PPoly
 
 from jointgap.identification.noise import numerics_noise
 from jointgap.identification.problem import Noise, Problem
+from jointgap.rig.drives import measured_drive
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
+from jointgap.rig.sampling import sample_grid
 from tests.rows import each
 from tests.slider_crank.rigs import campaign, mechanism, recorded
 
@@ -59,3 +62,17 @@ def test_under_the_truth_chi2_is_one_per_sample_with_the_errors_of_the_drive_and
     alone, whole = np.mean(chi2, axis=0)
     assert alone > 1.1
     assert whole == pytest.approx(1.0, abs=0.06)
+
+
+@each("turns", [3, 4, 7])
+def test_a_crank_that_swings_in_half_orders_turns_on_without_a_jump_before_the_record(turns):
+    """As in a four-stroke engine. With copies of one revolution the acceleration is off by three times its size."""
+    speed, swing, noise = 30.0, 0.03, 3e-4
+    time = np.linspace(0.0, turns * 2.0 * np.pi / speed, 100 * turns)
+    read = speed * time + swing * np.sin(0.5 * speed * time + 0.4)
+    read += noise * np.random.default_rng(turns).standard_normal(time.size)
+    drive = measured_drive(sample_grid(time, read, speed, None, constant=False), 0.0, noise, back=2)
+    smooth = PPoly(drive.table[:, 1:].T, np.append(drive.table[:, 0], np.inf))
+    at = np.linspace(-2.0 * 2.0 * np.pi / speed, time[-1], 1000)
+    exact = -swing * (0.5 * speed) ** 2 * np.sin(0.5 * speed * at + 0.4)
+    assert np.sqrt(np.mean((smooth(drive.begin + at, 2) - exact) ** 2)) < 0.2 * np.std(exact)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.interpolate import BSpline, CubicSpline, PPoly, make_smoothing_spline, splrep
 from scipy.linalg import eigh
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 from scipy.sparse import sparray
 
 from jointgap.config import Simulate
@@ -191,14 +191,16 @@ def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return orders @ np.linalg.lstsq(np.hstack([drift, orders]), angle, rcond=None)[0][drift.shape[1] :]
 
 
-def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) -> PPoly:
+def smooth_angle(
+    time: np.ndarray, angle: np.ndarray, resolution: float | None, own: np.ndarray | slice = slice(None)
+) -> PPoly:
     """Smooth spline through a measured angle.
 
     With a known encoder step q: the quintic with few knots whose RMS deviation is q / sqrt(12), the rounding error,
     plus three standard errors (the mean square of n rounding errors has the relative scatter sqrt(0.8 / n)), to avoid
-    fitting the rounding. Otherwise a cubic whose smoothness is chosen by cross-validation (G. Wahba, Spline models for
-    observational data, 1990), in about 0.5 ms per sample. Both are fitted to the deviation from a steady rotation, the
-    cubic also without the part that repeats every two turns, which it would flatten.
+    fitting the rounding. Otherwise a cubic of the most likely smoothness, by its `own` samples: the others repeat them.
+    Both are fitted to the deviation from a steady rotation, the cubic also without the part that repeats every two
+    turns, which it would flatten.
 
     At the ends the accelerations are about ten times less accurate, and zero for the cubic. Records should begin and
     end some samples outside of the simulated motion.
@@ -207,7 +209,8 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     rest, scale = angle - np.polyval(steady, time), time[-1] / (time.size - 1)
     if resolution is None:
         repeated = repeated_part(time, angle)
-        spline = make_smoothing_spline(time / scale, rest - repeated)
+        smoothness = _likely_smoothness(time[own] / scale, (rest - repeated)[own])
+        spline = make_smoothing_spline(time / scale, rest - repeated, lam=smoothness)
     else:
         squares = time.size * resolution**2 / 12 * (1 + 3 * math.sqrt(0.8 / time.size))
         # compiled; make_splrep is 30 times slower for 8000 samples
@@ -227,6 +230,26 @@ def smooth_angle(time: np.ndarray, angle: np.ndarray, resolution: float | None) 
     if resolution is None:
         pieces.c += CubicSpline(pieces.x, repeated).c  # its knots are the samples
     return pieces
+
+
+def _likely_smoothness(time: np.ndarray, values: np.ndarray) -> float:
+    """Weight [unit of time^3] of the integral of a smoothing spline's squared second derivative: restricted maximum
+    likelihood (G. Wahba, Spline models for observational data, 1990, sec. 4.8)."""
+    spline = _basis(time, 3)
+    basis = spline(time)
+    roughness, vectors = _modes(basis, _bending(spline))
+    sizes, rough = vectors.T @ (basis.T @ values), roughness[2:]  # straight lines are smooth
+    beyond = max(float(values @ values - sizes @ sizes), 1e-20 * float(values @ values) + 1e-300)  # rounding
+
+    def unlikely(log_smoothness: float) -> float:
+        shrunk = 1.0 - 1.0 / (1.0 + math.exp(log_smoothness) * rough)
+        square = beyond + float(shrunk @ sizes[2:] ** 2)
+        return (values.size - 2) * math.log(square) - float(np.sum(np.log(shrunk)))
+
+    grid = np.linspace(-math.log(rough[-1]) - 5.0, -math.log(rough[0]) + 10.0, 60)
+    best = int(np.argmin([unlikely(each) for each in grid]))
+    near = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+    return math.exp(minimize_scalar(unlikely, bounds=near, method="bounded").x)
 
 
 def standstill_time(smooth: PPoly, begin: float, end: float) -> float | None:
@@ -304,6 +327,27 @@ _LEFT_OUT = 1e-3  # share of the variance of angle, speed and acceleration in ne
 _MOST_ERRORS = 100
 
 
+def _basis(time: np.ndarray, degree: int, inner: np.ndarray | None = None) -> BSpline:
+    """Basis of splines with the `inner` knots, by default the samples or every few of them."""
+    inner = time[2 : -2 : math.ceil(time.size / _MOST_KNOTS)] if inner is None else inner
+    knots = np.concatenate([[time[0]] * (degree + 1), inner, [time[-1]] * (degree + 1)])
+    return BSpline(knots, np.eye(knots.size - degree - 1), degree)
+
+
+def _bending(spline: BSpline) -> np.ndarray:
+    """Rows whose sum of squares is the integral of a cubic spline's squared second derivative (two Gauss points)."""
+    ends = np.unique(spline.t)
+    half, middle = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
+    points = np.concatenate([middle - half / math.sqrt(3), middle + half / math.sqrt(3)])
+    return np.sqrt(np.tile(half, 2))[:, None] * spline(points, 2)
+
+
+def _modes(basis: np.ndarray, bending: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Roughness (k,) of the independent modes of a spline at the samples, and their weights (k, k) in its basis."""
+    gram = basis.T @ basis
+    return eigh(np.zeros(gram.shape) if bending is None else bending.T @ bending, gram)
+
+
 class AngleErrors:
     """Independent errors of a smooth angle, each of one standard deviation."""
 
@@ -317,15 +361,12 @@ class AngleErrors:
         noise: float | None,
         common: np.ndarray | None = None,
     ):
-        degree = 5 if stepped else 3
-        inner = smooth.x[1:-1] if stepped else time[2 : -2 : math.ceil(time.size / _MOST_KNOTS)]
-        knots = np.concatenate([[time[0]] * (degree + 1), inner, [time[-1]] * (degree + 1)])
-        self._spline = BSpline(knots, np.eye(knots.size - degree - 1), degree)
+        self._spline = _basis(time, 5, smooth.x[1:-1]) if stepped else _basis(time, 3)
         drift, orders = (np.empty((time.size, 0)),) * 2 if stepped else repeated_basis(time, angle)
         self._orders = CubicSpline(time, orders) if orders.size else None
         projection = np.linalg.pinv(np.hstack([drift, orders]))[drift.shape[1] :]  # sizes of the orders, from angles
         basis, left = self._spline(time), smooth(time) - angle
-        bending = None if stepped else self._bending()
+        bending = None if stepped else _bending(self._spline)
         kept, shapes = _shrinkage(basis, bending, angle - orders @ (projection @ angle), left)
         spline = (shapes * kept) @ (basis @ shapes).T
         if noise is None:
@@ -343,22 +384,15 @@ class AngleErrors:
 
     def __call__(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """The errors (n, count) at times (n,) [s], or a time derivative [rad/s^derivative]."""
-        return self._basis(time, derivative) @ self._weights
+        return self._derivatives(time, derivative) @ self._weights
 
-    def _basis(self, time: np.ndarray, derivative: int) -> np.ndarray:
+    def _derivatives(self, time: np.ndarray, derivative: int) -> np.ndarray:
         columns = self._spline(time, derivative)
         return columns if self._orders is None else np.hstack([columns, self._orders(time, derivative)])
 
-    def _bending(self) -> np.ndarray:
-        """Rows whose sum of squares is the integral of a spline's squared second derivative (two Gauss points)."""
-        ends = np.unique(self._spline.t)
-        half, middle = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
-        points = np.concatenate([middle - half / math.sqrt(3), middle + half / math.sqrt(3)])
-        return np.sqrt(np.tile(half, 2))[:, None] * self._spline(points, 2)
-
     def _independent(self, time: np.ndarray, covariance: np.ndarray, speed: float) -> np.ndarray:
         """Weights of the basis for each error, sorted by size in angle, speed and acceleration together."""
-        rows = [self._basis(time, derivative) / speed**derivative for derivative in range(3)]
+        rows = [self._derivatives(time, derivative) / speed**derivative for derivative in range(3)]
         squares, vectors = np.linalg.eigh(sum(each.T @ each for each in rows))
         root = (vectors * np.sqrt(np.maximum(squares, 0.0))) @ vectors.T
         squares, vectors = np.linalg.eigh(root @ covariance @ root)
@@ -373,9 +407,7 @@ def _shrinkage(basis, bending, angle, left) -> tuple[np.ndarray, np.ndarray]:
 
     Without bending all are 1; otherwise the reduction gives the smoothing's residual.
     """
-    gram = basis.T @ basis
-    rough = np.zeros(gram.shape) if bending is None else bending.T @ bending
-    roughness, vectors = eigh(rough, gram)
+    roughness, vectors = _modes(basis, bending)
     if bending is None:
         return np.ones(roughness.size), vectors
     roughness[:2] = 0.0  # of straight lines

@@ -149,9 +149,7 @@ def _search(
     return fits, [share] * len(fits)
 
 
-def _fit_sums_first(
-    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, until: float
-) -> list[Fit]:
+def _fit_sums_first(baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, until: float) -> list[Fit]:
     """Fits of the single effects that rank first by sums of samples, where chi2 of all samples is rough."""
     problem = baseline.problem
     if not is_rough(problem):

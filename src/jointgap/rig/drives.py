@@ -14,7 +14,13 @@ from jointgap.config import Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import AngleErrors, crank_motion, crank_times, smooth_angle, standstill_time
+from jointgap.dynamics.drive import (
+    AngleErrors,
+    crank_motion,
+    crank_times,
+    smooth_angle,
+    standstill_time,
+)
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
@@ -32,7 +38,6 @@ MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
 REST_SPEED = 1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
-MOST_CYCLE = 3 * tau  # [rad] Records from this length on have cycles of two revolutions
 # [1, of the rounding scatter] With a larger scatter of the readings, a spline within the encoder's step would follow
 # noise
 HARDLY_NOISY = 1.15
@@ -145,7 +150,7 @@ def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.
     Copies of its first cycle precede it for `back` + 1/2 revolutions; half a revolution, from a cycle before the end,
     follows (for a lagging encoder). A cycle has two revolutions (four-stroke engines), or one in shorter records.
     """
-    turns = 2 if angle[-1] - angle[0] >= MOST_CYCLE else 1
+    turns = 2 if angle[-1] - angle[0] > 2.1 * tau else 1
     cycle = float(np.interp(angle[0] + turns * tau, angle, time))
     last = float(np.interp(angle[-1] - turns * tau, angle, time))
     apart = 0.5 * time[-1] / (time.size - 1)  # nearer samples are duplicates at a joint of two cycles
@@ -198,7 +203,8 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
     rounding = resolution / math.sqrt(12.0)
     scatter = _scatter(readings, rounding, noise)
     stepped = 0.0 < scatter < HARDLY_NOISY * rounding
-    smooth = smooth_angle(time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None)
+    own = (time >= begins) & (time <= samples.elapsed[finite][-1])
+    smooth = smooth_angle(time - time[0], angle, math.sqrt(12.0) * scatter if stepped else None, own)
     begin = -time[0] - back * turn
     if (still := standstill_time(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
         still += time[0]
