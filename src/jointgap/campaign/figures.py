@@ -382,8 +382,6 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     1 is noise. Held-out data were used neither for fitting nor for selection. Run-specific values (speed, start
     angle) were fitted for each run, before and after.
     """
-    from matplotlib.ticker import LogLocator
-
     table = tables["gaps"]
     moments = _moments(table["before"], table["after"])
     by_role = {role: table[table["role"] == role] for role in ROLES if (table["role"] == role).any()}
@@ -391,6 +389,7 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     height = 1.2 + sum(0.55 + 0.2 * count for count in counts)
     sheet, above = Sheet(height, len(counts), 1, height_ratios=[2 + count for count in counts]), None
     ends = table[[f"{moment}{end}" for moment in moments for end in ("", "_low", "_high")]]
+    limits = 0.85 * min(ends.min().min(), 0.9), 1.2 * max(ends.max().max(), 1.5)
     for row, (role, own) in enumerate(by_role.items()):
         order = pd.DataFrame(
             {"alone": own["run"] != "all", "run": pd.factorize(own["run"])[0], "one": own["channel"] != "all"}
@@ -410,8 +409,8 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
         list_rows(panel, labels)
         panel.vertical_line("noise alone", 1.0)
         panel.axes.set_xscale("log")
-        panel.axes.set_xlim(0.85 * min(ends.min().min(), 0.9), 1.2 * max(ends.max().max(), 1.5))
-        plot.label_ticks(panel.axes.xaxis, LogLocator(subs=(1.0, 2.0, 5.0)))
+        panel.axes.set_xlim(*limits)
+        plot.label_log_ticks(panel.axes.xaxis, *limits)
     sheet.legend()
     return sheet.drawing()
 

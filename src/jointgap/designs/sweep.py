@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.ticker import LogLocator
 
 from jointgap.config import Scenario
 from jointgap.config.designs import ALL_MEASURES
@@ -94,9 +93,8 @@ def scale(panel: Panel, side: str, axis: Axis) -> None:
         texts = [format_value(axis, value, False) for value in axis.values[some]]
         drawn.set_ticks(range(len(axis.values))[some], texts)
     elif axis.law.dist.name == "loguniform":
-        low, high = axis.law.support()
         getattr(panel.axes, f"set_{side}scale")("log")
-        plot.label_ticks(drawn, LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+        plot.label_log_ticks(drawn, *axis.law.support())
     else:
         panel.axes.locator_params(side, nbins=4)
 
