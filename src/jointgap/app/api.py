@@ -287,7 +287,7 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
     options = simulate_options(options, keys)
     run = simulated(checked_mechanism(mechanism), options, perturbation)
     samples, events = with_units(schema.TRAJECTORY, run.samples), with_units(schema.EVENTS, run.events)
-    return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism))
+    return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism, options.highest_speed))
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:

@@ -145,7 +145,7 @@ def remarks(outcome: Outcome) -> tuple[str, ...]:
         _gain(outcome),
         *_limits(outcome),
         *_changes(outcome),
-        *mechanism_warnings.sentences(outcome.scenario.mechanism),
+        *mechanism_warnings.sentences(outcome.scenario.mechanism, outcome.scenario.simulate.highest_speed),
         *_networks(outcome),
     )
 
