@@ -129,12 +129,10 @@ class Result:
 
 
 def _in_digits(value: float | int | str, unit: str) -> str:
-    """A formatted value: lengths to the micrometre, forces in N without exponents, otherwise four digits."""
+    """A formatted value: lengths to the micrometre, otherwise as of `number`."""
     if isinstance(value, str | int):
         return str(value)
-    if unit == "mm":
-        return f"{value:.3f}"
-    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else number(value)
+    return f"{value:.3f}" if unit == "mm" else number(value)
 
 
 _TABLES = {"trajectory", "events", "kinematics"}

@@ -9,7 +9,7 @@ import pandas as pd
 
 from jointgap.core import plot
 from jointgap.core.plot import CRANK_ANGLE, WIDTH, Drawing, Panel, Quantity, Sheet
-from jointgap.core.words import format_name, format_size, format_unit, percent
+from jointgap.core.words import format_name, format_size, format_unit, number, percent
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
 FIGURES = plot.Figures()
@@ -116,7 +116,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
     name = "minus steady rotation" if channel == "crank_angle" else words.split()[-1]
     names = ["measured", *(MODELS[moment] for moment in moments), "spread"]
     measured, *predicted, spread = (shown[each].to_numpy(dtype=float) / error["si_per_unit"] for each in names)
-    title = f"{words}\n{run}, {error['speed'] * 30.0 / pi:.4g} rpm{', held out' if held_out else ''}"
+    title = f"{words}\n{run}, {number(error['speed'] * 30.0 / pi)} rpm{', held out' if held_out else ''}"
     abscissa = CRANK_ANGLE if angular else _SAMPLE
     above = sheet.panel((row, column), title, abscissa, Quantity(name, unit))
     below = sheet.panel((row + 1, column), f"{title}: residual", abscissa, Quantity("residual", unit), below=above)
@@ -354,10 +354,10 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
     for row, (name, force) in enumerate(shown.items()):
         for column, quantity in enumerate((SPEED, POSITION if name == "slider_force" else CRANK_ANGLE)):
             panel = sheet.panel((row, column), f"{force.name} over {quantity.name}", quantity, force)
-            for number, run in enumerate(samples["run"].unique()):
+            for place, run in enumerate(samples["run"].unique()):
                 own = samples["run"] == run
-                style = {"linewidth": 5.0 * 0.5**number + 0.7}  # curves may coincide
-                colour = _COLOURS[number % len(_COLOURS)]
+                style = {"linewidth": 5.0 * 0.5**place + 0.7}  # curves may coincide
+                colour = _COLOURS[place % len(_COLOURS)]
                 panel.line(f"run {run}", values[quantity][own], samples[name][own], colour, **style)
             panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
             if quantity is CRANK_ANGLE:

@@ -13,6 +13,7 @@ from jointgap.config.campaign import CHANNELS, MOTOR_LINE, Campaign, CampaignRun
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share, unit_factor
+from jointgap.core.words import number
 from jointgap.rig import checks
 from jointgap.rig.checks import MIN_SAMPLES, REPORTED_SPEED_ERROR, SPEED_RATIOS
 from jointgap.rig.consistency_checks import consistency_checks
@@ -448,4 +449,4 @@ def _falls(file: RunFile, angle: np.ndarray) -> InputError:
 
 
 def _rpm(speed: float) -> str:
-    return f"{speed * 60.0 / tau:.4g} rpm"
+    return f"{number(speed * 60.0 / tau)} rpm"
