@@ -1008,7 +1008,7 @@ class Preflight(Result):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Assumed noise, where the campaign states none."""
-        return tuple(f"assumed noise: {text}" for text in plan.assumed(self.detectable))
+        return tuple(f"assumed noise: {say.names_to_labels(text)}" for text in plan.assumed(self.detectable))
 
     @property
     def merged(self) -> list[list[str]]:
