@@ -330,6 +330,9 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
     mean_speed = _mean_speed(time, continuous)
     _check_speed(file, time, angle, mean_speed)
     _check_enough(file, "crank_angle", (time[-1] - time[0]) * mean_speed, time.size)
+    if checks.is_computed(file.campaign, file.run.id, time, continuous):
+        text = "crank_angle rises uniformly, so it seems computed: it is used as exact, and not compared"
+        file.remark("crank_angle", f"{text}. If it was measured, state its `noise` or `resolution`")
     return time, continuous, mean_speed * (time - time[0])
 
 
