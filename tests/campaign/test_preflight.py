@@ -49,7 +49,6 @@ def test_sizes_stand_with_their_unit_and_what_could_not_be_simulated_is_not_call
     assert plan.undetectable(frames["detectable"]) == ["crank_unbalance", "gas_pressure"]
 
 
-def test_a_further_run_takes_no_name_that_a_run_has():
-    own, *others = CAMPAIGN.runs
-    named = CAMPAIGN.model_copy(update={"runs": (own.model_copy(update={"id": "600_rpm"}), *others)})
-    assert [run.id for run in plan.extended(named).runs] == ["600_rpm", "mid", "fast", "75_rpm", "further_600_rpm"]
+def test_further_runs_are_called_by_their_speed():
+    further = plan.extended(CAMPAIGN).runs[len(CAMPAIGN.runs) :]
+    assert [run.id for run in further] == ["at 75 rpm", "at 600 rpm"]

@@ -4,8 +4,9 @@ import math
 
 import pytest
 
+from jointgap.config import load_mechanism
 from jointgap.core.errors import InputError
-from jointgap.dynamics.mechanism_warnings import odd_data, remarks, sentences
+from jointgap.dynamics.mechanism_warnings import odd_data, odd_speed, remarks, sentences
 from tests.config.mechanisms import mechanism, paper
 
 PENALTY = {"law": "penalty", "restitution": None, "penalty_depth": "1 um"}
@@ -25,6 +26,13 @@ def test_clearances_of_more_than_a_twentieth_of_the_journal_and_masses_far_apart
     (told,) = odd_data(mechanism(slider={"mass": 190}, joints=CLOSE))
     assert told.startswith("slider.mass: 190 kg") and "513 times crank.mass, 0.3704 kg" in told
     assert "`slider.mass`: 190 kg" in sentences(mechanism(slider={"mass": 190}))[0]
+
+
+def test_a_bare_number_for_the_speed_that_probably_meant_rpm_is_remarked_on():
+    compressor = load_mechanism("compressor")
+    assert odd_speed(compressor, 1450 * math.pi / 30) == []
+    assert "write 1450 rpm" in odd_speed(compressor, 1450)[0] and "13846 rpm" in odd_speed(compressor, 1450)[0]
+    assert sentences(compressor, 1450)[0].startswith("`speed`: ")
 
 
 @pytest.mark.parametrize(("link", "most"), [("crank", 0.3704 * 0.3**2), ("rod", 0.773 * 1.128**2)])

@@ -135,3 +135,12 @@ def test_figures_go_by_their_names_and_tables_and_the_registry_loads_no_matplotl
     code = "import sys, jointgap.scenario.figures, jointgap.campaign.figures; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"torch", "numba", "mlflow", "matplotlib"} & set(loaded)
+
+
+@pytest.mark.parametrize("ratio", [1.02, 2.4, 9.9, 10.1, 500.0, 1001.0, 1e12])
+def test_a_logarithmic_axis_has_at_least_three_labels_however_wide_or_narrow(ratio):
+    axes = plot.Sheet(2.0, 1, 1).figure.add_subplot()
+    axes.set(xscale="log", xlim=(0.77, 0.77 * ratio))
+    plot.label_log_ticks(axes.xaxis, *axes.get_xlim())
+    ticks = axes.xaxis.get_majorticklocs()
+    assert np.sum((ticks >= 0.77) & (ticks <= 0.77 * ratio)) >= 3

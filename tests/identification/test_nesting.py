@@ -1,6 +1,7 @@
 """No hypothesis ends above what it holds, and none wins by a valley that the base could lie in too."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -61,6 +62,12 @@ def test_of_a_pair_one_effect_leaves_what_it_does_with_the_other_absent_and_all_
     again = fit_hypothesis(problem, (VISCOUS,), found.mapping, refresh=True)
     slider_mass = [p.key for p in found.parameters].index("slider_mass")
     assert found.jacobian[:, slider_mass] == pytest.approx(again.jacobian[:, slider_mass], rel=0.05, abs=1.0)
+
+
+def test_a_campaign_without_any_uncertain_parameter_has_a_fit_without_its_effect():
+    certain = SimpleNamespace(nuisances=(), runs=("slow",), parameters=lambda hypothesis: [])
+    alone = without_other_effects(certain, fit_hypothesis(problem_of(DRAG), (VISCOUS,), refresh=True), ())
+    assert alone.jacobian.shape == (alone.residual.size, 0)
 
 
 def stuck(base, hypothesis, start):

@@ -27,7 +27,7 @@ CAMPAIGN = {
     ],
     "channels": {
         "time": {"column": "t", "unit": "s"},
-        "crank_angle": {"column": "theta", "unit": "deg"},
+        "crank_angle": {"column": "theta", "unit": "deg", "noise": 0.01},
         "slider_position": {"column": "x", "unit": "mm"},
         "crank_torque": {"column": "M", "unit": "N*m", "noise": 0.02},
     },

@@ -40,7 +40,7 @@ def test_a_good_campaign_is_read_exactly_and_without_remarks_from_csv_and_parque
         read = recording.channels | {"time": recording.time, "crank_angle": recording.crank_angle}
         for name in ("time", "crank_angle", "slider_position", "crank_torque"):
             np.testing.assert_allclose(read[name], true[name], rtol=1e-13)
-        assert recording.noise == {"crank_angle": None, "slider_position": None, "crank_torque": 0.02}
+        assert recording.noise == {"crank_angle": math.radians(0.01), "slider_position": None, "crank_torque": 0.02}
     table(SLOW).to_parquet(tmp_path / "slow.parquet")
     from_csv, from_parquet = measurements.runs["slow"], read_rig(tmp_path, run_with(file="slow.parquet")).runs["slow"]
     np.testing.assert_array_equal(from_csv.channels["crank_torque"], from_parquet.channels["crank_torque"])

@@ -65,6 +65,8 @@ def recorded(own: Campaign, dropped: int = 2, kept: int = 2, per_turn: int = 90,
 
 def rig(content: dict | None = None, channels=CHANNELS, **keys) -> SliderCrankModel:
     """The model of a campaign with what its sensors read without noise."""
+    if "drive" not in keys:  # an angle whose noise is not stated looks computed
+        keys["sensors"] = {"crank_angle": {"noise": 1e-6}} | keys.get("sensors", {})
     own = campaign(content or mechanism(), channels, **keys)
     return build_model(own, recorded(own))
 

@@ -8,7 +8,7 @@ import pytest
 from jointgap.rig import sensors
 from jointgap.rig.model import build_model
 from tests.rows import each
-from tests.slider_crank.rigs import campaign, mechanism, read, rig, worst
+from tests.slider_crank.rigs import campaign, mechanism, read, recorded, rig, seen, worst
 
 CORNER, INTERVAL = 20.0, 1e-4
 TIME = np.arange(40_000) * INTERVAL
@@ -95,3 +95,10 @@ def test_a_sensor_with_a_lag_or_a_causal_filter_reads_late_and_one_without_delay
     velocity = np.gradient(true, model.series[0].time)[5:-5]
     shift = (true - read(model, *([fault] if fault else []))["slider_position"])[5:-5]
     assert shift @ velocity / (velocity @ velocity) == pytest.approx(delay, rel=0.05, abs=2e-6)
+
+
+def test_a_computed_crank_angle_is_exact_and_not_compared():
+    own = campaign(mechanism())
+    model = build_model(own, recorded(own))
+    assert "crank_angle" not in seen(model) and {*seen(model)} | {"time", "crank_angle"} == {*own.channels}
+    assert not {"speed", "first_angle"} & {p.name for p in model.nuisances}

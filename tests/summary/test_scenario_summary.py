@@ -121,7 +121,7 @@ REMARKS = [
     ({}, "largest force in a pin grows from 400 to 500 N (+25 %)"),
     ({}, "Contact of the crank pin and piston pin: you asked for a restitution of"),
     ({"peak": 2.0}, "peak error grows from 0.61 to 0.76 deg (+25 %)"),
-    ({"allowed": 5e-6}, "within ±5 um. The tolerance IT7, ±17.5 um, cancels the gain"),
+    ({"allowed": 5e-6}, "within ±5.0 µm. The tolerance IT7, ±18 µm, cancels the gain"),
     ({"held_out": 1e-6}, "8 of 8 networks overfit"),
 ]
 

@@ -129,12 +129,10 @@ class Result:
 
 
 def _in_digits(value: float | int | str, unit: str) -> str:
-    """A formatted value: lengths to the micrometre, forces in N without exponents, otherwise four digits."""
+    """A formatted value: lengths to the micrometre, otherwise as of `number`."""
     if isinstance(value, str | int):
         return str(value)
-    if unit == "mm":
-        return f"{value:.3f}"
-    return f"{value:.0f}" if 1e4 <= abs(value) < 1e7 else number(value)
+    return f"{value:.3f}" if unit == "mm" else number(value)
 
 
 _TABLES = {"trajectory", "events", "kinematics"}
@@ -287,7 +285,7 @@ def simulate(mechanism: Mechanism, options: Simulate | None = None, *, perturbat
     options = simulate_options(options, keys)
     run = simulated(checked_mechanism(mechanism), options, perturbation)
     samples, events = with_units(schema.TRAJECTORY, run.samples), with_units(schema.EVENTS, run.events)
-    return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism))
+    return Motion(mechanism, options, samples, events, run.steps, sentences(mechanism, options.highest_speed))
 
 
 def checked_mechanism(mechanism: Any) -> Mechanism:
@@ -1010,7 +1008,7 @@ class Preflight(Result):
     @property
     def remarks(self) -> tuple[str, ...]:
         """Assumed noise, where the campaign states none."""
-        return tuple(f"assumed noise: {text}" for text in plan.assumed(self.detectable))
+        return tuple(f"assumed noise: {say.names_to_labels(text)}" for text in plan.assumed(self.detectable))
 
     @property
     def merged(self) -> list[list[str]]:

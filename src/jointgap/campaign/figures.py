@@ -9,7 +9,7 @@ import pandas as pd
 
 from jointgap.core import plot
 from jointgap.core.plot import CRANK_ANGLE, WIDTH, Drawing, Panel, Quantity, Sheet
-from jointgap.core.words import format_name, format_size, format_unit, percent
+from jointgap.core.words import format_name, format_size, format_unit, number, percent
 from jointgap.identification.settings import DEFAULT_SETTINGS
 
 FIGURES = plot.Figures()
@@ -116,7 +116,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
     name = "minus steady rotation" if channel == "crank_angle" else words.split()[-1]
     names = ["measured", *(MODELS[moment] for moment in moments), "spread"]
     measured, *predicted, spread = (shown[each].to_numpy(dtype=float) / error["si_per_unit"] for each in names)
-    title = f"{words}\n{run}, {error['speed'] * 30.0 / pi:.4g} rpm{', held out' if held_out else ''}"
+    title = f"{words}\n{run}, {number(error['speed'] * 30.0 / pi)} rpm{', held out' if held_out else ''}"
     abscissa = CRANK_ANGLE if angular else _SAMPLE
     above = sheet.panel((row, column), title, abscissa, Quantity(name, unit))
     below = sheet.panel((row + 1, column), f"{title}: residual", abscissa, Quantity("residual", unit), below=above)
@@ -354,10 +354,10 @@ def missing_force(tables: Tables, verdict: Verdict) -> Drawing:
     for row, (name, force) in enumerate(shown.items()):
         for column, quantity in enumerate((SPEED, POSITION if name == "slider_force" else CRANK_ANGLE)):
             panel = sheet.panel((row, column), f"{force.name} over {quantity.name}", quantity, force)
-            for number, run in enumerate(samples["run"].unique()):
+            for place, run in enumerate(samples["run"].unique()):
                 own = samples["run"] == run
-                style = {"linewidth": 5.0 * 0.5**number + 0.7}  # curves may coincide
-                colour = _COLOURS[number % len(_COLOURS)]
+                style = {"linewidth": 5.0 * 0.5**place + 0.7}  # curves may coincide
+                colour = _COLOURS[place % len(_COLOURS)]
                 panel.line(f"run {run}", values[quantity][own], samples[name][own], colour, **style)
             panel.axes.axhline(0.0, color="#777777", linewidth=0.8)
             if quantity is CRANK_ANGLE:
@@ -382,8 +382,6 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     1 is noise. Held-out data were used neither for fitting nor for selection. Run-specific values (speed, start
     angle) were fitted for each run, before and after.
     """
-    from matplotlib.ticker import LogLocator
-
     table = tables["gaps"]
     moments = _moments(table["before"], table["after"])
     by_role = {role: table[table["role"] == role] for role in ROLES if (table["role"] == role).any()}
@@ -391,6 +389,7 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
     height = 1.2 + sum(0.55 + 0.2 * count for count in counts)
     sheet, above = Sheet(height, len(counts), 1, height_ratios=[2 + count for count in counts]), None
     ends = table[[f"{moment}{end}" for moment in moments for end in ("", "_low", "_high")]]
+    limits = 0.85 * min(ends.min().min(), 0.9), 1.2 * max(ends.max().max(), 1.5)
     for row, (role, own) in enumerate(by_role.items()):
         order = pd.DataFrame(
             {"alone": own["run"] != "all", "run": pd.factorize(own["run"])[0], "one": own["channel"] != "all"}
@@ -410,8 +409,8 @@ def gaps(tables: Tables, verdict: Verdict) -> Drawing:
         list_rows(panel, labels)
         panel.vertical_line("noise alone", 1.0)
         panel.axes.set_xscale("log")
-        panel.axes.set_xlim(0.85 * min(ends.min().min(), 0.9), 1.2 * max(ends.max().max(), 1.5))
-        plot.label_ticks(panel.axes.xaxis, LogLocator(subs=(1.0, 2.0, 5.0)))
+        panel.axes.set_xlim(*limits)
+        plot.label_log_ticks(panel.axes.xaxis, *limits)
     sheet.legend()
     return sheet.drawing()
 

@@ -88,7 +88,7 @@ def _cell(column: schema.Column, value: Any, factor: float) -> str:
     if value == "" or pd.isna(value):
         return "–"
     if column.kind == "float":
-        return f"{factor * value:.4g}"
+        return words.number(factor * value)
     if column.kind == "bool":
         return "yes" if value else "no"
     return {"channel": format_name, "source": format_name, "unit": format_unit}.get(column.name, str)(value)
@@ -273,7 +273,7 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
     if campaign is not None:
         sizes = {} if look is None else look.groupby("run")[["samples", "cycles"]].max().astype(str).T.to_dict("list")
         runs = tuple(
-            (run.id, f"`{run.file}`", f"{30.0 / pi * run.speed:.4g}", _ROLES[run.role], *sizes.get(run.id, "––"))
+            (run.id, f"`{run.file}`", words.number(30.0 / pi * run.speed), _ROLES[run.role], *sizes.get(run.id, "––"))
             for run in campaign.runs
         )
         heads = ("run", "file", "crank speed [rpm]", "use", "samples", "full revolutions")

@@ -16,7 +16,7 @@ from jointgap.campaign.sentences import format_detectable, format_label, names_t
 from jointgap.config.campaign import CHANNELS, Campaign, Channel
 from jointgap.core.candidates import Model
 from jointgap.core.schema import CONFUSABILITY
-from jointgap.core.words import joined
+from jointgap.core.words import joined, number
 from jointgap.identification.preflight import advise, preflight
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
 from jointgap.rig.model import build_model
@@ -120,14 +120,10 @@ def counts(model: Model, recordings: Mapping[str, Recording]) -> dict[tuple[str,
 
 def extended(campaign: Campaign) -> Campaign:
     """The campaign with a slower and a faster run and all possible channels."""
-    speeds, taken = sorted(run.speed for run in campaign.runs), {run.id for run in campaign.runs}
-
-    def free(name: str) -> str:
-        return free(f"further_{name}") if name in taken else name
-
-    runs = [
+    speeds = sorted(run.speed for run in campaign.runs)
+    runs = [  # ids of measured runs contain no blank, so these are new ones
         campaign.runs[0].model_copy(
-            update={"id": free(f"{speed * 30 / math.pi:.0f}_rpm"), "file": "-", "speed": speed, "role": "identify"}
+            update={"id": f"at {number(speed * 30 / math.pi)} rpm", "file": "-", "speed": speed, "role": "identify"}
         )
         for speed in (_SLOWER * speeds[0], _FASTER * speeds[-1])
     ]

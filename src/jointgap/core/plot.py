@@ -264,6 +264,16 @@ def label_ticks(axis, locator) -> None:
     axis.set_minor_locator(NullLocator())
 
 
+def label_log_ticks(axis, low: float, high: float) -> None:
+    """Plain labels of a logarithmic matplotlib `axis` from `low` to `high`, at least three; no minor ticks."""
+    from matplotlib.ticker import LogLocator, MaxNLocator
+
+    ratio = high / low if low > 0.0 else np.inf
+    # LogLocator gives no tick at all with several steps over many decades, and one alone within a few per cent
+    steps = (1.0, 2.0, 5.0) if ratio < 1e3 else (1.0,)
+    label_ticks(axis, LogLocator(subs=steps) if ratio > 10.0 else MaxNLocator(5))
+
+
 def width_for(columns: int) -> float:
     """Width [inches] of a figure with one column per loose joint; two columns have the default width."""
     return WIDTH * max(1.0, columns / 2)
@@ -383,12 +393,8 @@ class Panel:
 
     def logarithmic(self) -> None:
         """A logarithmic ordinate with plain numbers; call it after plotting."""
-        from matplotlib.ticker import LogLocator
-
-        low, high = self.axes.dataLim.intervaly
-        steps = (1.0, 2.0, 5.0) if 0.0 < high < 1e3 * max(low, 1e-300) else (1.0,)
         self.axes.set_yscale("log")
-        label_ticks(self.axes.yaxis, LogLocator(subs=steps))
+        label_log_ticks(self.axes.yaxis, *self.axes.dataLim.intervaly)
 
     def linear_then_logarithmic(self, threshold: float, named: bool = True) -> None:
         """An ordinate that is linear within +-`threshold` (grey band) and logarithmic beyond; call it after plotting.

@@ -46,11 +46,11 @@ _READ_IN = {"m": ("mm", 1e3), "rad": ("deg", 180.0 / pi), "rad/s": ("rpm", 30.0 
 
 def reading_unit(unit: str, value: float | None = None) -> tuple[str, float]:
     """Display unit of a quantity of the SI `unit`, and its number of units per SI unit: mm, deg and rpm; with a
-    `value`, a smaller unit for short lengths and times.
+    `value`, a smaller unit for short lengths and times and for small angles.
     """
     if value and unit in _FINER:
-        factor, finer = next((f for f in _FINER[unit] if abs(value) >= 0.1 * f[0]), _FINER[unit][-1])
-        if unit == "s" or factor < 1e-3:
+        factor, finer = _finer(value, unit)
+        if unit != "m" or factor < 1e-3:
             return finer, 1.0 / factor
     return _READ_IN.get(unit, (unit, 1.0))
 
@@ -66,11 +66,15 @@ def joined(parts: Iterable[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}" if parts else ""
 
 
-def number(value: float | str | None) -> str:
-    """Four digits; a formula unchanged; a dash for None."""
+def number(value: float | str | None, digits: int = 4) -> str:
+    """Four digits, or so many; from 10 000 to 10 million whole; a formula unchanged; a dash for None."""
     if isinstance(value, str):
         return value
-    return "–" if value is None or value != value else f"{value:.4g}"
+    if value is None or value != value:
+        return "–"
+    if 9999.5 <= abs(value) < 1e7:
+        return f"{value:.0f}"
+    return f"{value:.{digits}g}".replace("e+0", "e").replace("e-0", "e-")
 
 
 def with_error(value: float | str | None, error: float | None) -> tuple[str, str]:
@@ -80,7 +84,7 @@ def with_error(value: float | str | None, error: float | None) -> tuple[str, str
         return number(value), number(error)
     size = floor(log10(abs(value)))
     digits = min(max(2 + size - floor(log10(error)), 2), 4)
-    shown = f"{value:.{max(digits - 1 - size, 0)}f}" if -4 <= size < 6 else f"{value:#.{digits}g}"
+    shown = f"{value:.{max(digits - 1 - size, 0)}f}" if -4 <= size < 7 else f"{value:#.{digits}g}"
     return shown, f"{error:#.2g}".rstrip(".")
 
 
@@ -97,15 +101,23 @@ def format_unit(unit: str) -> str:
     return "".join(shown).replace("*", " ")
 
 
-_FINER = {"m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")), "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"))}
-_DEGREE = 0.017453292519943295  # rad
+_DEGREE = pi / 180.0  # rad
+_FINER = {
+    "m": ((1.0, "m", 0.1), (1e-3, "mm", 1e-4), (1e-6, "µm", 0.0)),
+    "s": ((1.0, "s", 0.1), (1e-3, "ms", 1e-4), (1e-6, "µs", 0.0)),
+    "rad": ((_DEGREE, "deg", 1e-3 * _DEGREE), (1e-3 * _DEGREE, "mdeg", 0.0)),
+}
+"""Display units by SI unit: value, name, and the smallest quantity that is shown in it, both in SI."""
+
+
+def _finer(value: float, unit: str) -> tuple[float, str]:
+    """SI value and name of the display unit of a `value` of the SI `unit`."""
+    return next((factor, name) for factor, name, least in _FINER[unit] if abs(value) >= least)
 
 
 def format_size(value: float, unit: str) -> str:
-    """Two digits in a suitable unit, angles in degrees: 0.00011 m gives ``0.11 mm``."""
-    if unit == "rad":
-        value, unit = value / _DEGREE, "deg"
-    factor, shown = next((f for f in _FINER.get(unit, ()) if abs(value) >= 0.1 * f[0]), (1.0, format_unit(unit)))
+    """Two digits in a suitable unit: 0.00011 m gives ``0.11 mm``, 0.01 rad ``0.57 deg``."""
+    factor, shown = _finer(value, unit) if value and unit in _FINER else (1.0, format_unit(unit))
     size = f"{value / factor:#.2g}".rstrip(".") if abs(value) < 100 * factor else f"{value / factor:.0f}"
     return with_unit(size, shown)
 

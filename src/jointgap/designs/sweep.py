@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.ticker import LogLocator
 
 from jointgap.config import Scenario
 from jointgap.config.designs import ALL_MEASURES
@@ -17,7 +16,7 @@ from jointgap.core import parquet, plot
 from jointgap.core.page import FigureBlock, Page, Paragraph, TableBlock
 from jointgap.core.plot import Drawing, Panel, Quantity, Sheet
 from jointgap.core.publish import name_and_factor
-from jointgap.core.words import format_name, format_unit, joined, reading_unit
+from jointgap.core.words import format_name, format_unit, joined, number, reading_unit
 from jointgap.designs.run import checked_dataset, failures
 from jointgap.designs.sampling import Axis, Designs
 
@@ -67,10 +66,7 @@ def format_value(axis: Axis, value: Any, with_unit: bool = True) -> str:
     if isinstance(value, str | bool):
         return _WORDS.get(str(value)) or format_name(str(value))
     unit, factor = reading_unit(axis.unit)
-    if not with_unit:
-        return f"{factor * value:.4g}"
-    number = f"{factor * value:.3g}".replace("e+0", "e").replace("e+", "e")
-    return f"{number} {format_unit(unit)}".strip()
+    return f"{number(factor * value, 3)} {format_unit(unit)}".strip() if with_unit else number(factor * value)
 
 
 _MOST_TICKS = 8  # labels of a list
@@ -94,9 +90,8 @@ def scale(panel: Panel, side: str, axis: Axis) -> None:
         texts = [format_value(axis, value, False) for value in axis.values[some]]
         drawn.set_ticks(range(len(axis.values))[some], texts)
     elif axis.law.dist.name == "loguniform":
-        low, high = axis.law.support()
         getattr(panel.axes, f"set_{side}scale")("log")
-        plot.label_ticks(drawn, LogLocator(subs=(1.0, 2.0, 5.0) if high < 100 * low else (1.0,)))
+        plot.label_log_ticks(drawn, *axis.law.support())
     else:
         panel.axes.locator_params(side, nbins=4)
 
@@ -106,9 +101,9 @@ def parameter_panels(axes: Sequence[Axis], quantity: Quantity) -> Sheet:
     columns = min(3, len(axes))
     rows = -(-len(axes) // columns)
     sheet = Sheet(0.8 + 2.1 * rows, rows, columns)
-    for number, axis in enumerate(axes):
-        panel = sheet.panel(divmod(number, columns), "", parameter_quantity(axis)[0], quantity)
-        panel.axes.set_ylabel("" if number % columns else fill(quantity.label, 30))
+    for place, axis in enumerate(axes):
+        panel = sheet.panel(divmod(place, columns), "", parameter_quantity(axis)[0], quantity)
+        panel.axes.set_ylabel("" if place % columns else fill(quantity.label, 30))
         scale(panel, "x", axis)
     return sheet
 
@@ -125,7 +120,7 @@ def measure_over_parameters(designs: pd.DataFrame, axes: tuple[Axis, ...], name:
             if axis.values is None:
                 groups = np.array_split(np.argsort(x), max(1, min(_MOST_GROUPS, len(x) // _GROUP)))
             else:
-                groups = [np.flatnonzero(x == number) for number in range(len(axis.values))]
+                groups = [np.flatnonzero(x == place) for place in range(len(axis.values))]
                 # deterministic jitter, even in the order of the designs
                 x = x + _JITTER * (2.0 * np.modf(np.arange(len(x)) * 0.6180339887)[0] - 1.0)
             some = slice(None, None, max(1, -(-len(x) // _MOST_DOTS)))
@@ -176,7 +171,7 @@ def grid_map(designs: pd.DataFrame, axes: tuple[Axis, ...]) -> Drawing:
         chosen = np.unique(np.linspace(0, len(axis.values) - 1, _MOST_MAPS).round().astype(int))
         columns = {
             f"{format_parameter(axis.key)} {format_value(axis, value)}": shown[shown[axis.key] == value]
-            for value in (axis.values[number] for number in chosen)
+            for value in (axis.values[place] for place in chosen)
         }
     with plot.matplotlib_style():
         sheet = Sheet(0.6 + len(_MAPPED) * (1.3 + 0.13 * len(up.values)), len(_MAPPED), len(columns))

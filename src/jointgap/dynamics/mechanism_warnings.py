@@ -1,5 +1,6 @@
 """Warnings about unusual, possibly wrong, data of a mechanism."""
 
+import math
 from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
@@ -12,6 +13,21 @@ WIDE_CLEARANCE = 0.05
 
 UNLIKE_MASSES = 50.0
 """Ratio of the largest to the smallest mass above which a warning is given."""
+
+FAST_SLIDER = 20.0
+"""Mean speed of the slider [m/s] above which a warning is given: pistons of car engines reach 20, of compressors 5."""
+
+
+def odd_speed(mechanism: Mechanism, speed: float) -> list[str]:
+    """A warning if the crank speed `speed` [rad/s] is so high that another unit was probably meant."""
+    mean = 2.0 * mechanism.applied().crank.length * abs(speed) / math.pi  # two strokes per revolution
+    if mean <= FAST_SLIDER:
+        return []
+    return [
+        f"speed: {speed:.4g} rad/s is {30.0 / math.pi * speed:.0f} rpm; then the slider's mean speed is {mean:.0f} "
+        f"m/s, above {FAST_SLIDER:g} m/s as in fast engines; a number without a unit is in rad/s: write "
+        f"{speed:.4g} rpm if you mean that"
+    ]
 
 
 def odd_data(mechanism: Mechanism) -> list[str]:
@@ -43,20 +59,25 @@ PENALTY_SPEEDS = (0.1, 1.0)
 """Approach speeds [m/s] at which the penalty law's restitution is given: impacts in settled and in starting motion."""
 
 
-def remarks(mechanism: Mechanism) -> list[str]:
-    """Warnings about unusual data and unexpected behaviour of contacts: ``crank_pin: ...``."""
+def remarks(mechanism: Mechanism, speed: float = 0.0) -> list[str]:
+    """Warnings about unusual data, a high crank `speed` [rad/s] and unexpected behaviour of contacts:
+    ``crank_pin: ...``."""
     applied = mechanism.applied()
-    return odd_data(mechanism) + [
-        f"{name}: {sentence}"
-        for name in applied.loose
-        for sentence in _of_contact(applied.joint(name), applied.rod.mass)
-    ]
+    return (
+        odd_speed(mechanism, speed)
+        + odd_data(mechanism)
+        + [
+            f"{name}: {sentence}"
+            for name in applied.loose
+            for sentence in _of_contact(applied.joint(name), applied.rod.mass)
+        ]
+    )
 
 
-def sentences(mechanism: Mechanism) -> tuple[str, ...]:
+def sentences(mechanism: Mechanism, speed: float = 0.0) -> tuple[str, ...]:
     """The `remarks` as sentences, with joints of equal remarks combined: ``Contact of the crank pin: ...``."""
     subjects: dict[str, list[str]] = {}
-    for remark in remarks(mechanism):
+    for remark in remarks(mechanism, speed):
         subject, _, words = remark.partition(": ")
         subjects.setdefault(words, []).append(subject)
     return tuple(

@@ -127,7 +127,7 @@ def without_other_effects(problem: Problem, fit: Fit, kept: Hypothesis) -> Fit:
         for name, amplitude in candidate.replaces.items():
             columns[name] = columns.get(name, 0.0) + columns[own[amplitude]]
     here = np.array([values.get(p.key, p.nominal) for p in parameters])
-    jacobian = np.array([columns[p.key] for p in parameters]).reshape(len(parameters), -1).T
+    jacobian = np.array([columns[p.key] for p in parameters]).reshape(len(parameters), residual.size).T
     return Fit(kept, parameters, here, residual, jacobian, 0, STOPPED, settings=fit.settings)
 
 

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from jointgap.core.candidates import Driven, Model, Series, runs_of
 from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.words import format_size
 from jointgap.identification.confirmation import fit_run_parameters
 from jointgap.identification.fit import FAILED, fit_hypothesis
 from jointgap.identification.problem import Noise, Problem, autoregression
@@ -431,7 +432,9 @@ def _noise_of(series: Series, residual: np.ndarray, settings: NoiseSettings) -> 
             rounded = series.rounding == least
             source = "the sensor's resolution" if rounded else "a share of the channel's variation"
             which = "its rounding" if rounded else "1e-4 of its variation"
-            remarks.append(f"{series.channel} has no visible noise: {least:.3g} {series.unit} is assumed, {which}")
+            remarks.append(
+                f"{series.channel} has no visible noise: {format_size(least, series.unit)} is assumed, {which}"
+            )
         elif sd is None and (jitter := _jitter(rate, grown)) > 0.0:
             remarks.append(
                 f"the noise of {series.channel} increases with its rate, like a time jitter of {1e3 * jitter:.2g} ms; "
@@ -465,8 +468,9 @@ def _check_is_noise(
     # a nearly constant channel, such as the speed of a steady crank, may consist of noise
     if sd > most and series.variation(predicted) > settings.least_motion * sd:
         raise InputError(
-            f"run {series.run}, channel {series.channel}: the residuals of cycles differ by {sd:.3g} {series.unit} "
-            f"(standard deviation), but the channel varies only by {series.variation(value):.3g}: the model does not "
+            f"run {series.run}, channel {series.channel}: the residuals of cycles differ by "
+            f"{format_size(sd, series.unit)} (standard deviation), but the channel varies only by "
+            f"{format_size(series.variation(value), series.unit)}: the model does not "
             "follow the motion. Check the drive, the bounds in `nuisance` and the column, or state the sensor's noise "
             "as `noise` of the channel"
         )
@@ -533,9 +537,8 @@ def _jitter(rate: np.ndarray, sd: np.ndarray) -> float:
 
 
 def _mismatch(series: Series, scatter: Scatter, stated: float) -> str:
-    start = (
-        f"{series.channel} has a stated noise of {stated:.3g} {series.unit}, but its cycles vary by {scatter.sd:.3g}"
-    )
+    given, seen = (format_size(sd, series.unit) for sd in (stated, scatter.sd))
+    start = f"{series.channel} has a stated noise of {given}, but its cycles vary by {seen}"
     if scatter.sd < stated:
         return f"{start}: small effects may be overlooked"
     return f"{start}: larger noise, a motion out of step with the crank, or impacts that differ between cycles"

@@ -4,13 +4,27 @@ from math import pi, sqrt, tau
 
 import numpy as np
 
+from jointgap.config.campaign import Campaign
+
 MIN_SAMPLES = 12  # Of a run and of each channel
 SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
 """Plausible range of mean speed over nominal speed [1], by drive."""
 REPORTED_SPEED_ERROR = 0.03  # [1] Of the stated speed, over the mean one; measured speeds scatter by less
 ANGLE_OUTLIER = 0.1  # [rad] Largest plausible distance of a crank angle from the line between its neighbours
+COMPUTED_ANGLE = 1e-5  # [rad] Largest distance of computed angles from a line over time; no crank turns so evenly
 
 # The limits tolerate noise, encoder steps and impacts, but not wrong units and columns
+
+
+def is_computed(campaign: Campaign, run: str, time: np.ndarray, angle: np.ndarray) -> bool:
+    """Whether the crank angle of a run was computed from its times, and so contains no measurement of the motion."""
+    stated = campaign.channels["crank_angle"]
+    alone = campaign.channels.keys() == {"time", "crank_angle"}
+    if campaign.drive != "constant_speed" or alone or stated.resolution or stated.noise_of(run):
+        return False
+    elapsed, angle = (values[np.isfinite(angle)] for values in (time - time[0], angle))
+    away = angle - np.polyval(np.polyfit(elapsed, angle, 1), elapsed)
+    return bool(np.abs(away).max() < COMPUTED_ANGLE)
 
 
 def clipped(values: np.ndarray) -> str | None:

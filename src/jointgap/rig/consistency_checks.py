@@ -15,6 +15,7 @@ from scipy.signal import butter
 
 from jointgap.config.campaign import CHANNELS, FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
 from jointgap.core.units import unit_factor
+from jointgap.core.words import number
 from jointgap.dynamics.kinematics import FORCES, SPEED_POWERS, ideal_orders
 from jointgap.rig.recording import Contradiction, Recording
 from jointgap.rig.sampling import speed_from_periodicity
@@ -136,8 +137,8 @@ def _timed(campaign: Campaign, run: CampaignRun, recording: Recording, angle: np
         )
     source = "crank_angle" if recording.has_angle else f"the period of {', '.join(orders)}"
     sentence = (
-        f"the speed from the times and {source} is {60 * abs(speed) / tau:.4g} rpm, but the run's speed is "
-        f"{60 * run.speed / tau:.4g} rpm; {which}"
+        f"the speed from the times and {source} is {number(60 * abs(speed) / tau)} rpm, but the run's speed is "
+        f"{number(60 * run.speed / tau)} rpm; {which}"
     )
     doubtful = not recording.has_angle or (kind == "time" and bool(votes))
     found = Contradiction(run.id, "time", kind, sentence, factor=abs(speed) / run.speed, doubtful=doubtful)

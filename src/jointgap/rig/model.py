@@ -19,6 +19,7 @@ from jointgap.effects import EFFECTS
 from jointgap.effects.base import GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionScale
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
+from jointgap.rig.checks import is_computed
 from jointgap.rig.consistency_checks import consistency_checks
 from jointgap.rig.drives import SETTLING_REVOLUTIONS, RunPlan, Values, measured_drive, starts_with_record
 from jointgap.rig.read_files import check_runs_left
@@ -356,7 +357,7 @@ def build_model(
 def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
     drives, encoder = campaign.drive == "measured_angle", "crank_angle" in campaign.channels
     channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
-    channels += ["crank_angle"] if encoder and samples.encoded and not drives else []
+    channels += ["crank_angle"] if encoder and samples.encoded and not (drives or samples.computed) else []
     drive = None
     if drives:
         back = 0 if starts_with_record(run) else SETTLING_REVOLUTIONS
@@ -379,6 +380,8 @@ def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) ->
 def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> RunData:
     constant, searched, step = campaign.drive == "constant_speed", False, _resolution(campaign)
     samples = sample_grid(recording.time, recording.crank_angle, run.speed, _first_angle(run), step, constant)
+    if samples.encoded and is_computed(campaign, run.id, recording.time, recording.crank_angle):
+        samples = replace(samples, computed=True, first_reach=0.0, speed_reach=0.0)
     plan = _plan(campaign, run, samples)
     measured = {**recording.channels, "crank_angle": recording.crank_angle}
     values = {channel: measured[channel] for channel in plan.channels}

@@ -13,6 +13,7 @@ from jointgap.config.campaign import CHANNELS, MOTOR_LINE, Campaign, CampaignRun
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share, unit_factor
+from jointgap.core.words import number
 from jointgap.rig import checks
 from jointgap.rig.checks import MIN_SAMPLES, REPORTED_SPEED_ERROR, SPEED_RATIOS
 from jointgap.rig.consistency_checks import consistency_checks
@@ -329,6 +330,9 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
     mean_speed = _mean_speed(time, continuous)
     _check_speed(file, time, angle, mean_speed)
     _check_enough(file, "crank_angle", (time[-1] - time[0]) * mean_speed, time.size)
+    if checks.is_computed(file.campaign, file.run.id, time, continuous):
+        text = "crank_angle rises uniformly, so it seems computed: it is used as exact, and not compared"
+        file.remark("crank_angle", f"{text}. If it was measured, state its `noise` or `resolution`")
     return time, continuous, mean_speed * (time - time[0])
 
 
@@ -448,4 +452,4 @@ def _falls(file: RunFile, angle: np.ndarray) -> InputError:
 
 
 def _rpm(speed: float) -> str:
-    return f"{speed * 60.0 / tau:.4g} rpm"
+    return f"{number(speed * 60.0 / tau)} rpm"

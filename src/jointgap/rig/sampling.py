@@ -29,6 +29,7 @@ class SampleGrid:
     first_reach: float = 0.0  # Largest error of `first_angle` [rad]
     speed_reach: float = 0.0  # Largest error of `speed` [rad/s]
     timed: bool = True  # Whether times were recorded
+    computed: bool = False  # Whether the angles were computed instead of measured
 
     @property
     def encoded(self) -> bool:

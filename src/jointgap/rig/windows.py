@@ -44,7 +44,8 @@ def _simulated(p: Parameters, rows: windows.Rows, states: windows.WindowStates, 
     """`windows.simulate_windows` with a cache, as sensor faults do not change the motion."""
     numbers = (rows.angles, rows.found.times, states.slow, *states.carried, *p)
     key = b"".join(np.ascontiguousarray(each).tobytes() for each in numbers) + bytes(repr(tolerance), "ascii")
-    found = _KEPT.pop(key, None) or windows.simulate_windows(p, rows, states.slow, states.carried, tolerance)
+    slow = np.require(states.slow, requirements="W")  # for read-only arrays all would be compiled again
+    found = _KEPT.pop(key, None) or windows.simulate_windows(p, rows, slow, states.carried, tolerance)
     _KEPT[key] = found
     if len(_KEPT) > MOTIONS_KEPT:
         del _KEPT[next(iter(_KEPT))]

@@ -12,7 +12,7 @@ from jointgap.config import Scenario
 from jointgap.core.joints import FROM_FRAME, PINS
 from jointgap.core.page import Block, Bullets, Cell, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.schema import FIT_ERRORS
-from jointgap.core.words import format_name, joined
+from jointgap.core.words import format_name, format_size, joined, number
 from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.region import FEASIBLE, geometric
@@ -145,7 +145,7 @@ def remarks(outcome: Outcome) -> tuple[str, ...]:
         _gain(outcome),
         *_limits(outcome),
         *_changes(outcome),
-        *mechanism_warnings.sentences(outcome.scenario.mechanism),
+        *mechanism_warnings.sentences(outcome.scenario.mechanism, outcome.scenario.simulate.highest_speed),
         *_networks(outcome),
     )
 
@@ -164,11 +164,11 @@ def _gain(outcome: Outcome) -> str:
         return f"The gain is not significant: simulated again from perturbed starts, the error changes by {spread}."
     half, allowed = float(row["rod_tolerance"]) / 2, float(row["rod_deviation_allowed"])
     name = "The tolerance IT7" if options.rod_tolerance is None else "The configured tolerance"
-    gained, lost = np.degrees([gain["original_error"] - gain["error"], row["rms_rod_off"] - row["rms"]])
-    does = f"reduces the gain by up to {lost:.2g} deg" if allowed >= half else "cancels the gain"
+    lost = format_size(row["rms_rod_off"] - row["rms"], "rad")
+    does = f"reduces the gain by up to {lost}" if allowed >= half else "cancels the gain"
     return (
-        f"The gain is {gained:.2g} deg. It requires a rod length within ±{1e6 * allowed:.3g} um. {name}, "
-        f"±{1e6 * half:.3g} um, {does} (estimated with frozen joint motion)."
+        f"The gain is {format_size(gain['original_error'] - gain['error'], 'rad')}. It requires a rod length within "
+        f"±{format_size(allowed, 'm')}. {name}, ±{format_size(half, 'm')}, {does} (estimated with frozen joint motion)."
     )
 
 
@@ -178,8 +178,8 @@ def _limits(outcome: Outcome) -> Iterator[str]:
     if not outcome.within_force_limit():
         most = outcome.scenario.optimise.constraints.largest_pin_force
         yield (
-            f"No lengths in the box `{box}` satisfy the largest pin force of {most:.4g} N; the nearest have "
-            f"{outcome.peak_force[1]:.4g} N. Widen the box, or allow a larger force."
+            f"No lengths in the box `{box}` satisfy the largest pin force of {number(most)} N; the nearest have "
+            f"{number(outcome.peak_force[1])} N. Widen the box, or allow a larger force."
         )
     for bound in outcome.bounds:
         advice = ""
@@ -208,8 +208,8 @@ def _changes(outcome: Outcome) -> Iterator[str]:
     before, after = outcome.peak_force
     if constraints.largest_pin_force is None and after / before - 1 > REMARKABLE["force"]:
         yield (
-            f"The largest force in a pin grows from {before:.3g} to {after:.3g} N ({100 * (after / before - 1):+.0f} "
-            "%); limit it with `optimise.constraints.largest_pin_force`."
+            f"The largest force in a pin grows from {number(before)} to {number(after)} N "
+            f"({100 * (after / before - 1):+.0f} %); limit it with `optimise.constraints.largest_pin_force`."
         )
 
 
@@ -469,8 +469,8 @@ def _constraints(outcome: Outcome) -> Iterator[Block]:
         if not (each.key == "crank_length" and outcome.keeps_crank)
     ]
     if (most := options.largest_pin_force) is not None:
-        forces = (f"{force:.4g} N" for force in outcome.peak_force)
-        rows.append(("largest force in a pin", f"{most:.4g} N at most", *forces, outcome.within_force_limit()))
+        forces = (f"{number(force)} N" for force in outcome.peak_force)
+        rows.append(("largest force in a pin", f"{number(most)} N at most", *forces, outcome.within_force_limit()))
     if rows:
         yield Heading("Constraints")
         shown = tuple((*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows)

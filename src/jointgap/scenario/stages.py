@@ -68,7 +68,7 @@ def simulate(results: "ScenarioResults") -> None:
     from jointgap.dynamics.simulation import simulate as simulated
 
     scenario = results.scenario
-    for remark in remarks(scenario.mechanism):
+    for remark in remarks(scenario.mechanism, scenario.simulate.highest_speed):
         print(f"jointgap: {remark}", file=sys.stderr)
     run = simulated(scenario.mechanism, scenario.simulate)
     results.write_all({"events": run.events, "trajectory": run.samples})
