@@ -23,6 +23,8 @@ def is_computed(campaign: Campaign, run: str, time: np.ndarray, angle: np.ndarra
     if campaign.drive != "constant_speed" or alone or stated.resolution or stated.noise_of(run):
         return False
     elapsed, angle = (values[np.isfinite(angle)] for values in (time - time[0], angle))
+    if angle.size < 3:
+        return False
     away = angle - np.polyval(np.polyfit(elapsed, angle, 1), elapsed)
     return bool(np.abs(away).max() < COMPUTED_ANGLE)
 
