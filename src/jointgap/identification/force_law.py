@@ -108,7 +108,7 @@ def find_force_law(
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
     sensitivities = simulate_sensitivities(problem, base, differences, library)
-    until = problem.simulations + problem.settings.selection.max_simulations
+    until = problem.limit_of_search
     screen, settings = SensitivityRegression(sensitivities), problem.settings.selection
     sums = [screen.explained(chosen) for chosen in _subsets(sensitivities.entries)]
     if not sums:

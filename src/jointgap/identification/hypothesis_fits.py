@@ -21,7 +21,7 @@ from jointgap.identification.model_selection import (
     swap_one_effect,
     two_effect_thresholds,
 )
-from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.problem import Hypothesis
 from jointgap.identification.screening import (
     LinearizedFit,
     Sensitivities,
@@ -71,7 +71,7 @@ def fit_pairs(
     If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
     single effects fitted to sums of samples first; shapes of law families; clearances that are likely by the filter;
     pairs whose sensitivities explain nearly everything; the best partners of each leading single effect, and pairs near
-    the best one. The search is sequential, so it is not divided into parts, and limited by `max_simulations`.
+    the best one. The search is sequential, so it is not divided into parts, and limited as a whole.
     Clearances are not searched on inconsistent data.
 
     If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
@@ -117,7 +117,7 @@ def _search(
     # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    until = problem.simulations + _max_simulations(problem)
+    until = problem.limit_of_search
     fits = _fit_sums_first(baseline, sensitivities, limits, until)
     if not any(_is_sufficient(fit, limits) for fit in fits):
         if family_suffices(baseline, alone, limits):
@@ -166,11 +166,6 @@ def _fit_sums_first(baseline: Baseline, sensitivities: Sensitivities, limits: Th
         fit = fit_from_sums(problem, start, baseline.differences, sufficient)
         fits += [] if fit is None else [fit]
     return fits
-
-
-def _max_simulations(problem: Problem) -> int:
-    settings = problem.settings.selection
-    return settings.max_simulations_of_statistics if problem.has_statistics else settings.max_simulations
 
 
 def _masked_pairs(

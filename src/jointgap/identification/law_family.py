@@ -185,7 +185,7 @@ def with_families(
     if not equal and (is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)):
         settings = baseline.problem.settings
         best = min(fit.bic for fit in (decision.chosen, *decision.equivalent)) - settings.decision.min_delta_bic
-        laws, until = [], problem.simulations + settings.selection.max_simulations
+        laws, until = [], problem.limit_of_search
         for found, member, family in _unproven(problem, decision, settings.family.least_share):
             if problem.simulations > until:
                 break

@@ -182,6 +182,13 @@ class Problem:
         """Whether a run has non-periodic motion, compared by statistics over cycles."""
         return any(part.series.statistic for part in self.parts)
 
+    @property
+    def limit_of_search(self) -> int:
+        """Number of simulated runs after which a search that begins now starts no further fit."""
+        settings = self.settings.selection
+        most = settings.max_simulations_of_statistics if self.has_statistics else settings.max_simulations
+        return self.simulations + most
+
     @cached_property
     def nuisances(self) -> tuple[Parameter, ...]:
         """Nuisances of these runs."""

@@ -147,8 +147,8 @@ class ModelSelectionSettings:
     # Single effects of least chi2, one of each exclusion group, that get `partners` if none is sufficient (experience)
     leading_singles: int = 6
     linearised_partners: int = 12  # Of each of these, ranked about the base and linearised about its fit (experience)
-    # Simulated runs after which no further fit begins, for each of: pairs, search in windows, formula, families; one
-    # to two minutes with loose dry joints (experience)
+    # Simulated runs after which no further fit begins, for each of: the search beyond single effects, formula,
+    # families; one to five minutes with loose dry joints (experience)
     max_simulations: int = 5000
     # The same for non-periodic motion, whose runs take four times as long (experience)
     max_simulations_of_statistics: int = 1500
