@@ -82,7 +82,7 @@ def fit_pairs(
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
     if pairs and part == 0 and not inconsistent:
         begin = time.monotonic()
-        searched = fit_clearances(baseline, likely_clearances(baseline), limits)
+        searched = fit_clearances(baseline, likely_clearances(baseline), limits, until=baseline.problem.limit_of_search)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
     kept = {id(fit) for fit in best_fit_per_hypothesis(fits)}

@@ -686,14 +686,17 @@ def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, f
         return False
 
 
-def compete(estimates: Sequence[Estimate], below: float = math.inf) -> list[Estimate]:
-    """Fit all at decreasing jumps `below` a value; those far behind the best or without `leads_on` end.
+def compete(estimates: Sequence[Estimate], below: float = math.inf, until: float = math.inf) -> list[Estimate]:
+    """Fit all at decreasing jumps `below` a value; those far behind the best or without `leads_on` end, and all after
+    `until` simulated runs.
 
     Best first, without those that cannot be simulated.
     """
     going, failed = list(estimates), []
     for jump in (jump for jump in (estimates[0].settings.jumps if estimates else ()) if jump < below):
         for estimate in going:
+            if estimate.problem.simulations > until:
+                return _ranked(estimates, failed)
             try:
                 estimate.fit_at(jump)
             except FAILURES:
@@ -704,7 +707,13 @@ def compete(estimates: Sequence[Estimate], below: float = math.inf) -> list[Esti
             # at large jumps the true effect need not lead yet
             far = settings.far_behind if jump <= settings.compared_below else settings.far_before
             going = [each for each in going if each.stages[-1].deviance <= least + far * each.problem.size]
-    return sorted((each for each in estimates if each not in failed), key=lambda each: each.best.deviance)
+    return _ranked(estimates, failed)
+
+
+def _ranked(estimates: Sequence[Estimate], failed: Sequence[Estimate]) -> list[Estimate]:
+    """Those that were fitted, best first."""
+    done = [each for each in estimates if each.stages and each not in failed]
+    return sorted(done, key=lambda each: each.best.deviance)
 
 
 def fitted(

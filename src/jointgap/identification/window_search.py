@@ -28,18 +28,18 @@ def fit_clearances(
 ) -> list[Fit]:
     """Fits of clearances in windows, best first.
 
-    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect; not after
-    `until` simulated runs.
+    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect. Nothing
+    begins after `until` simulated runs.
     """
     problem = baseline.problem
-    found = _fitted(problem, [Estimate(problem, *each) for each in starts], below=math.inf)
+    found = _fitted(problem, [Estimate(problem, *each) for each in starts], until, below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
     if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
         with contextlib.suppress(*FAILURES):
             about = best[1].sensitivities([one for one in problem.model.candidates if not one.search_range])
             leaves_noise = any(_leaves_noise(fit, limits) for fit, _ in found if fit)
             chosen = _worth(problem, about, best[1].hypothesis, limits, leaves_noise)
-            found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen])
+            found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen], until)
     return sorted((fit for fit, _ in found if fit), key=lambda fit: fit.chi2)
 
 
@@ -72,13 +72,15 @@ def _worth(
     return [(single.hypothesis, single.own_start) for single in singles]
 
 
-def _fitted(problem: Problem, estimates: Sequence[Estimate], below: float | None = None) -> Found:
+def _fitted(problem: Problem, estimates: Sequence[Estimate], until: float, below: float | None = None) -> Found:
     """Competition of the `estimates` over the jumps `below` a value; then fits of those near the best to the end.
 
     One with a large misfit is not continued, as its simulation is slow."""
     settings, found = problem.settings.windows, []
-    estimates = compete(estimates, settings.jumps[0] if below is None else below)
+    estimates = compete(estimates, settings.jumps[0] if below is None else below, until)
     for estimate in estimates:
+        if problem.simulations > until:
+            break
         if estimate.best.deviance > estimates[0].best.deviance + settings.far_behind * problem.size:
             break
         if estimate.stages[-1].cost > problem.settings.stopping.poor_chi2_per_sample * problem.size:
