@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from jointgap.identification.block_sums import BlockSums
+from jointgap.identification.baseline import probed_differences
+from jointgap.identification.block_sums import BlockSums, first_sums, fit_from_sums
 from jointgap.identification.fit import FiniteDifferences, fit_hypothesis
 from jointgap.identification.problem import Problem
+from tests.rows import each
 
-from .toy import candidate_of, screened, stated_noise, toy
+from .toy import KNOCKING, candidate_of, knocking, screened, stated_noise, toy
 
 
 @pytest.fixture(scope="module")
@@ -54,3 +56,20 @@ def test_a_fit_to_sums_finds_the_effect_and_counts_its_simulations(problem):
     damping = dict(zip((p.key for p in fit.parameters), fit.values, strict=True))["viscous.damping_N_s_m"]
     assert abs(damping - 0.5) < 4 * np.sqrt(fit.covariance()[-1, -1])
     assert problem.simulations > before
+
+
+@each("start", [0.2, 0.5, 0.8])
+def test_hits_that_come_later_are_found_by_ever_shorter_sums_where_single_samples_end_beside_them(start):
+    model = toy(noise=0.05, samples=360, hidden=lambda x, v, angle, time: knocking(1.0, angle))
+    problem, at = Problem(model, stated_noise(model)), {"knocking.size": start}
+    differences = probed_differences(problem, {p.key: p.nominal for p in problem.nuisances})
+    assert fit_hypothesis(problem, (KNOCKING,), at).chi2 > 2.0 * problem.size
+    fit = fit_from_sums(problem, fit_hypothesis(first_sums(problem), (KNOCKING,), at), differences)
+    assert fit.chi2 < 1.05 * problem.size and fit.mapping["knocking.size"] == pytest.approx(1.0, abs=0.005)
+
+
+def test_sums_that_exceed_noise_by_far_are_not_followed_to_the_samples():
+    model = toy({"spring": {"stiffness_N_m": 40.0}})
+    problem = Problem(model, stated_noise(model))
+    wrong = fit_hypothesis(first_sums(problem), (candidate_of("constant_force"),))
+    assert fit_from_sums(problem, wrong, probed_differences(problem, wrong.mapping)) is None

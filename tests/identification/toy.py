@@ -109,6 +109,15 @@ def ringing(size: float, angle: np.ndarray) -> np.ndarray:
     return 3.0 * np.sqrt(size) * np.exp(-since) * np.cos(17.0 * since + 40.0 * size * since**2)
 
 
+KNOCKING = _effect("knocking", "size", 0.01, "1", low=0.0)
+"""Not among those: hits that are the stronger and the later, the larger it is, as of a loose joint."""
+
+
+def knocking(size: float, angle: np.ndarray) -> np.ndarray:
+    """Its force [N]."""
+    return 3.0 * size * np.exp(-np.mod(angle - 1.0 - 0.3 * size, 2 * np.pi) / 0.2)
+
+
 @dataclass(frozen=True)
 class Toy:
     """A `jointgap.core.candidates.Model`."""
@@ -154,6 +163,8 @@ def _force(name: str, at: Mapping[str, float], x, v, w: float, time, width: floa
     match name:
         case "ringing":
             return ringing(at["size"], angle)
+        case "knocking":
+            return knocking(at["size"], angle)
         case "coulomb":
             return -at["force_N"] * np.tanh(v / width)
         case "viscous":
