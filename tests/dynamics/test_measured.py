@@ -64,6 +64,17 @@ def test_an_angle_is_recovered_with_its_derivatives_within_its_steps_or_noise(
     worst("measured angle: torque by virtual work", off, 1e-13)
 
 
+@each("turns, order, doubled", [(20, 12, False), (4, 0.5, True), (2.5, 1, False)])
+def test_long_and_short_records_keep_their_motion_and_readings_may_be_nearly_at_the_same_time(turns, order, doubled):
+    rng, speed, size = np.random.default_rng(0), 30.0, 4.0 / (order * 30.0) ** 2
+    time = np.linspace(0.0, turns * 2.0 * np.pi / speed, round(180 * turns))
+    if doubled:
+        time = np.sort(np.append(time, time[[20, 90, 300]] * (1.0 + 1e-12)))
+    angle = speed * time + size * np.sin(order * speed * time + 0.4) + 3e-3 * size * rng.standard_normal(time.size)
+    exact = -4.0 * np.sin(order * speed * time + 0.4)
+    assert np.sqrt(np.mean((smooth_angle(time, angle, None)(time, 2) - exact)[36:-36] ** 2)) < 0.5
+
+
 def test_samples_beyond_a_record_are_refused(tmp_path):
     time = np.linspace(0.0, 10.0, 4001)
     p = parameters(IDEAL, along(tmp_path, time, np.pi * time, 4, resolution=STEP))

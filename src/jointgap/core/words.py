@@ -67,14 +67,14 @@ def joined(parts: Iterable[str]) -> str:
 
 
 def number(value: float | str | None, digits: int = 4) -> str:
-    """Four digits, or so many; from 10 000 to 10 million whole; a formula unchanged; a dash for None."""
+    """Four digits, or so many; larger numbers below 10 million are whole; a formula unchanged; a dash for None."""
     if isinstance(value, str):
         return value
     if value is None or value != value:
         return "–"
-    if 9999.5 <= abs(value) < 1e7:
+    if 10.0**digits - 0.5 <= abs(value) < 1e7:
         return f"{value:.0f}"
-    return f"{value:.{digits}g}".replace("e+0", "e").replace("e-0", "e-")
+    return f"{value:.{digits}g}".replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
 
 
 def with_error(value: float | str | None, error: float | None) -> tuple[str, str]:
@@ -112,7 +112,7 @@ _FINER = {
 
 def _finer(value: float, unit: str) -> tuple[float, str]:
     """SI value and name of the display unit of a `value` of the SI `unit`."""
-    return next((factor, name) for factor, name, least in _FINER[unit] if abs(value) >= least)
+    return next(((factor, name) for factor, name, least in _FINER[unit] if abs(value) >= least), (1.0, unit))
 
 
 def format_size(value: float, unit: str) -> str:

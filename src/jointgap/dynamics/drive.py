@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from scipy.interpolate import BSpline, CubicSpline, PPoly, make_smoothing_spline, splrep
-from scipy.linalg import eigh
+from scipy.linalg import cho_solve_banded, cholesky_banded, eigh
 from scipy.optimize import brentq, minimize_scalar
 from scipy.sparse import sparray
 
@@ -97,6 +97,7 @@ _TURN = 2 * math.pi
 # Orders that repeat every two turns, as in four-stroke engines; higher ones (gears, joints) are left to the spline
 _ORDERS = np.arange(1, 9) / 2
 _DRIFT_TERMS = 12  # largest number of terms of the polynomial
+_NEAR = 1e-2  # [mean distance of samples] nearer ones make divided differences inaccurate
 _MIN_TURNS = 3  # with fewer, drift and orders are indistinguishable
 
 
@@ -198,9 +199,9 @@ def smooth_angle(
 
     With a known encoder step q: the quintic with few knots whose RMS deviation is q / sqrt(12), the rounding error,
     plus three standard errors (the mean square of n rounding errors has the relative scatter sqrt(0.8 / n)), to avoid
-    fitting the rounding. Otherwise a cubic of the most likely smoothness, by its `own` samples: the others repeat them.
-    Both are fitted to the deviation from a steady rotation, the cubic also without the part that repeats every two
-    turns, which it would flatten.
+    fitting the rounding. Otherwise a cubic whose smoothness is cross-validated by its `own` samples, as the others
+    repeat them. Both are fitted to the deviation from a steady rotation, the cubic also without the part that repeats
+    every two turns, which it would flatten.
 
     At the ends the accelerations are about ten times less accurate, and zero for the cubic. Records should begin and
     end some samples outside of the simulated motion.
@@ -209,7 +210,7 @@ def smooth_angle(
     rest, scale = angle - np.polyval(steady, time), time[-1] / (time.size - 1)
     if resolution is None:
         repeated = repeated_part(time, angle)
-        smoothness = _likely_smoothness(time[own] / scale, (rest - repeated)[own])
+        smoothness = _validated_smoothness(time[own] / scale, (rest - repeated)[own])
         spline = make_smoothing_spline(time / scale, rest - repeated, lam=smoothness)
     else:
         squares = time.size * resolution**2 / 12 * (1 + 3 * math.sqrt(0.8 / time.size))
@@ -232,24 +233,43 @@ def smooth_angle(
     return pieces
 
 
-def _likely_smoothness(time: np.ndarray, values: np.ndarray) -> float:
-    """Weight [unit of time^3] of the integral of a smoothing spline's squared second derivative: restricted maximum
-    likelihood (G. Wahba, Spline models for observational data, 1990, sec. 4.8)."""
-    spline = _basis(time, 3)
-    basis = spline(time)
-    roughness, vectors = _modes(basis, _bending(spline))
-    sizes, rough = vectors.T @ (basis.T @ values), roughness[2:]  # straight lines are smooth
-    beyond = max(float(values @ values - sizes @ sizes), 1e-20 * float(values @ values) + 1e-300)  # rounding
+def _validated_smoothness(time: np.ndarray, values: np.ndarray) -> float:
+    """Weight [unit of time^3] of the integral of a smoothing spline's squared second derivative, by generalised
+    cross-validation (G. Wahba, Spline models for observational data, 1990, sec. 4.3).
 
-    def unlikely(log_smoothness: float) -> float:
-        shrunk = 1.0 - 1.0 / (1.0 + math.exp(log_smoothness) * rough)
-        square = beyond + float(shrunk @ sizes[2:] ** 2)
-        return (values.size - 2) * math.log(square) - float(np.sum(np.log(shrunk)))
+    With the second divided differences Q'y and the integral's matrix R (P. J. Green and B. W. Silverman, Nonparametric
+    regression and generalized linear models, 1994, sec. 2.1) the residual is Q (Q'Q + R / weight)^-1 Q'y. The trace
+    of that matrix is a derivative of the determinant of Q'Q + R / weight (`make_smoothing_spline` takes ten times as
+    long).
+    """
+    apart = np.append(True, np.diff(time) > _NEAR * (time[-1] - time[0]) / time.size)
+    h = np.diff(time[apart])
+    a, b, c = 1.0 / h[:-1], -1.0 / h[:-1] - 1.0 / h[1:], 1.0 / h[1:]
+    noise, bend = np.zeros((2, 3, h.size - 1))  # Q'Q and R, upper bands
+    noise[2], noise[1, 1:], noise[0, 2:] = a * a + b * b + c * c, b[:-1] * a[1:] + c[:-1] * b[1:], c[:-2] * a[2:]
+    bend[2], bend[1, 1:] = (h[:-1] + h[1:]) / 3.0, h[1:-1] / 6.0
+    differences = np.diff(np.diff(values[apart]) / h)
 
-    grid = np.linspace(-math.log(rough[-1]) - 5.0, -math.log(rough[0]) + 10.0, 60)
-    best = int(np.argmin([unlikely(each) for each in grid]))
+    def factor(log_weight: float) -> np.ndarray:
+        return cholesky_banded(noise + bend * math.exp(-log_weight))
+
+    def determinant(log_weight: float) -> float:
+        return 2.0 * float(np.log(factor(log_weight)[2]).sum())
+
+    def error(log_weight: float) -> float:
+        solved = cho_solve_banded((factor(log_weight), False), differences)
+        residual = np.zeros(h.size + 1)
+        residual[:-2] += a * solved
+        residual[1:-1] += b * solved
+        residual[2:] += c * solved
+        step = 1e-3
+        left = differences.size + (determinant(log_weight + step) - determinant(log_weight - step)) / (2.0 * step)
+        return math.log(residual @ residual + 1e-300) - 2.0 * math.log(max(left, 1e-9))
+
+    grid = np.linspace(-12.0, 3.5 * math.log(time.size), 40)
+    best = int(np.argmin([error(each) for each in grid]))
     near = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-    return math.exp(minimize_scalar(unlikely, bounds=near, method="bounded").x)
+    return math.exp(minimize_scalar(error, bounds=near, method="bounded").x)
 
 
 def standstill_time(smooth: PPoly, begin: float, end: float) -> float | None:
@@ -327,27 +347,6 @@ _LEFT_OUT = 1e-3  # share of the variance of angle, speed and acceleration in ne
 _MOST_ERRORS = 100
 
 
-def _basis(time: np.ndarray, degree: int, inner: np.ndarray | None = None) -> BSpline:
-    """Basis of splines with the `inner` knots, by default the samples or every few of them."""
-    inner = time[2 : -2 : math.ceil(time.size / _MOST_KNOTS)] if inner is None else inner
-    knots = np.concatenate([[time[0]] * (degree + 1), inner, [time[-1]] * (degree + 1)])
-    return BSpline(knots, np.eye(knots.size - degree - 1), degree)
-
-
-def _bending(spline: BSpline) -> np.ndarray:
-    """Rows whose sum of squares is the integral of a cubic spline's squared second derivative (two Gauss points)."""
-    ends = np.unique(spline.t)
-    half, middle = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
-    points = np.concatenate([middle - half / math.sqrt(3), middle + half / math.sqrt(3)])
-    return np.sqrt(np.tile(half, 2))[:, None] * spline(points, 2)
-
-
-def _modes(basis: np.ndarray, bending: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Roughness (k,) of the independent modes of a spline at the samples, and their weights (k, k) in its basis."""
-    gram = basis.T @ basis
-    return eigh(np.zeros(gram.shape) if bending is None else bending.T @ bending, gram)
-
-
 class AngleErrors:
     """Independent errors of a smooth angle, each of one standard deviation."""
 
@@ -361,12 +360,15 @@ class AngleErrors:
         noise: float | None,
         common: np.ndarray | None = None,
     ):
-        self._spline = _basis(time, 5, smooth.x[1:-1]) if stepped else _basis(time, 3)
+        degree = 5 if stepped else 3
+        inner = smooth.x[1:-1] if stepped else time[2 : -2 : math.ceil(time.size / _MOST_KNOTS)]
+        knots = np.concatenate([[time[0]] * (degree + 1), inner, [time[-1]] * (degree + 1)])
+        self._spline = BSpline(knots, np.eye(knots.size - degree - 1), degree)
         drift, orders = (np.empty((time.size, 0)),) * 2 if stepped else repeated_basis(time, angle)
         self._orders = CubicSpline(time, orders) if orders.size else None
         projection = np.linalg.pinv(np.hstack([drift, orders]))[drift.shape[1] :]  # sizes of the orders, from angles
         basis, left = self._spline(time), smooth(time) - angle
-        bending = None if stepped else _bending(self._spline)
+        bending = None if stepped else self._bending()
         kept, shapes = _shrinkage(basis, bending, angle - orders @ (projection @ angle), left)
         spline = (shapes * kept) @ (basis @ shapes).T
         if noise is None:
@@ -384,15 +386,22 @@ class AngleErrors:
 
     def __call__(self, time: np.ndarray, derivative: int = 0) -> np.ndarray:
         """The errors (n, count) at times (n,) [s], or a time derivative [rad/s^derivative]."""
-        return self._derivatives(time, derivative) @ self._weights
+        return self._basis(time, derivative) @ self._weights
 
-    def _derivatives(self, time: np.ndarray, derivative: int) -> np.ndarray:
+    def _basis(self, time: np.ndarray, derivative: int) -> np.ndarray:
         columns = self._spline(time, derivative)
         return columns if self._orders is None else np.hstack([columns, self._orders(time, derivative)])
 
+    def _bending(self) -> np.ndarray:
+        """Rows whose sum of squares is the integral of a spline's squared second derivative (two Gauss points)."""
+        ends = np.unique(self._spline.t)
+        half, middle = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
+        points = np.concatenate([middle - half / math.sqrt(3), middle + half / math.sqrt(3)])
+        return np.sqrt(np.tile(half, 2))[:, None] * self._spline(points, 2)
+
     def _independent(self, time: np.ndarray, covariance: np.ndarray, speed: float) -> np.ndarray:
         """Weights of the basis for each error, sorted by size in angle, speed and acceleration together."""
-        rows = [self._derivatives(time, derivative) / speed**derivative for derivative in range(3)]
+        rows = [self._basis(time, derivative) / speed**derivative for derivative in range(3)]
         squares, vectors = np.linalg.eigh(sum(each.T @ each for each in rows))
         root = (vectors * np.sqrt(np.maximum(squares, 0.0))) @ vectors.T
         squares, vectors = np.linalg.eigh(root @ covariance @ root)
@@ -407,7 +416,9 @@ def _shrinkage(basis, bending, angle, left) -> tuple[np.ndarray, np.ndarray]:
 
     Without bending all are 1; otherwise the reduction gives the smoothing's residual.
     """
-    roughness, vectors = _modes(basis, bending)
+    gram = basis.T @ basis
+    rough = np.zeros(gram.shape) if bending is None else bending.T @ bending
+    roughness, vectors = eigh(rough, gram)
     if bending is None:
         return np.ones(roughness.size), vectors
     roughness[:2] = 0.0  # of straight lines

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from jointgap.config import Contact, Joint, Mechanism, hertz_stiffness
 from jointgap.core.joints import JOINT
-from jointgap.core.words import format_name, joined
+from jointgap.core.words import format_name, joined, number
 from jointgap.dynamics.contact import LAWS, delivered_restitution, penalty_restitution
 
 WIDE_CLEARANCE = 0.05
@@ -23,10 +23,11 @@ def odd_speed(mechanism: Mechanism, speed: float) -> list[str]:
     mean = 2.0 * mechanism.applied().crank.length * abs(speed) / math.pi  # two strokes per revolution
     if mean <= FAST_SLIDER:
         return []
+    value, rpm = abs(speed), 30.0 / math.pi * abs(speed)
     return [
-        f"speed: {speed:.4g} rad/s is {30.0 / math.pi * speed:.0f} rpm; then the slider's mean speed is {mean:.0f} "
-        f"m/s, above {FAST_SLIDER:g} m/s as in fast engines; a number without a unit is in rad/s: write "
-        f"{speed:.4g} rpm if you mean that"
+        f"speed: at {number(rpm)} rpm ({number(value)} rad/s) the slider's mean speed is {mean:.0f} m/s, above "
+        f"{FAST_SLIDER:g} m/s as in fast engines. Without a unit a number is in rad/s: if you meant "
+        f"{number(value)} rpm, add the unit"
     ]
 
 

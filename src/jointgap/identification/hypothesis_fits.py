@@ -71,8 +71,8 @@ def fit_pairs(
     If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
     single effects fitted to sums of samples first; shapes of law families; clearances that are likely by the filter;
     pairs whose sensitivities explain nearly everything; the best partners of each leading single effect, and pairs near
-    the best one. The search is sequential, so it is not divided into parts, and limited as a whole.
-    Clearances are not searched on inconsistent data.
+    the best one. The search is sequential, so it is not divided into parts; no step begins after the limit of simulated
+    runs. Clearances are not searched on inconsistent data.
 
     If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
     """

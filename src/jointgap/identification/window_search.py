@@ -28,8 +28,8 @@ def fit_clearances(
 ) -> list[Fit]:
     """Fits of clearances in windows, best first.
 
-    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect. Nothing
-    begins after `until` simulated runs.
+    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect. After
+    `until` simulated runs only the best is continued.
     """
     problem = baseline.problem
     found = _fitted(problem, [Estimate(problem, *each) for each in starts], until, below=math.inf)
@@ -79,7 +79,7 @@ def _fitted(problem: Problem, estimates: Sequence[Estimate], until: float, below
     settings, found = problem.settings.windows, []
     estimates = compete(estimates, settings.jumps[0] if below is None else below, until)
     for estimate in estimates:
-        if problem.simulations > until:
+        if found and problem.simulations > until:
             break
         if estimate.best.deviance > estimates[0].best.deviance + settings.far_behind * problem.size:
             break

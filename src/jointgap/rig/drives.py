@@ -14,13 +14,7 @@ from jointgap.config import Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import (
-    AngleErrors,
-    crank_motion,
-    crank_times,
-    smooth_angle,
-    standstill_time,
-)
+from jointgap.dynamics.drive import AngleErrors, crank_motion, crank_times, smooth_angle, standstill_time
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
@@ -143,12 +137,15 @@ def constant_speed_run(
     return _prescribed(p, begin, samples)
 
 
-def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.ndarray, np.ndarray, sparray, float]:
+def _led_in_and_out(
+    time: np.ndarray, angle: np.ndarray, back: int
+) -> tuple[np.ndarray, np.ndarray, sparray, float, float]:
     """A record (times [s] from 0, angles [rad]) extended at both ends, the matrix of its errors from those of the
-    record, and the mean duration of a revolution of the first cycle [s].
+    record, and the duration of its first cycle and of a revolution in it [s].
 
     Copies of its first cycle precede it for `back` + 1/2 revolutions; half a revolution, from a cycle before the end,
-    follows (for a lagging encoder). A cycle has two revolutions (four-stroke engines), or one in shorter records.
+    follows (for a lagging encoder). A cycle has two revolutions (four-stroke engines), in records of up to 2.1
+    revolutions one.
     """
     turns = 2 if angle[-1] - angle[0] > 2.1 * tau else 1
     cycle = float(np.interp(angle[0] + turns * tau, angle, time))
@@ -167,7 +164,7 @@ def _led_in_and_out(time: np.ndarray, angle: np.ndarray, back: int) -> tuple[np.
     time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
     turn = cycle / turns
     kept = time > -(back + 0.5) * turn  # half a revolution more than simulated, as the smooth angle is poor at its ends
-    return time[kept], angle[kept], vstack(copied, format="csr")[kept], turn
+    return time[kept], angle[kept], vstack(copied, format="csr")[kept], cycle, turn
 
 
 def _between(time: np.ndarray, moment: float) -> sparray:
@@ -198,7 +195,7 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
     """
     finite = np.isfinite(samples.read)
     begins, readings = float(samples.elapsed[finite][0]), samples.read[finite]
-    time, angle, copies, turn = _led_in_and_out(samples.elapsed[finite] - begins, readings, back)
+    time, angle, copies, cycle, turn = _led_in_and_out(samples.elapsed[finite] - begins, readings, back)
     time += begins
     rounding = resolution / math.sqrt(12.0)
     scatter = _scatter(readings, rounding, noise)
@@ -208,8 +205,8 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
     begin = -time[0] - back * turn
     if (still := standstill_time(smooth, begin, samples.elapsed[-1] - time[0])) is not None:
         still += time[0]
-        if still < begins:  # in a copy of the first revolution
-            still = begins + (still - begins) % turn
+        if still < begins:  # in a copy of the first cycle
+            still = begins + (still - begins) % cycle
         raise InputError(
             f"the smoothed crank angle stands still or falls at {samples.time[0] + still:.6g} s; cut the record there, "
             "or give crank_angle its resolution, so that noise is smoothed"
