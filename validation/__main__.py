@@ -93,7 +93,7 @@ def collect(folder: str, table: str, code: str) -> None:
     trials, path = score_trials(Path(folder)).assign(code=code), Path(table)
     if trials.empty:
         raise InputError(f"{folder}: holds no verdicts/*.json; give the folder that `make blind` writes for a set")
-    known = pd.read_csv(path, dtype={"id": str}) if path.is_file() else trials[:0]
+    known = pd.read_csv(path, dtype={"id": str, "code": str}) if path.is_file() else trials[:0]
     if others := sorted({*known["code"]} - {code}):
         raise InputError(f"{table}: holds trials of {', '.join(others)}; give another file for those of {code}")
     whole = pd.concat([known[~known["id"].isin(trials["id"])], trials]).sort_values("id")
@@ -111,7 +111,7 @@ def report(name: str, table: str, folder: str) -> None:
     if not Path(table).is_file():
         raise InputError(f"{table}: no such file; `python -m validation collect` writes it")
     words = ("named", "verdict", "cause", "reason")
-    trials = pd.read_csv(table, dtype={"id": str, **dict.fromkeys(words, str)})
+    trials = pd.read_csv(table, dtype={"id": str, "code": str, **dict.fromkeys(words, str)})
     trials = trials.fillna(dict.fromkeys(words, ""))
     print(write_score(name, trials, Path(folder)))
 
