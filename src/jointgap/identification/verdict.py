@@ -126,6 +126,7 @@ class Decision:
     because: str = ""  # The reason
     best_known: Any = None  # The best explanation, if the verdict is ``unexplained`` and one gains enough
     needs: tuple[Need, ...] = ()  # Fits that are required first
+    certain: tuple[str, ...] = ()  # Labels of the effects that all fitted explanations near the best one share
     not_searched: tuple[str, ...] = ()  # Steps of the search that the limit of simulations left out
 
     @property
