@@ -347,8 +347,10 @@ def confusion(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _held_out_gaps(verdict: Mapping) -> dict[str, float]:
-    """Gaps of the held-out run; where it cannot be simulated with what was named, none of its excess is closed."""
+    """Gaps of the held-out run; without a named effect, or if it cannot be simulated, none of the excess is closed."""
     gap = verdict["gap"].get("confirm") or {}
+    if not verdict.get("effects"):  # nothing was added
+        gap = gap | {"after": gap.get("before")}
     before, after = (math.nan if gap.get(key) is None else gap[key] for key in ("before", "after"))
     closed = math.nan
     if before > CLOSED_FROM_GAP:

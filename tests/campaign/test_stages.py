@@ -10,7 +10,7 @@ from jsonschema import validate
 
 from benchmarks.project import ROOT
 from jointgap.campaign import plan, stages, verdict_json
-from jointgap.campaign.campaign_files import FIT_TABLES, NOISE_TABLES
+from jointgap.campaign.campaign_files import FIT_TABLES, NOISE_TABLES, costs, costs_noted
 from jointgap.campaign.fits_on_disk import (
     fits_from_frames,
     fits_to_frames,
@@ -247,14 +247,16 @@ def test_parts_of_the_fits_together_are_all_of_them_and_one_that_fails_is_a_row_
     assert (rows["status"] != FAILED).sum() == len(rows) - 1
 
 
-def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain, confirmed):
+def test_a_verdict_follows_its_schema_and_leaves_no_number_that_json_lacks(chain, confirmed, tmp_path):
+    with costs_noted(ResultsFolder(tmp_path), "fit-1"):
+        pass
     tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
     window = {"run": "slow", "channel": "torque", "start_deg": 350.0, "end_deg": 10.0, "p_adjusted": np.float64(1e-9)}
     tables |= {"gaps": confirmed.gaps, "map_windows": pd.DataFrame([window])}
     tables["confusability"] = pd.DataFrame({"first": ["a", "b"], "second": ["b", "a"], "merged": True})
     campaign = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
     made = verdict_json.document(chain.outcome, tables, campaign) | {"false_alarm_rate": 0.01}
-    read = json.loads(verdict_json.text(made | {"seconds": {"fit": 1.0}}))
+    read = json.loads(verdict_json.text(made | {"costs": costs(ResultsFolder(tmp_path))}))
     validate(read, SCHEMA)
     assert set(read["nuisances"]) == {"slider_mass", "crank_length", "speed@slow", "speed@mid"}
 

@@ -72,13 +72,14 @@ def document(outcome, campaign=CAMPAIGN, **given):
 def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_is_met():
     content = document(outcome_of(fitted([FRICTION], [1.5, 20.0])))
     assert {key: content[key] for key in content if key not in ("effects", "nuisances")} == {
-        "schema_version": 2,
+        "schema_version": 3,
         "campaign": "demonstration",
         "verdict": "named",
         "because": "it is so",
         "basis": "samples",
         "equivalent": [],
         "certain": [],
+        "not_searched": [],
         "separated_by": "",
         "best_known": None,
         "interval_factor": 1.0,
@@ -157,17 +158,17 @@ def test_the_text_has_null_for_what_is_no_number_is_read_again_and_nothing_else_
         "low": np.float32(-np.inf),
         "runs": (np.int64(3), [np.inf]),
     }
-    path.write_text(verdict_json.text({"schema_version": 2, "campaign": "Prüfstand"} | numbers), encoding="utf-8")
+    path.write_text(verdict_json.text({"schema_version": 3, "campaign": "Prüfstand"} | numbers), encoding="utf-8")
     plain = {"before": 2.5, "after": None, "low": None, "runs": [3, [None]]}
-    assert verdict_json.read(path) == {"schema_version": 2, "campaign": "Prüfstand"} | plain
+    assert verdict_json.read(path) == {"schema_version": 3, "campaign": "Prüfstand"} | plain
 
     def read(text):
         path.unlink() if text is None else path.write_text(text)
         verdict_json.read(path)
 
-    other = "not a verdict of schema_version 2; repeat the campaign's stages"
+    other = "not a verdict of schema_version 3; repeat the campaign's stages"
     cases = [
-        ('{"schema_version": 1}', other),
+        ('{"schema_version": 2}', other),
         ("[1]", other),
         ("{", "not a verdict ~ ; run the campaign's stages first"),
     ]
@@ -199,7 +200,7 @@ def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_neares
     content = document(outcome, gaps=gaps((6.0, 5.9), (-3.0, 40.0)), inconsistent=["torque"])
     known = content["best_known"]
     assert content["effects"] == [] and [one["name"] for one in known["effects"]] == ["friction", "spring"]
-    assert known["gap"] == {"identify": {"before": 9.0, "after": 6.0}, "confirm": {"before": 8.0, "after": 5.9}}
+    assert content["gap"] == {"identify": {"before": 9.0, "after": 6.0}, "confirm": {"before": 8.0, "after": 5.9}}
     assert known["explained_share"] == 0.56
     assert known["rival"] == {"explanation": "wave", "behind": pytest.approx(432.0), "explained_share": 0.1}
     assert (content["held_out_test"], content["doubted_channels"]) == ("stays", ["torque"])

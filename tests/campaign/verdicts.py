@@ -14,13 +14,14 @@ BIAS = {
 }
 WEIGHT = {"name": "gravity", "site": "all bodies", "delta_bic": 30.0, "parameters": {}}
 NAMED = {
-    "schema_version": 2,
+    "schema_version": 3,
     "campaign": "rig-a",
     "verdict": "named",
     "basis": "samples",
     "effects": [COULOMB],
     "equivalent": [],
     "certain": [],
+    "not_searched": [],
     "best_known": None,
     "held_out_test": "falls",
     "doubted_channels": [],
@@ -41,6 +42,6 @@ VERDICTS = {
     "named_with_remaining_misfit": NAMED | {"verdict": "named_with_remaining_misfit"},
     "no_disagreement": MET | {"verdict": "no_disagreement"},
     "parameters_only": MET | {"verdict": "parameters_only"},
-    "ambiguous": UNNAMED | {"verdict": "ambiguous", "equivalent": [[COULOMB], [BIAS]]},
+    "ambiguous": UNNAMED | {"verdict": "ambiguous", "equivalent": [[COULOMB], [BIAS]], "held_out_test": "falls"},
     "unexplained": UNNAMED | {"verdict": "unexplained"},
 }

@@ -887,9 +887,10 @@ class Verdict(Result):
             for place, effects in enumerate(self.document["equivalent"], 1)
         ]
         words = {"identify": "data used for fitting", "confirm": "held-out data"}
+        proposed = self.document["effects"] or self.document["best_known"] or self.document["equivalent"]
         for role, gap in self.document["gap"].items():
             for when, value in gap.items():
-                if value is not None:
+                if value is not None and (proposed or when == "before"):
                     rows.append((f"gap on {words[role]} {when} (1: noise alone)", rounded_gap(value), ""))
         return rows
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jointgap.campaign.stages import CAMPAIGN_STAGES
+from jointgap.campaign.stages import CAMPAIGN_STAGES, run_stage
 from jointgap.core import schema as known
 from jointgap.core.files import check_writable, write_text
 from jointgap.core.progress import progress_listener
@@ -171,13 +171,7 @@ def _campaign_command(name: str) -> None:
         adding = set(CAMPAIGN_STAGES) - {*CAMPAIGN_STAGES.needed_for("confirm"), "conclude"} if go_on else ()
         shown = []
         for each in stages:
-            own = given if each.name == name else {}
-            if each.name in adding:
-                from jointgap.campaign.analyse import run_if_possible
-
-                shown.append(run_if_possible(each, state, **own))
-            else:
-                shown.append(each.function(state, **own))
+            shown.append(run_stage(each, state, each.name in adding, **(given if each.name == name else {})))
         if name == "conclude" and not go_on:
             _end_if_something_failed(state)
         return "\n".join(filter(None, shown))

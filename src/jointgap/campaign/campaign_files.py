@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jointgap.core import schema
+from jointgap.core.costs import costs_so_far
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.files import write_text
 
@@ -34,7 +35,8 @@ OUTCOME_TABLES = (*FIT_TABLES, schema.RANKING, schema.DECISION, schema.FIT_PARAM
 
 MECHANISM, VERDICT = "mechanism.yaml", "verdict.json"
 SUMMARIES = ("summary.md", "summary.html")
-"""Result files of a campaign."""
+COSTS = "costs"
+"""Result files of a campaign, and the folder of the costs of its jobs."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,23 @@ def noted(folder: "ResultsFolder", what: str) -> Iterator[None]:
     except Exception as error:
         kind = "" if isinstance(error, InputError | SimulationError) else f"{type(error).__name__}: "
         write_text(place, f"{kind}{' '.join(str(error).split())}\n\n{traceback.format_exc()}")
+
+
+@contextmanager
+def costs_noted(folder: "ResultsFolder", job: str) -> Iterator[None]:
+    """Context of a `job`: its costs are noted in the results `folder`."""
+    begin = costs_so_far()
+    yield
+    own = {name: round(spent - begin[name], 3) for name, spent in costs_so_far().items()}
+    write_text(folder.path / COSTS / f"{job}.json", json.dumps(own) + "\n")
+
+
+def costs(folder: "ResultsFolder") -> dict[str, Any]:
+    """The costs of each job, by its name, and their sum."""
+    places = sorted((folder.path / COSTS).glob("*.json"), key=os.path.getmtime)
+    jobs = {place.stem: json.loads(place.read_text(encoding="utf-8")) for place in places}
+    total = {name: round(sum(own[name] for own in jobs.values()), 3) for name in costs_so_far()}
+    return {"jobs": jobs, "total": total}
 
 
 def failures(folder: "ResultsFolder") -> dict[str, str]:

@@ -320,7 +320,7 @@ def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
     law, known = proposed.fit, outcome.best_known
     if proposed.named:
         decided = {"verdict": proposed.verdict, "because": proposed.reason, "chosen": law, "best_known": None}
-        return replace(outcome, equivalent=[], ranking=ranking, **decided)
+        return replace(outcome, equivalent=[], certain=(), ranking=ranking, **decided)
     enough = outcome.base.bic - DEFAULT_SETTINGS.decision.min_delta_bic if known is None else known.bic
     best = law if law is not None and law.bic < enough else known
     return replace(outcome, because=f"{outcome.because}; {proposed.reason}", ranking=ranking, best_known=best)

@@ -1,6 +1,6 @@
 """verdict.json and the page of a campaign."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from math import pi
 from typing import Any
 
@@ -8,9 +8,10 @@ import pandas as pd
 
 from jointgap.campaign import sentences as say
 from jointgap.campaign import verdict_json
-from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, failures, noted
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, costs, costs_noted, failures, noted
 from jointgap.campaign.figures import FIGURES, ONE_RUN, one_run_against_model
-from jointgap.campaign.plan import assumed, confusable_groups, preflight_tables, separated_by
+from jointgap.campaign.fits_on_disk import JOINED
+from jointgap.campaign.plan import ADVICE, assumed, confusable_groups, preflight_tables, separated_by
 from jointgap.campaign.state import CampaignState
 from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.core import page as blocks_of
@@ -20,6 +21,7 @@ from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Page, Parag
 from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.words import format_name, format_unit, joined, percent, reading_unit, rounded_gap
 from jointgap.identification.fit import AT_BOUND
+from jointgap.identification.settings import DEFAULT_SETTINGS
 
 _MOST_WINDOWS = 7  # with the largest residuals; the map shows all
 _PARAMETER_HEADS = ("parameter", "value", "90 % interval", "")
@@ -40,8 +42,8 @@ def page(verdict: Verdict, tables: Tables, warnings: Sequence[str] = (), campaig
         "Location of the residual": _where(verdict["orders"], tables.get("map_windows")),
         "Tested explanations": _tried(verdict, tables.get("missing_force")),
         "Influence on the optimum": _optimum(verdict["effects"], tables.get("campaign_optimum")),
-        "Re-fitted parameters": _nuisances(verdict["nuisances"]),
-        "Limits of these data": _limits(verdict, tables.get("detectable")),
+        "Re-fitted parameters": _nuisances(verdict["nuisances"], NUISANCES if campaign is None else campaign.nuisance),
+        "Limits of these data": _limits(verdict, tables.get("detectable"), tables.get("ranking")),
         "Next steps": [Bullets(_next_steps(verdict))],
         "Data": _data(campaign, tables.get("look"), warnings),
     }
@@ -59,13 +61,17 @@ def title(verdict: Verdict) -> str:
     if verdict["effects"]:
         text = say.headline(verdict["effects"]) + wider
         return text[:1].upper() + text[1:]
-    if best := verdict["best_known"]:
-        share = f" ({own})" if (own := say.share_explained(best)) else ""
-        return f"Not confirmed: partly explained{share} by {say.headline(best['effects'])}{wider}"
+    certain = f"certain is {say.headline(verdict['certain'])}{wider}" if verdict["certain"] else ""
+    if (best := verdict["best_known"]) and not say.is_refuted(verdict):
+        if certain:
+            return f"An effect is missing; {certain}"
+        share = f"partly explained ({own}) by " if (own := say.share_explained(verdict)) else ""
+        return f"Not confirmed: {share}{say.headline(best['effects'])}{wider}"
     return {
         "no_disagreement": "No missing effect detected",
         "parameters_only": "No missing effect detected: re-fitted parameters explain the measurement",
-        "ambiguous": f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally well",
+        "ambiguous": f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally well"
+        f"{certain and '; '}{certain}",
     }.get(verdict["verdict"], "An effect is missing, but no tested effect explains the residual")
 
 
@@ -111,7 +117,8 @@ def _answer(verdict: Verdict) -> list[Block]:
         reason = say.names_to_labels(reason).rstrip(".")
         blocks.append(Paragraph(f"{reason[:1].upper()}{reason[1:]}."))
     if best := verdict["best_known"]:
-        blocks += [*_parameters(best["effects"]), Bullets(say.best_known_summary(verdict))]
+        own = [] if say.is_refuted(verdict) else _parameters(best["effects"])
+        blocks += [*own, Bullets(say.best_known_summary(verdict))]
     if verdict["verdict"] == "ambiguous":
         blocks.append(Bullets(tuple(map(say.format_explanation, verdict["equivalent"]))))
         if advice := verdict.get("separated_by"):
@@ -170,8 +177,7 @@ def _tried(verdict: Verdict, force: pd.DataFrame | None) -> list[Block]:
     named = verdict["effects"]
     text = "The Bayesian information criterion (BIC) weighs fit against parameters; 10 is very strong evidence."
     if named:
-        costs = ("unknown" if effect["delta_bic"] is None else round(effect["delta_bic"]) for effect in named)
-        gains = joined(f"{cost} for {say.format_effect(effect)}" for cost, effect in zip(costs, named, strict=True))
+        gains = joined(f"{say.format_gain(each['delta_bic'])} for {say.format_effect(each)}" for each in named)
         text = f"Gain in BIC: {gains}. {text}"
     pushes = (force is None or len(force)) and not all(map(say.is_fault, named))
     return [Paragraph(text), _figure("ranking"), *([_figure("missing_force")] if pushes else [])]
@@ -193,29 +199,33 @@ def _optimum(effects: Sequence[Mapping[str, Any]], optimum: pd.DataFrame | None)
     return [frame_block(schema.CAMPAIGN_OPTIMUM, shown, names, caption), _figure("optimum")]
 
 
-def _nuisances(nuisances: Mapping[str, Mapping[str, Any]]) -> list[Block]:
+def _nuisances(nuisances: Mapping[str, Mapping[str, Any]], listed: Collection[str]) -> list[Block]:
+    """Re-fitted parameters; `listed`: those whose range the campaign file states."""
     if not nuisances:
         return []
-    units, rows, notes = NUISANCES | {"first_angle": "rad", "friction_speed": "m/s"}, [], {}
+    units, rows, notes, narrow = NUISANCES | {"first_angle": "rad", "friction_speed": "m/s"}, [], {}, []
     for key, estimate in nuisances.items():
         *row, remark = say.estimate_row(words.format_nuisance(key), estimate, units.get(key.partition("@")[0], ""))
         if not key.startswith(_UNLISTED):
             if estimate.get("kept") and "@" not in key:
                 remark = "; ".join(filter(None, (remark, "stated value kept")))
                 notes[f"The data do not determine some values: `{MECHANISM}` keeps the stated ones."] = None
-            if estimate.get("remark") == AT_BOUND:
-                notes["Check each value at its bound: its range may be too narrow, or an effect is missing."] = None
+        if estimate.get("remark") == AT_BOUND and key.partition("@")[0] in listed:
+            narrow.append(words.format_nuisance(key))
         rows.append((*row, remark))
+    if narrow:
+        one = "this value is at its bound" if narrow[1:] == [] else "these values are at their bounds"
+        notes[f"Check the range of {joined(narrow)} under `nuisance`: {one}, or an effect is missing."] = None
     return [TableBlock(_PARAMETER_HEADS, tuple(rows)), *map(Paragraph, notes)]
 
 
-def _limits(verdict: Verdict, effects: pd.DataFrame | None) -> list[Block]:
-    """Detectability; `effects` is table `DETECTABLE`."""
+def _limits(verdict: Verdict, effects: pd.DataFrame | None, ranking: pd.DataFrame | None) -> list[Block]:
+    """Detectability; `effects` is table `DETECTABLE`, `ranking` that of the fits."""
     preflight = verdict["preflight"]
     rate = percent(verdict["false_alarm_rate"])
     lines = [f"False alarms: thresholds that {rate} of simulated campaigns without a missing effect exceed."]
-    for group in preflight["merged"]:
-        lines.append(f"Indistinguishable, counted as one effect: {joined(map(say.format_label, group))}.")
+    for group in not_distinguished(preflight["merged"], ranking):
+        lines.append(f"Not distinguished by these data: {joined(map(say.format_label, group))}.")
     explanations = [verdict["effects"], *verdict["equivalent"], (verdict["best_known"] or {}).get("effects", ())]
     shown = {(effect["name"], effect["site"]) for explanation in explanations for effect in explanation}
     seen = {label for name, site in shown for label in (name, f"{name}:{site}")}
@@ -238,11 +248,33 @@ def _limits(verdict: Verdict, effects: pd.DataFrame | None) -> list[Block]:
     return [Bullets(tuple(lines))]
 
 
+def not_distinguished(merged: Sequence[Sequence[str]], ranking: pd.DataFrame | None) -> list[list[str]]:
+    """The groups `merged` of the preflight, without effects that the fits distinguish.
+
+    Two effects are distinguished if the best explanation that contains one of them and the same with the other differ
+    by `min_delta_bic`.
+    """
+    bics = {}
+    if ranking is not None:
+        for row in ranking.dropna(subset=["bic"]).itertuples():
+            bics[frozenset(row.explanation.split(JOINED))] = row.bic
+    groups = []
+    for group in merged:
+        fitted = [each for each in bics if len(each & {*group}) == 1]
+        best = min(fitted, key=bics.get, default=frozenset())
+        rest, left = best - {*group}, []
+        for label in group:
+            own = bics.get(rest | {label})
+            if own is None or not best or own - bics[best] < DEFAULT_SETTINGS.decision.min_delta_bic:
+                left.append(label)
+        groups += [left] if len(left) > 1 else []
+    return groups
+
+
 _SMALLER = "To find smaller effects, measure a further speed or channel: `jointgap preflight` ranks them."
 _NEXT = {
     "no_disagreement": ("Use the current model at these speeds and for these channels.", _SMALLER),
     "parameters_only": (f"Use `{MECHANISM}`: it contains the re-fitted parameters.", _SMALLER),
-    "ambiguous": ("Measure a run that separates the explanations, add it to the campaign file and repeat.",),
     "unexplained": (
         "Locate the residual in the map of disagreement, and look for a cause on the rig there.",
         "Add your own effect as a formula: see `jointgap effects discovered_slider_force`.",
@@ -254,6 +286,8 @@ _NEXT = {
 def _next_steps(verdict: Verdict) -> tuple[str, ...]:
     faults = [effect for effect in verdict["effects"] if say.is_fault(effect)]
     steps = list(_NEXT.get(verdict["verdict"], ()))
+    if verdict.get("separated_by", "").startswith(ADVICE):
+        steps.append("Measure the run that separates the explanations, add it to the campaign file and repeat.")
     if faults:
         steps.append(f"Repair the sensor or correct its column: {say.format_explanation(faults)}.")
     if len(faults) < len(verdict["effects"]):
@@ -288,26 +322,46 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
 
 def conclude(state: CampaignState, advise: bool = True) -> dict[str, Any]:
     """Write ``verdict.json`` and return its content."""
-    folder, outcome, separated = state.folder, state.outcome("verdict"), ""
-    if advise and outcome.equivalent and "preflight" not in failures(folder):
+    with costs_noted(state.folder, "conclude"):
+        content = _concluded(state, advise)
+    return _written(state.folder, content)
+
+
+def _written(folder: ResultsFolder, content: dict[str, Any]) -> dict[str, Any]:
+    """The `content` of ``verdict.json`` with the costs of all jobs, after it is written."""
+    content |= {"costs": costs(folder)}
+    write_text(folder.path / VERDICT, verdict_json.text(content))
+    return content
+
+
+def _concluded(state: CampaignState, advise: bool) -> dict[str, Any]:
+    folder, outcome = state.folder, state.outcome("verdict")
+    repeats = not any(series.statistic for series in state.model.series)
+    tables = folder.read_all(verdict_json.TABLES)
+    content = verdict_json.document(outcome, tables, state.campaign, state.inconsistent_channels, repeats)
+    content |= {"false_alarm_rate": state.false_alarm_rate}
+    explanations = [{*fit.label.split(JOINED)} for fit in outcome.equivalent]
+    if (best := content["best_known"]) and say.is_near(best["rival"]):
+        explanations = [{*outcome.best_known.label.split(JOINED)}, {*best["rival"]["explanation"].split(JOINED)}]
+    if advise and explanations and "preflight" not in failures(folder):
         with noted(folder, "advice"):
             if not folder.place("advice").is_file():
                 folder.write_all(preflight_tables(state.campaign, state.false_alarm_rate, state.settings, advice=True))
-            explanations = [{candidate.label for candidate in fit.hypothesis} for fit in outcome.equivalent]
             groups = confusable_groups(folder.read("confusability"))
-            separated = separated_by(folder.read("advice"), explanations, groups)
-    tables = folder.read_all(verdict_json.TABLES)
-    repeats = not any(series.statistic for series in state.model.series)
-    content = verdict_json.document(outcome, tables, state.campaign, state.inconsistent_channels, repeats)
-    content |= {"separated_by": separated, "false_alarm_rate": state.false_alarm_rate}
+            content["separated_by"] = separated_by(folder.read("advice"), explanations, groups)
     content["left_out"] = [{"run": run, "because": why} for run, why in state.model.left_out.items()]
     content["failed"] = failures(folder)
-    write_text(folder.path / VERDICT, verdict_json.text(content))
     return content
 
 
 def show(state: CampaignState) -> None:
     """Draw the figures and write the one-page summary from ``verdict.json``."""
+    with costs_noted(state.folder, "figures"):
+        content = _shown(state)
+    _written(state.folder, content)
+
+
+def _shown(state: CampaignState) -> dict[str, Any]:
     from jointgap.core import plot
 
     folder = state.folder
@@ -333,7 +387,7 @@ def show(state: CampaignState) -> None:
     write_text(markdown, blocks_of.to_markdown(summary))
     write_text(html, blocks_of.to_html(summary, folder.path / "figures"))
     content["failed"] = failures(folder)
-    write_text(folder.path / VERDICT, verdict_json.text(content))
+    return content
 
 
 def figure_tables(folder: ResultsFolder, names: Iterable[str]) -> dict[str, pd.DataFrame]:

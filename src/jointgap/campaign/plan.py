@@ -28,6 +28,7 @@ _FASTER, _SLOWER = 1.5, 0.5
 
 _SEPARATOR, _BETWEEN_TEXTS = " | ", "; "
 _MOST_ADVICE = 3  # lines
+ADVICE = "A further"  # begin of a sentence that advises a run or channel
 
 
 def preflight_tables(
@@ -145,8 +146,8 @@ def separated_by(advice: pd.DataFrame, explanations: list[set[str]], merged: Ite
     for row in advice.itertuples():
         separated = {frozenset(pair.split(_SEPARATOR)) for pair in row.separated.split(", ") if pair}
         if differing & separated:
-            return f"A further {row.change} would separate them."
-    return "No single tested speed or channel would separate them: vary a mass or a load between runs."
+            return f"{ADVICE} {row.change} would separate them."
+    return "No single further speed or channel of those that were tested would separate them."
 
 
 def preflight_summary(detectable: pd.DataFrame, confusability: pd.DataFrame, advice: pd.DataFrame | None) -> str:

@@ -1,9 +1,9 @@
 """Text of effects, parameters and the verdict."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from math import inf
+from math import floor, inf
 from typing import Any
 
 from jointgap.config.campaign import CHANNELS, NUISANCES
@@ -12,7 +12,7 @@ from jointgap.core.words import format_name, joined, number, percent, reading_un
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import parameters_of
 from jointgap.identification.settings import DEFAULT_SETTINGS
-from jointgap.identification.verdict import RISES, STAYS, HeldOutTest, share_closed
+from jointgap.identification.verdict import FALLS, RISES, STAYS, HeldOutTest, gap_change, share_closed
 from jointgap.rig.sensors import FAULTS
 
 ENOUGH = ("no_disagreement", "parameters_only")
@@ -26,16 +26,21 @@ Effect = Mapping[str, Any]
 
 def format_effect(effect: Effect) -> str:
     """``Coulomb friction of the slider``; of a family
-    ``drag of the slider (exponent 1.6 to 5; quadratic drag of the slider fits)``.
+    ``drag of the slider (exponent 1.6 to 5, 99 % interval; quadratic drag of the slider fits)``. The interval of a
+    shape that is a parameter of the effect is that of 90 %, as in the table of the parameters.
     """
     site = effect["site"].replace("_", " ")
     words, named = _words(effect["name"]).format(site=site), []
     for family in effect.get("families", ()):
         if family["named"]:
             low, high = (f"{end:.2g}" for end in family["interval_99"])
-            fits = "" if effect["name"] == family["law"] else f"; {words} fits"
+            interval, fits = f"{low} to {high}, 99 % interval", f"; {words} fits"
+            if effect["name"] == family["law"]:
+                own, fits = effect["parameters"].get(family["shape"], {}), ""
+                if None not in own.get("interval_90", (None,)):
+                    interval = f"{estimate_row('', own, '1')[2]}, 90 % interval"
             law = _words(family["law"]).format(site=site)
-            named.append(f"{law} ({family['shape'].replace('_', ' ')} {low} to {high}{fits})")
+            named.append(f"{law} ({family['shape'].replace('_', ' ')} {interval}{fits})")
     return " or ".join(named) or words
 
 
@@ -45,9 +50,22 @@ def _words(name: str) -> str:
 
 
 def format_label(label: str) -> str:
-    """``a bias of the sensor of crank torque`` for ``sensor_bias:crank_torque``."""
+    """``a bias of the sensor of crank torque`` for ``sensor_bias:crank_torque``; of an explanation ``a + b`` all
+    effects, where the terms of a force law are one effect."""
+    effects: dict[str, list[str]] = {}
+    for own in label.split(" + "):
+        own, _, term = own.removesuffix("]").partition("[")
+        effects.setdefault(own, []).extend([term] if term else [])
+    return joined(_format_one(own) + _format_terms(terms) for own, terms in effects.items())
+
+
+def _format_one(label: str) -> str:
     name, _, site = label.partition(":")
     return format_effect({"name": name, "site": site}) if site or "{site}" not in _words(name) else name
+
+
+def _format_terms(terms: Sequence[str]) -> str:
+    return f" (term{'s' * (len(terms) > 1)} {joined(terms)})" if terms else ""
 
 
 def label_of(effect: Effect) -> str:
@@ -169,22 +187,28 @@ def names_to_labels(sentence: str) -> str:
 
 
 def _in_words(found: re.Match) -> str:
-    name, site = found["name"], found["site"]
-    if name in EFFECTS or name in FAULTS:
-        return format_label(f"{name}:{site}" if site else name)
-    return words.format_nuisance(name) if name in NUISANCES else format_name(name)
+    label = found[0]
+    if re.split(r"[:\[ ]", label)[0] in {*EFFECTS, *FAULTS}:
+        return format_label(label)
+    name, _, site = label.partition(":")
+    return (words.format_nuisance(name) if name in NUISANCES else format_name(name)) + (f":{site}" if site else "")
 
 
+def _any_of(names: Iterable[str]) -> str:
+    return rf"(?:{'|'.join(sorted(names, key=len)[::-1])})(?::\w+)?(?:\[[^\]]*\])?"
+
+
+_EFFECT = _any_of({*EFFECTS, *FAULTS})
 _CODE_NAME = re.compile(
-    r"(?<![\w./-])(?P<name>"
-    + "|".join(sorted((name for name in {*EFFECTS, *FAULTS, *CHANNELS, *NUISANCES} if "_" in name), key=len)[::-1])
-    + r")(?::(?P<site>\w+))?(?![\w/]|\.\w)"
+    rf"(?<![\w./-])(?:{_EFFECT}(?: \+ {_EFFECT})+|"
+    + _any_of(name for name in {*EFFECTS, *FAULTS, *CHANNELS, *NUISANCES} if "_" in name)
+    + r")(?![\w/]|\.\w)"
 )
-"""Names with an underscore; ``gravity`` and ``speed`` are words already."""
+"""Explanations ``a + b``, and names with an underscore; ``gravity`` and ``speed`` are words already."""
 
 
 def answer(verdict: Mapping[str, Any]) -> str:
-    """The verdict, content of ``verdict.json``, in two or three sentences."""
+    """The verdict, content of ``verdict.json``, in a few sentences."""
     kind, effects, gap = verdict["verdict"], verdict["effects"], verdict["gap"]
     if effects:
         faults, missing = [e for e in effects if is_fault(e)], [e for e in effects if not is_fault(e)]
@@ -195,26 +219,80 @@ def answer(verdict: Mapping[str, Any]) -> str:
         added = "these effects" if effects[1:] else "this effect"
         fit = f"With {added} the residual of the fitted data is consistent with noise."
         if gap["identify"]["after"] > _DECISION.noise_gap:
-            before, after = map(rounded_gap, gap["identify"].values())
-            fit = f"The gap falls from {before} to {after}; no tested effect explains the remaining residual."
+            fit = f"The gap {gap_change(**gap['identify'])}; no tested effect explains the remaining residual."
         return f"{found} {fit}{_held_out_misfit(verdict)}"
     if kind in ENOUGH:
         model = "of the current model" if kind == "no_disagreement" else "after re-fitting the uncertain parameters"
         return f"No missing effect detected: the residual {model} is consistent with noise.{_held_out_misfit(verdict)}"
+    certain = certain_summary(verdict)
     if kind == "ambiguous":
-        shared, count = verdict["certain"], len(verdict["equivalent"])
-        certain = f" All contain {joined(map(format_effect, shared))}." if shared else ""
-        return f"An effect is missing: {count} explanations fit equally well.{certain} None was added to the model."
+        text = f"An effect is missing: {len(verdict['equivalent'])} explanations fit equally well.{certain}"
+        return f"{text}{_left_by_all(verdict)} None was added to the model."
     if inconsistent := verdict["doubted_channels"]:
         checked = joined(map(format_name, inconsistent))
         text = f"Channels are inconsistent, so no effect can be identified: check {checked}."
+    elif is_refuted(verdict):
+        text = "An effect is missing, but no tested effect explains the residual. With the best fit, "
+        text += f"{format_explanation(verdict['best_known']['effects'])}, the gap on held-out data "
+        text += f"{gap_change(**gap['confirm'], most_digits=4)}."
     elif best := verdict["best_known"]:
-        share = f"{part} of the misfit beyond noise" if (part := share_explained(best)) else "the misfit"
-        text = f"An effect is missing. The best candidate, {format_explanation(best['effects'])}, explains {share}, "
-        text += "but is not confirmed."
+        text = f"An effect is missing. The best candidate, {format_explanation(best['effects'])}, "
+        text += f"{_explained(verdict)}, but is not confirmed"
+        left = gap["confirm"]["after"] or 0.0
+        is_large = left > _DECISION.max_gap_of_noise
+        text += f": on the held-out data a gap of {rounded_gap(left)} remains." if is_large else "."
     else:
         text = "An effect is missing, but no tested effect explains the residual."
-    return f"{text} No effect was added to the model."
+    return f"{text}{certain} No effect was added to the model."
+
+
+def is_refuted(verdict: Mapping[str, Any]) -> bool:
+    """Whether the gap on held-out data rises with the best candidate."""
+    if not verdict["best_known"]:
+        return False
+    before, after = verdict["gap"]["confirm"].values()
+    return after is not None and (verdict["held_out_test"] == RISES or gap_change(before, after).startswith(RISES))
+
+
+def _explained(verdict: Mapping[str, Any]) -> str:
+    """What the best candidate explains of the fitted data."""
+    gap = verdict["gap"]["identify"]
+    if share := share_explained(verdict):
+        return f"explains {share} of the misfit of the fitted data"
+    if gap["after"] <= _DECISION.noise_gap < gap["before"]:
+        return "explains the misfit of the fitted data"
+    change = gap_change(**gap)
+    if change.startswith(FALLS):
+        return f"reduces the gap of the fitted data{change.removeprefix(FALLS)}"
+    return f"does not reduce the gap of the fitted data, which {change}"
+
+
+def certain_summary(verdict: Mapping[str, Any]) -> str:
+    """What all near explanations share, and in what they differ; empty if they share nothing."""
+    certain, best = verdict["certain"], verdict["best_known"]
+    if not certain:
+        return ""
+    shared = {label_of(effect) for effect in certain}
+    explanations = [[label_of(effect) for effect in effects] for effects in verdict["equivalent"]]
+    if not explanations and best:
+        rival = best["rival"]["explanation"].split(" + ") if best["rival"] else shared
+        explanations = [[label_of(effect) for effect in best["effects"]]]
+        explanations += [rival] if shared < {*rival} else []
+    others = [" + ".join(label for label in labels if label not in shared) for labels in explanations]
+    rest = f"; the rest is {' or '.join(map(format_label, others))}" if len(others) > 1 and all(others) else ""
+    begin = "All contain" if verdict["verdict"] == "ambiguous" else "Certain is"
+    return f" {begin} {format_explanation(certain)}{rest}, of those tried."
+
+
+def _left_by_all(verdict: Mapping[str, Any]) -> str:
+    """What equivalent explanations leave of the gap on held-out data, if that is most of it."""
+    before, after = verdict["gap"]["confirm"].values()
+    if after is None or not before > _DECISION.noise_gap or after <= _DECISION.noise_gap:
+        return ""
+    if share_closed(before, after) >= 1.0 - _DECISION.max_share_of_wrong_misfit:
+        return ""
+    left = f"{rounded_gap(after)} where it was {rounded_gap(before)}"
+    return f" They explain little: on held-out data the best of them leaves a gap of {left}."
 
 
 def _held_out_misfit(verdict: Mapping[str, Any]) -> str:
@@ -235,64 +313,89 @@ def _not_simulated(verdict: Mapping[str, Any]) -> str:
 
 
 def left_out_summary(verdict: Mapping[str, Any]) -> tuple[str, ...]:
-    """A sentence for each run that was not used and for each output that failed."""
+    """A sentence for each run that was not used and each output that failed, and the steps that were not run."""
     left = [f"Run {one['run']} was not used: {one['because']}." for one in verdict.get("left_out", ())]
+    if steps := verdict.get("not_searched"):
+        left.append(f"Not searched, as the limit of simulations was reached: {joined(map(names_to_labels, steps))}.")
     failed = verdict.get("failed", {})
     return (*left, *(f"{format_name(what)} failed: {why}." for what, why in failed.items()))
 
 
-def share_explained(best: Mapping[str, Any]) -> str:
-    """Share of the misfit beyond noise [%] that an explanation explains; empty if unknown or nearly all."""
-    share = best["explained_share"]
-    return "" if share is None or round(share, 2) >= 1.0 else percent(share, 0)
+def share_explained(verdict: Mapping[str, Any]) -> str:
+    """Share of the misfit beyond noise [%] that the best candidate explains of the fitted data; empty if it is unknown,
+    nearly all, or no fall of the gap."""
+    share, gap = verdict["best_known"]["explained_share"], verdict["gap"]["identify"]
+    is_part = share is not None and 0.005 <= share < 0.995 and gap_change(**gap).startswith(FALLS)
+    return percent(share, 0) if is_part else ""
 
+
+def format_gain(gain: float | None) -> str:
+    """A gain in BIC: a number up to 1000, as residuals beyond noise make larger ones meaningless."""
+    if gain is None:
+        return "unknown"
+    return "none" if round(gain) <= 0 else "more than 1000" if gain > _LARGEST_GAIN else f"{gain:.0f}"
+
+
+_LARGEST_GAIN = 1000.0
 
 _OF_TEST = {
     "stays": ", although it should fall",
     "rises": ": the added effects do not hold there",
-    "cannot_tell": ": the effects have too little influence there",
+    "cannot_tell": ": these data cannot tell whether the effects hold",
 }
 
 
-def held_out_summary(verdict: Mapping[str, Any], gap: Mapping[str, float | None] | None = None) -> str:
+def held_out_summary(verdict: Mapping[str, Any]) -> str:
     """The change of the gap on held-out data, without the full stop."""
-    shown = verdict if verdict["effects"] else verdict["best_known"] or verdict
-    gap, test = gap or shown["gap"]["confirm"], verdict["held_out_test"]
+    test, gap = verdict["held_out_test"], verdict["gap"]["confirm"]
     before, after = gap["before"], gap["after"]
+    if not (verdict["effects"] or verdict["best_known"] or verdict["equivalent"]):
+        return f"The gap on held-out data is {rounded_gap(before)}"
     if after is None:
         return f"The gap on held-out data is {rounded_gap(before)} without effects. {_not_simulated(verdict)}"
-    if not (verdict["effects"] or verdict["best_known"]):
-        return f"The gap on held-out data is {rounded_gap(before)}"
-    text = f"The gap on held-out data {HeldOutTest(test, before, after).summary}"
-    if test == "falls" and before > _DECISION.noise_gap:
-        text += f": {percent(min(share_closed(before, after), 1.0))} of the excess over noise is explained"
+    added = "With the first of these explanations the" if verdict["equivalent"] else "The"
+    text = f"{added} gap on held-out data {HeldOutTest(test, before, after).summary}"
+    if verdict["effects"] and test == FALLS and before > _DECISION.noise_gap:
+        share = share_closed(before, after)
+        explained = 100.0 if after <= 1.0 else floor(round(1000.0 * share, 6)) / 10.0
+        text += f": {explained:.1f} % of the excess over noise is explained"
     return text + _OF_TEST.get(test, "")
 
 
 def best_known_summary(verdict: Mapping[str, Any]) -> tuple[str, ...]:
-    """The best explanation that is not confirmed: its gaps, the next best, and how to confirm it."""
+    """The best candidate: its gaps, the next best one, and how to confirm it."""
     best = verdict["best_known"]
     if best is None:
         return ()
-    before, after = map(rounded_gap, best["gap"]["identify"].values())
-    share = f"; the candidate explains {own} of the misfit" if (own := share_explained(best)) else ""
-    lines = [f"On the fitted data the gap changes from {before} to {after}{share}."]
-    lines.append(f"{held_out_summary(verdict, best['gap']['confirm'])}.")
+    lines = [f"On the fitted data the gap {gap_change(**verdict['gap']['identify'])}.", f"{held_out_summary(verdict)}."]
     if rival := best["rival"]:
-        other = joined(map(format_label, rival["explanation"].split(" + ")))
-        lines.append(f"The next best explanation is {other}; its BIC is larger by {rival['behind']:.0f}.")
-    return (*lines, f"To confirm it: {_confirmation(verdict)}.")
+        behind, other = rival["behind"], format_label(rival["explanation"])
+        if round(behind) < 0:
+            lines.append(f"Another explanation, {other}, has a BIC that is smaller by {format_gain(-behind)}.")
+        else:
+            differs = f"larger by {format_gain(behind)}" if round(behind) else "the same"
+            lines.append(f"The next best explanation is {other}; its BIC is {differs}.")
+    return (*lines, *_confirmation(verdict))
 
 
-def _confirmation(verdict: Mapping[str, Any]) -> str:
-    best, test = verdict["best_known"], verdict["held_out_test"]
-    held_out = best["gap"]["confirm"]
+def _confirmation(verdict: Mapping[str, Any]) -> tuple[str, ...]:
+    """How the best candidate can be confirmed; empty if the held-out data contradict it or no measurement helps."""
+    best, test, held_out = verdict["best_known"], verdict["held_out_test"], verdict["gap"]["confirm"]
     if verdict["doubted_channels"]:
-        return "check the wiring of the inconsistent channels and measure again"
-    if test == RISES or (test == STAYS and held_out["after"] >= held_out["before"]):
-        return "measure a held-out run on which its gap falls"
-    if best["rival"] and best["rival"]["behind"] < _DECISION.min_delta_bic:
-        return "measure a speed, a load or a channel in which it differs from the next best explanation"
-    if test in ("cannot_tell", "not_simulated", "nothing_held_out"):
-        return "measure a longer held-out run, or one at a speed at which the effect is larger"
-    return "explain the remaining residual by a further effect or wider parameter bounds; see the map of disagreement"
+        way = "check the wiring of the inconsistent channels and measure again"
+    elif is_refuted(verdict) or (test == STAYS and held_out["after"] >= held_out["before"]):
+        return ()
+    elif is_near(best["rival"]):
+        return (names_to_labels(advice),) if (advice := verdict.get("separated_by")) else ()
+    elif test == "not_simulated":
+        way = "hold out a run that can be simulated with it"
+    elif test in ("cannot_tell", "nothing_held_out"):
+        way = "measure a longer held-out run"
+    else:
+        way = "explain the remaining residual by a further effect or wider bounds; see the map of disagreement"
+    return (f"To confirm it: {way}.",)
+
+
+def is_near(rival: Mapping[str, Any] | None) -> bool:
+    """Whether the next best explanation is equivalent to the best candidate."""
+    return rival is not None and abs(rival["behind"]) < _DECISION.min_delta_bic

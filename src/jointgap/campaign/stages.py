@@ -4,12 +4,21 @@ Imports are inside the stages, as compiled dynamics load slowly."""
 
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from jointgap.campaign.campaign_files import FIT_TABLES, MECHANISM, NOISE_TABLES, OUTCOME_TABLES, SUMMARIES, VERDICT
+from jointgap.campaign.campaign_files import (
+    FIT_TABLES,
+    MECHANISM,
+    NOISE_TABLES,
+    OUTCOME_TABLES,
+    SUMMARIES,
+    VERDICT,
+    costs_noted,
+    noted,
+)
 from jointgap.core import schema
 from jointgap.core.files import write_text
-from jointgap.core.stage import Option, Stages
+from jointgap.core.stage import Option, Stage, Stages
 
 if TYPE_CHECKING:
     from jointgap.campaign.state import CampaignState
@@ -311,3 +320,24 @@ def track_campaign(state: "CampaignState") -> None:
     folder = state.folder.path
     summary = publish_records(state.campaign.name, DESCRIPTION, records(folder), None, folder.resolve().parents[1])
     write_text(folder / PUBLISHED, json.dumps(summary, indent=2) + "\n")
+
+
+def run_stage(stage: Stage, state: "CampaignState", optional: bool = False, **options: Any) -> str | None:
+    """Run a stage and note its costs; if an `optional` one fails, note the error and write empty tables."""
+    if stage.name == "conclude":  # it notes its parts itself, as verdict.json contains the costs
+        return stage.function(state, **options)
+    part = f"-{options['part']}" if options.get("parts", 1) > 1 and "part" in options else ""
+    with costs_noted(state.folder, f"{stage.name}{part}"):
+        return _run_if_possible(stage, state, **options) if optional else stage.function(state, **options)
+
+
+def _run_if_possible(stage: Stage, state: "CampaignState", **options: Any) -> str | None:
+    import pandas as pd
+
+    with noted(state.folder, stage.name):
+        return stage.function(state, **options)
+    for table in stage.writes:
+        state.folder.write(table, pd.DataFrame(columns=table.names))
+    for file in stage.files:
+        write_text(state.folder.path / file, f"# the stage {stage.name} could not write this\n")
+    return None

@@ -1,5 +1,6 @@
 """State of a campaign: results of the stages so far."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -157,7 +158,9 @@ class CampaignState:
         formula = (self.folder.read("fits", stage)["kind"] == "formula").any()
         fits = self._read_fits(stage, self.baseline.problem, self.library if formula else ())
         chosen = self.baseline.nominal if row["nuisances"] == "nominal" else base
-        found = disk.Outcome(verdict, chosen, base, because=row["because"], ranking=self.folder.read("ranking", stage))
+        told = {name: tuple(json.loads(row[name])) for name in ("certain", "not_searched")}
+        ranking = self.folder.read("ranking", stage)
+        found = disk.Outcome(verdict, chosen, base, because=row["because"], ranking=ranking, **told)
         if verdict.startswith("named"):
             return replace(found, chosen=fits[0])
         if verdict == UNEXPLAINED:
@@ -168,6 +171,7 @@ class CampaignState:
         """Write the outcome of the `stage` decide, regress or verdict (final)."""
         nuisances = "nominal" if outcome.verdict == NO_DISAGREEMENT else "base"
         decision = {"verdict": [outcome.verdict], "because": [outcome.because], "nuisances": [nuisances]}
+        decision |= {name: [json.dumps(getattr(outcome, name))] for name in ("certain", "not_searched")}
         plain = [] if outcome.named else [outcome.chosen]
         frames = disk.fits_to_frames(outcome.explanations) | {
             "fit_parameters": disk.parameter_frame([*plain, *outcome.explanations], self.clockwise),

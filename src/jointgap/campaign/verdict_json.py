@@ -19,7 +19,7 @@ from jointgap.identification.fit import Fit, coordinate_estimate, effect_estimat
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
 
-SCHEMA_VERSION = 2  # increase when a key of verdict.json changes its meaning or is removed
+SCHEMA_VERSION = 3  # increase when a key of verdict.json changes its meaning or is removed
 
 TABLES = ("detectable", "confusability", "gaps", "map_windows", "map_standout", "law_families")
 """Tables that `document` requires."""
@@ -30,9 +30,7 @@ def document(
 ) -> dict[str, Any]:
     """The content of ``verdict.json``; `repeats`: samples are compared, not statistics over cycles."""
     gaps, gains = tables["gaps"], _gains(outcome)
-    certain = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
     test = held_out_test(gaps) if outcome.proposed else None
-    added = outcome.named is not None
     return {
         "schema_version": SCHEMA_VERSION,
         "campaign": campaign.name,
@@ -41,9 +39,10 @@ def document(
         "basis": "samples" if repeats else "statistics",
         "effects": _with_families(effects(outcome.chosen, gains), tables["law_families"]),
         "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
-        "certain": effects(outcome.equivalent[0], gains, certain) if certain else [],
+        "certain": _certain(outcome, gains),
+        "not_searched": list(outcome.not_searched),
         "separated_by": "",
-        "best_known": _best_known(outcome, gaps, gains),
+        "best_known": _best_known(outcome, gains),
         "interval_factor": (outcome.proposed or outcome.chosen).scale,
         "held_out_test": test and test.outcome,
         "doubted_channels": list(inconsistent),
@@ -61,8 +60,8 @@ def document(
             for row in tables["map_windows"].itertuples()
         ],
         "orders": tables["map_standout"].to_dict("records"),
-        "gap": {role: gap_of(gaps, role, added=added) for role in ("identify", "confirm")},
-        "held_out": held_out(gaps, {run.id: run.role for run in campaign.runs}, added),
+        "gap": {role: gap_of(gaps, role) for role in ("identify", "confirm")},
+        "held_out": held_out(gaps, {run.id: run.role for run in campaign.runs}),
         "preflight": {
             "undetectable": undetectable(tables["detectable"]),
             "merged": confusable_groups(tables["confusability"]),
@@ -86,31 +85,29 @@ def read(path) -> dict[str, Any]:
     return content
 
 
-def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) -> dict[str, float | None]:
-    """Gap before and after over all channels; None if the model with the effects cannot be simulated."""
+def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float | None]:
+    """Gap over all channels without and with `Outcome.proposed`; None if the model with it cannot be simulated."""
     row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
-    gap = {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
-    return gap if added else gap | {"after": gap["before"]}
+    return {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
 
 
-def held_out(gaps: pd.DataFrame, roles: Mapping[str, str], added: bool = True) -> list[dict[str, Any]]:
+def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any]]:
     runs = []
     for row in gaps[(gaps["role"] == "confirm") & (gaps["channel"] == "all") & (gaps["run"] != "all")].itertuples():
         part = "last_third" if roles[row.run] == "split" else "whole"
-        reason = {"not_simulated": row.remark} if added and isinstance(row.remark, str) else {}
-        runs.append({"run": row.run, "part": part, "gap": gap_of(gaps, "confirm", row.run, added), **reason})
+        reason = {"not_simulated": row.remark} if isinstance(row.remark, str) else {}
+        runs.append({"run": row.run, "part": part, "gap": gap_of(gaps, "confirm", row.run), **reason})
     return runs
 
 
-def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]) -> dict[str, Any] | None:
-    """The best explanation that is not confirmed, with its gaps and its rival."""
+def _best_known(outcome: Outcome, gains: Mapping[str, float]) -> dict[str, Any] | None:
+    """The best explanation that is not confirmed, with its rival."""
     best = outcome.best_known
     if best is None:
         return None
-    known = {"effects": effects(best, gains), "explained_share": None}
-    known |= {"gap": {role: gap_of(gaps, role) for role in ("identify", "confirm")}, "rival": None}
     ranking, labels = outcome.ranking.set_index("explanation"), set(best.label.split(JOINED))
-    known["explained_share"] = ranking.loc[best.label, "explained_share"]
+    share = ranking.loc[best.label, "explained_share"]
+    known = {"effects": effects(best, gains), "explained_share": share, "rival": None}
     for row in ranking.dropna(subset=["bic"]).query("admissible").sort_values("bic", kind="stable").itertuples():
         other = set(row.Index.split(JOINED))
         if not other >= labels and not other < labels:
@@ -118,6 +115,17 @@ def _best_known(outcome: Outcome, gaps: pd.DataFrame, gains: Mapping[str, float]
             known["rival"] = {"explanation": row.Index, "behind": row.bic - best.bic, "explained_share": share}
             break
     return known
+
+
+def _certain(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Effects that all near explanations share, with the values of the first explanation that contains them."""
+    shared = set(outcome.certain)
+    if not shared and outcome.equivalent:
+        shared = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
+    for fit in outcome.explanations if shared else ():
+        if shared <= {candidate.label for candidate in fit.hypothesis}:
+            return effects(fit, gains, shared)
+    return []
 
 
 def effects(fit: Fit, gains: Mapping[str, float], labels: Collection[str] | None = None) -> list[dict[str, Any]]:
@@ -155,9 +163,13 @@ def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[
             law, interval = row.law.partition(":")[0], {"interval_99": [row.low, row.high]}
             left = {"law": law, "shape": row.shape, "value": row.value, **interval, "named": not row.alone}
             effect.setdefault("families", []).append(left)
-            # the 99 % interval of a shape that is also a parameter is that of the family
+            # the 99 % interval of a shape that is also a parameter is that of the family, around that of 90 %
             if row.shape in effect["parameters"] and law == effect["name"]:
-                effect["parameters"][row.shape] |= interval
+                own = effect["parameters"][row.shape]
+                known = [end for end in own.get("interval_90", ()) if end is not None]
+                interval["interval_99"] = [min([row.low, *known]), max([row.high, *known])]
+                left |= interval
+                own |= interval
     return named
 
 

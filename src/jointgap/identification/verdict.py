@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jointgap.core.words import rounded_gap
 from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings
 
 NO_DISAGREEMENT, PARAMETERS_ONLY = "no_disagreement", "parameters_only"
@@ -86,13 +87,10 @@ class HeldOutTest:
     @property
     def summary(self) -> str:
         """``falls from 3.00 to 1.02``, ``stays at 1.18``; more digits if two show no difference."""
-        digits = next((n for n in (2, 3, 4) if f"{self.before:.{n}f}" != f"{self.after:.{n}f}"), 2)
-        before, after = (f"{gap:.{digits if gap < 100 else 0}f}" for gap in (self.before, self.after))
-        if self.outcome in (FALLS, RISES):
-            return f"{self.outcome} from {before} to {after}"
-        if f"{self.before:.2f}" == f"{self.after:.2f}":
-            return f"stays at {self.after:.2f}"
-        return f"does not change significantly ({self.before:.2f} before, {self.after:.2f} after)"
+        before, after = (rounded_gap(gap) for gap in (self.before, self.after))
+        if self.outcome in (FALLS, RISES) or before == after:
+            return gap_change(self.before, self.after, 4 if self.outcome in (FALLS, RISES) else 2)
+        return f"does not change significantly ({before} before, {after} after)"
 
 
 @dataclass(frozen=True)
@@ -397,6 +395,15 @@ def weigh(base: Row, row: Row, limits: Thresholds, settings: DecisionSettings = 
     explains = row.misfit <= settings.noise_gap**2 or not share < settings.min_explained_share
     passes = bool(row.misfit <= limits.omnibus and explains)
     return replace(row, delta_bic=base.bic - row.bic, share=share, passes=passes)
+
+
+def gap_change(before: float, after: float, most_digits: int = 2) -> str:
+    """``falls from 3.00 to 1.02``, ``rises from 1.10 to 1.15``, ``stays at 1.18``: a gap [1] as its numbers say."""
+    for digits in range(2, most_digits + 1):
+        shown = [f"{gap:.{digits if gap < 100 else digits - 2}f}" for gap in (before, after)]
+        if shown[0] != shown[1]:
+            return f"{FALLS if after < before else RISES} from {shown[0]} to {shown[1]}"
+    return f"stays at {rounded_gap(after)}"
 
 
 def share_closed(before: float, after: float) -> float:

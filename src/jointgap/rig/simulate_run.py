@@ -14,6 +14,7 @@ from jointgap.config.friction_laws import FRICTION_LAWS
 from jointgap.config.load import validate
 from jointgap.config.scenario import TOLERANCE_SHARE
 from jointgap.core.candidates import Candidate, Effects
+from jointgap.core.costs import count_run
 from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINTS, PINS
 from jointgap.dynamics.drive import crank_times
@@ -165,6 +166,7 @@ def channels_read(
     campaign: Campaign, plan: RunPlan, values: Values, effects: Effects = (), numerics: int = 0, perturbation=None
 ) -> dict[str, np.ndarray]:
     """Sensor readings of a run at its samples, by channel."""
+    count_run(plan.samples.turned / tau)
     effects, without, share = simulated_effects(effects)
     read = _read_at_limit(campaign, plan, values, effects, numerics, perturbation)
     if share < 1.0:

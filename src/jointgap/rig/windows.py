@@ -8,6 +8,7 @@ import numpy as np
 
 from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Effects, FoundStates
+from jointgap.core.costs import count_run
 from jointgap.dynamics import windows
 from jointgap.dynamics.parameters import MOTOR, Parameters
 from jointgap.dynamics.sampling import SAMPLE
@@ -45,7 +46,10 @@ def _simulated(p: Parameters, rows: windows.Rows, states: windows.WindowStates, 
     numbers = (rows.angles, rows.found.times, states.slow, *states.carried, *p)
     key = b"".join(np.ascontiguousarray(each).tobytes() for each in numbers) + bytes(repr(tolerance), "ascii")
     slow = np.require(states.slow, requirements="W")  # for read-only arrays all would be compiled again
-    found = _KEPT.pop(key, None) or windows.simulate_windows(p, rows, slow, states.carried, tolerance)
+    found = _KEPT.pop(key, None)
+    if found is None:
+        count_run(np.ptp(rows.angles) / tau)
+        found = windows.simulate_windows(p, rows, slow, states.carried, tolerance)
     _KEPT[key] = found
     if len(_KEPT) > MOTIONS_KEPT:
         del _KEPT[next(iter(_KEPT))]

@@ -1,0 +1,243 @@
+"""Texts and JSON of a verdict never contradict their numbers, whatever the evidence: random fits and gaps are decided
+on by the rules, and all sentences are read again."""
+
+import json
+import re
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
+
+from benchmarks.project import ROOT
+from jointgap.app.report import verdict_lines
+from jointgap.campaign import verdict_json
+from jointgap.campaign.fits_on_disk import outcome_of, outcome_with_law
+from jointgap.campaign.page import page
+from jointgap.config.load import load_campaign
+from jointgap.core.candidates import Candidate, Parameter
+from jointgap.core.page import to_markdown
+from jointgap.core.schema import TABLES
+from jointgap.identification.confirmation import held_out_test
+from jointgap.identification.evidence import final_verdict, row_of, weigh_fit
+from jointgap.identification.fit import Fit
+from jointgap.identification.force_law import ForceLawResult
+from jointgap.identification.settings import DEFAULT_SETTINGS
+from jointgap.identification.verdict import Evidence, HeldOut, Thresholds, verdict
+from tests.campaign.verdicts import VERDICTS
+
+SAMPLES = 200
+CAMPAIGN = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
+SCHEMA = Draft202012Validator(json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text()))
+NOISE_GAP, LARGE_GAP = DEFAULT_SETTINGS.decision.noise_gap, DEFAULT_SETTINGS.decision.max_gap_of_noise
+FEW_DRAWS = replace(
+    DEFAULT_SETTINGS, intervals=replace(DEFAULT_SETTINGS.intervals, chains=8, settling_sweeps=2, sweeps=8)
+)
+MASS = Parameter("slider_mass", 1.0, 0.0, 9.0)
+ANGLE = Parameter("first_angle", 0.0, -1.0, 1.0, run="slow")
+
+
+def candidate(name, site, *sizes, low=-50.0, has_site=False):
+    coordinates = tuple(Parameter(size, 0.0, low, 50.0) for size in sizes)
+    return Candidate(name, site, coordinates, sizes[:1], has_site=has_site)
+
+
+FRICTION = candidate("slider_coulomb_friction", "slider", "force_N", low=0.0)
+DRAG = candidate("slider_power_drag", "slider", "force_N", "exponent", low=0.0)
+SPRING = candidate("slider_spring", "slider", "stiffness_N_m")
+BIAS = candidate("sensor_bias", "crank_torque", "bias", has_site=True)
+LAW = candidate("discovered_slider_force[v^3]", "slider", "size")
+CONSTANT = candidate("discovered_slider_force[1]", "slider", "size")
+EFFECTS = (FRICTION, DRAG, SPRING, BIAS)
+SINGLES = [(one,) for one in EFFECTS]
+PAIRS = [(one, other) for i, one in enumerate(EFFECTS) for other in EFFECTS[i + 1 :]]
+LAWS = [(LAW,), (LAW, CONSTANT)]
+
+factors = st.floats(-0.3, 0.3).map(np.exp)
+shares = st.one_of(st.floats(1e-6, 1.0), st.floats(0.9, 1.0))
+
+
+@st.composite
+def fits(draw, effects, chi2):
+    own = [Parameter(f"{c.label}.{p.key}", 0.0, p.low, p.high) for c in effects for p in c.coordinates]
+    parameters = (MASS, ANGLE, *own)
+    values = [
+        draw(st.one_of(st.floats(max(p.low, -50.0), p.high), st.sampled_from([p.low, p.high]))) for p in parameters
+    ]
+    residual, jacobian = np.zeros(SAMPLES), np.zeros((SAMPLES, len(values)))
+    residual[-1] = chi2**0.5
+    np.fill_diagonal(jacobian, [10.0 ** draw(st.floats(-1.0, 3.0)) for _ in values])
+    return Fit(tuple(effects), parameters, np.array(values), residual, jacobian, 1, "converged", settings=FEW_DRAWS)
+
+
+@st.composite
+def gap_tables(draw, base, best):
+    """Table of gaps; those of channels weigh otherwise than samples, held-out data may disagree altogether."""
+    rows = []
+    for role, run in (("identify", "all"), ("confirm", "all"), ("confirm", "slow")):
+        before = draw(factors) * (base.chi2 / SAMPLES) ** 0.5
+        after = before
+        if best is not None and role == "identify":
+            after = draw(factors) * (best.chi2 / SAMPLES) ** 0.5
+        elif best is not None:
+            after = max(before * draw(st.one_of(st.just(1.0), st.floats(-6.0, 1.0).map(np.exp))), 0.9)
+        fall, width = before**2 - after**2, draw(st.floats(0.0, 2.0)) * (before**2 + after**2)
+        ends = {
+            "fall_low": fall - width,
+            "fall_high": fall + width,
+            "fall_expected": draw(st.floats(0.0, 3.0)) * before**2,
+        }
+        gap = {"before": before, "after": after, "after_low": 0.95 * after}
+        gap |= {"before_low": 0.95 * before, "before_high": 1.05 * before, "after_high": 1.05 * after}
+        rows.append({"run": run, "role": role, "channel": "all", "samples": SAMPLES, "remark": None} | gap | ends)
+    table = pd.DataFrame(rows).astype({"remark": object})
+    if best is not None and draw(st.integers(0, 9)) == 0:
+        table.loc[1:, ["after", "after_low", "after_high"]] = np.nan
+        table.loc[2, "remark"] = "the slider jams"
+    return table
+
+
+@st.composite
+def documents(draw):
+    """``verdict.json`` of random evidence, with the table of gaps and the ranking."""
+    base_chi2 = SAMPLES * 10.0 ** draw(st.floats(-0.05, 6.0))
+    base = draw(fits((), base_chi2))
+    tried = draw(st.lists(st.sampled_from(SINGLES + PAIRS), max_size=6, unique_by=str))
+    left = st.one_of(shares, st.floats(0.9, 1.2).map(lambda gap: gap * SAMPLES / base_chi2))
+    found = [draw(fits(effects, base_chi2 * draw(left))) for effects in tried]
+    limits = Thresholds(0.01, draw(st.sampled_from([1.05, 1.3, 4.0])), draw(st.sampled_from([5.0, 12.0, 60.0])))
+    nominal = draw(fits((), base_chi2 * draw(st.floats(1.0, 2.0))))
+    bounds = {MASS.name: (MASS.nominal, MASS.low, MASS.high)}
+    rows = [row_of(fit, bounds, similarity=draw(st.floats(0.0, 1.0))) for fit in found]
+    outcome = outcome_of(verdict(Evidence(row_of(base), row_of(nominal), rows, limits)), {})
+    if outcome.verdict == "unexplained" and draw(st.booleans()):
+        laws = [draw(fits(effects, base_chi2 * draw(shares))) for effects in LAWS]
+        ranking = [weigh_fit(base, law, limits) for law in laws]
+        rivals = laws[1:] if draw(st.booleans()) else []
+        reason = f"the best sum, {laws[0].label}, explains only {ranking[0].share:.1%} of the misfit"
+        outcome = outcome_with_law(
+            outcome, ForceLawResult(laws[0], draw(st.booleans()), reason, rivals, ranking=ranking)
+        )
+    gaps = draw(gap_tables(base, outcome.proposed))
+    outcome = replace(outcome, ranking=outcome.ranking.astype({"admissible": bool}))  # as read from its table
+    test, after = held_out_test(gaps), float(gaps.loc[1, "after"])
+    held_out = HeldOut(
+        test, after, (draw(st.floats(0.0, 5.0)), "crank torque"), (after, "crank torque"), (0.1, "torque")
+    )
+    inconsistent = draw(st.sampled_from([(), (), ("crank_torque",)]))
+    outcome = final_verdict(outcome, SimpleNamespace(held_out=held_out, gap=lambda role: after), inconsistent)
+    tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES} | {"gaps": gaps}
+    pair = ["slider_spring", "sensor_bias:crank_torque"]
+    tables["confusability"] = pd.DataFrame({"first": pair, "second": pair[::-1], "merged": draw(st.booleans())})
+    if any(one.label == DRAG.label for one in outcome.chosen.hypothesis):
+        shape = outcome.chosen.mapping[f"{DRAG.label}.exponent"]
+        ends = [shape - draw(st.floats(0.0, 1.0)), shape + draw(st.floats(0.0, 1.0))]
+        row = (DRAG.label, DRAG.label, "exponent", shape, *ends, draw(st.booleans()), draw(st.booleans()))
+        tables["law_families"] = pd.DataFrame([row], columns=TABLES["law_families"].names)
+    content = verdict_json.document(outcome, tables, CAMPAIGN, inconsistent) | {"false_alarm_rate": 0.01}
+    return json.loads(verdict_json.text(content)), {"gaps": gaps, "ranking": outcome.placed_ranking}
+
+
+def texts_of(content, tables):
+    """The terminal's lines and the page."""
+    with TemporaryDirectory() as folder:
+        Path(folder, "verdict.json").write_text(json.dumps(content))
+        lines = "\n".join(verdict_lines(Path(folder)))
+    return lines, to_markdown(page(content, tables, (), CAMPAIGN))
+
+
+NUMBER = r"(-?\d+(?:\.\d+)?)"
+
+
+def contradictions(content, lines, text):
+    """What sentences say that the numbers of the verdict do not allow."""
+    found, both = [], f"{lines}\n{text}"
+    gap, best = content["gap"], content["best_known"]
+    for verb, before, after in re.findall(
+        rf"(falls|rises|reduces the gap of the fitted data) from {NUMBER} to {NUMBER}", both
+    ):
+        if (float(after) > float(before)) != (verb == "rises") or float(after) == float(before):
+            found.append(f"{verb} from {before} to {after}")
+    for before, after in re.findall(rf"significantly \({NUMBER} before, {NUMBER} after", both):
+        if before == after:
+            found.append(f"{before} before, {after} after")
+    for change in re.findall(r"(?:smaller|larger) by (\S+)|Gain in BIC: (\S+)", both):
+        if (shown := "".join(change).rstrip(".;,")) not in ("more", "unknown", "none") and not 0.0 < float(
+            shown
+        ) <= 1000.0:
+            found.append(f"BIC by {shown}")
+    for share in re.findall(rf"explains {NUMBER} % of the misfit of|partly explained \({NUMBER}", both):
+        if abs(float("".join(share)) - 100.0 * best["explained_share"]) > 0.5:
+            found.append(f"a share of {share} for {best['explained_share']}")
+    for share in re.findall(rf"explains {NUMBER} % of the misfit of the fitted data", both):
+        if not (0.0 < float(share) < 100.0 and gap["identify"]["after"] < gap["identify"]["before"]):
+            found.append(f"share of {share} % at {gap['identify']}")
+    for share in re.findall(rf"{NUMBER} % of the excess over noise is explained", both):
+        if not (0.0 < float(share) <= 100.0 and (float(share) < 100.0 or gap["confirm"]["after"] <= 1.0)):
+            found.append(f"{share} % of the excess at {gap['confirm']}")
+    if best and "% of the excess" in both:
+        found.append("a second share of the best candidate")
+    after = gap["confirm"]["after"]
+    if "explains the misfit" in both and (
+        gap["identify"]["after"] > NOISE_GAP or ((after or 0.0) > LARGE_GAP and "remains" not in lines)
+    ):
+        found.append(f"explains the misfit at {gap}")
+    if "does not reduce the misfit" in both and "reduces the gap" in both:
+        found.append("reduces and does not reduce")
+    if (
+        "best candidate" in lines
+        and after is not None
+        and f"{after:.2f}" > f"{gap['confirm']['before']:.2f}"
+        and after > gap["confirm"]["before"]
+    ):
+        found.append(f"best candidate at {gap['confirm']}")
+    if content["effects"] and "consistent with noise" in lines and gap["identify"]["after"] > NOISE_GAP:
+        found.append(f"consistent with noise at {gap['identify']}")
+    for numbers in re.findall(rf"gap on held-out data [^.:(]*?from {NUMBER} to {NUMBER}", both):
+        for shown, true in zip(map(float, numbers), gap["confirm"].values(), strict=True):
+            if abs(shown - true) > (0.501 if true >= 99.0 else 0.00501):
+                found.append(f"held-out gap {shown} for {true}")
+    if raw := re.search(r"\[\w|\]\s*[,.+]|regression\[", re.sub(r"`[^`]*`|\[[^\]]*\]\([^)]*\)|!\[", "", lines)):
+        found.append(f"raw label {raw}")
+    estimates = [*content["nuisances"].values()]
+    for effects in (content["effects"], *content["equivalent"], (best or {}).get("effects", [])):
+        estimates += [own for effect in effects for own in effect["parameters"].values()]
+        for family in (each for effect in effects for each in effect.get("families", ())):
+            estimates.append({"value": family["value"], "interval_99": family["interval_99"]})
+    found += [f"intervals {own}" for own in estimates if not in_order(own)]
+    return found
+
+
+def in_order(estimate):
+    """Whether the interval of 99 % contains that of 90 %, that of 50 % and the value."""
+    value = estimate["value"]
+    if isinstance(value, str):
+        return True
+    inner = (value, value)
+    for level in (50, 90, 99):
+        low, high = estimate.get(f"interval_{level}", (None, None))
+        ends = (-inf if low is None else low, inf if high is None else high)
+        slack = 1e-9 * max(1.0, abs(value))
+        if ends[0] > inner[0] + slack or ends[1] < inner[1] - slack:
+            return False
+        inner = inner if None in (low, high) else ends
+    return True
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(documents())
+def test_no_sentence_contradicts_the_numbers_of_a_verdict(made):
+    content, tables = made
+    SCHEMA.validate(content)
+    assert contradictions(content, *texts_of(content, tables)) == []
+
+
+def test_the_stored_verdicts_do_not_contradict_themselves():
+    for content in VERDICTS.values():
+        assert contradictions(content, *texts_of(content, {})) == []
