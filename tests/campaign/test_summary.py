@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.project import ROOT
 from jointgap.campaign.page import page
 from jointgap.config.campaign import CHANNELS, NUISANCES
+from jointgap.config.load import load_campaign
 from jointgap.core.page import to_html, to_markdown
 from jointgap.effects import EFFECTS
 from jointgap.identification.fit import AT_BOUND, CHANGES_NOTHING
@@ -135,6 +137,37 @@ def test_the_page_says_what_was_found_with_its_numbers_and_nothing_that_is_not_s
     text = markdown(NAMED, {"map_windows": pd.DataFrame(rows, columns=columns)})
     assert "| 80 | 90 | 9 | 9.5 |\n| fast | crank torque | 70 | 80 |" in text  # the largest first; the map shows all
     assert text.count("| fast | crank torque |") == 7
+
+
+def test_effects_that_the_fits_distinguish_are_not_called_indistinguishable():
+    groups = [["sensor_delay:crank_torque", "sensor_lag:crank_torque"], ["gravity", "slider_spring", "slider_offset"]]
+    verdict = best_known() | {"preflight": {"undetectable": [], "merged": groups}}
+    rows = [("sensor_delay:crank_torque + gravity", 100.0), ("sensor_lag:crank_torque + gravity", 600.0)]
+    rows += [("sensor_delay:crank_torque + slider_spring", 104.0)]
+    ranking = pd.DataFrame(rows, columns=["explanation", "bic"])
+    said = markdown(verdict, {"ranking": ranking})
+    assert said.count("Not distinguished by these data") == 1
+    assert "the weight of the bodies, a linear spring on the slider and an offset of the slide" in said  # not fitted
+    near = ranking.assign(bic=[100.0, 109.0, 104.0])
+    assert "a delay of the sensor of crank torque and a lag of the" in markdown(verdict, {"ranking": near})
+
+
+def test_only_values_with_a_range_in_the_campaign_file_are_to_be_checked_at_their_bounds():
+    values = {"first_angle@slow": bounded(0.1, 0.0), "speed@slow": bounded(9.0, 8.0)}
+    campaign = load_campaign(ROOT / "config/campaigns/demonstration.yaml")
+    assert "Check the range" not in markdown(nuisances(**values), {}, (), campaign)
+    listed = campaign.model_copy(update={"nuisance": {"slider_mass": None}})
+    said = markdown(nuisances(slider_mass=HIGH, **values), {}, (), listed)
+    assert "Check the range of slider mass under `nuisance`: this value is at its bound" in said
+
+
+def test_advice_to_measure_a_run_that_separates_explanations_follows_from_the_sensitivities_alone():
+    for advice, given in (
+        ("A further run at 900 rpm would separate them.", True),
+        ("No single further run would.", False),
+    ):
+        said = markdown(VERDICTS["ambiguous"] | {"separated_by": advice})
+        assert advice in said and ("Measure the run that separates" in said) == given
 
 
 def test_the_headline_holds_the_effect_its_number_and_the_interval():

@@ -222,3 +222,39 @@ def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every
 
     # alone it has to be ahead of the base by 900 - 880 less ln n
     each(known, [(50.0, 60.0, "law"), (70.0, 60.0, "effect"), (880.0, None, "law"), (890.0, None, None)])
+
+
+def test_the_gap_after_is_that_of_the_best_candidate_as_the_page_and_the_terminal_say():
+    best = fitted([FRICTION], [1.5, 20.0], 400.0)
+    ranking = pd.DataFrame(
+        [("friction", best.bic, 0.2, True)], columns=["explanation", "bic", "explained_share", "admissible"]
+    )
+    outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best)
+    table = gaps((6.0, 1.18), (-3.0, 40.0))
+    table = pd.concat([table, table[table["role"] == "confirm"].assign(run="slow", remark=None)])
+    content = document(outcome, gaps=table)
+    assert content["gap"]["confirm"] == {"before": 8.0, "after": 1.18} == content["held_out"][0]["gap"]
+    equal = document(outcome_of(BASE, equivalent=[best]), gaps=table)
+    assert equal["gap"]["confirm"]["after"] == 1.18
+
+
+def test_certain_effects_and_steps_that_were_not_run_come_from_the_decision():
+    best = fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 400.0)
+    ranking = [("friction + spring", best.bic, 0.56, True)]
+    ranking = pd.DataFrame(ranking, columns=["explanation", "bic", "explained_share", "admissible"])
+    told = {"certain": ("spring",), "not_searched": ("pairs of effects",)}
+    outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best, **told)
+    content = document(outcome)
+    assert [(one["name"], one["parameters"]["stiffness_N_m"]["value"]) for one in content["certain"]] == [("spring", 7.0)]
+    assert content["not_searched"] == ["pairs of effects"]
+
+
+def test_the_99_percent_interval_of_a_shape_contains_that_of_90_percent():
+    drag = effect("slider_power_drag", "exponent")
+    family = pd.DataFrame([("slider_power_drag", "slider_power_drag", "exponent", 20.0, 19.9, 20.05, True, False)])
+    family.columns = TABLES["law_families"].names
+    chosen = fitted([drag], [1.5, 20.0])
+    (stated,) = verdict_json._with_families(verdict_json.effects(chosen, {}), family)
+    own = stated["parameters"]["exponent"]
+    assert own["interval_99"] == stated["families"][0]["interval_99"] == own["interval_90"]
+    assert own["interval_90"][0] < 19.9 and own["interval_90"][1] > 20.05

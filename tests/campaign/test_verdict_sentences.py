@@ -1,7 +1,19 @@
 """What a verdict says in words, and the numbers at which it turns: each is met from both sides."""
 
+import re
+
 from jointgap.campaign.page import title
-from jointgap.campaign.sentences import answer, best_known_summary, held_out_summary
+from jointgap.campaign.sentences import (
+    answer,
+    best_known_summary,
+    format_effect,
+    format_gain,
+    format_label,
+    held_out_summary,
+    left_out_summary,
+    names_to_labels,
+    parameter_rows,
+)
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 from tests.catalogue import each
@@ -105,7 +117,7 @@ def unproven(test="falls", fitted=(3.0, 2.0), held_out=(3.0, 2.1), **changed):
 
 
 def test_the_best_candidate_is_shown_as_not_proven_with_its_share_its_rest_its_test_and_its_rival():
-    for share, part in ((0.56, "56 %"), (0.994, "99 %"), (0.996, ""), (1.01, "")):
+    for share, part in ((0.56, "56.0 %"), (0.9994, "99.9 %"), (0.9996, ""), (1.01, "")):
         said, head = answer(unproven(explained_share=share)), title(unproven(explained_share=share))
         assert "Coulomb friction of the slider (21.30 N)" in said and "not confirmed" in said
         assert (f"{part} of the misfit" in said) == bool(part) and (f"({part})" in head) == bool(part)
@@ -114,6 +126,91 @@ def test_the_best_candidate_is_shown_as_not_proven_with_its_share_its_rest_its_t
     assert "the weight of the bodies and a linear spring on the slider" in rival and "432" in rival
     assert len(best_known_summary(unproven(rival=None))) == 3
     assert best_known_summary(VERDICTS["unexplained"]) == ()
+
+
+def test_a_best_candidate_that_leaves_a_large_gap_on_held_out_data_does_not_explain_the_misfit():
+    left = answer(unproven(fitted=(82.5, 4.3), held_out=(35.75, 15.29), explained_share=0.998))
+    assert "explains 99.8 % of the misfit of the fitted data" in left and "a gap of 15.29 remains" in left
+    nearly = answer(unproven(fitted=(82.5, 4.3), held_out=(35.75, 15.29), explained_share=0.9999))
+    assert "explains" not in nearly and "reduces the gap of the fitted data from 82.50 to 4.30" in nearly
+    assert "explains the misfit of the fitted data" in answer(unproven(fitted=(3.0, 1.01), explained_share=1.0))
+    worse = answer(unproven(fitted=(3.0, 3.1), explained_share=0.3))
+    assert (
+        "explains" not in worse and "does not reduce the gap of the fitted data, which rises from 3.00 to 3.10" in worse
+    )
+
+
+def test_an_explanation_with_which_the_held_out_gap_rises_is_no_best_candidate():
+    for test, after in (("rises", 12.3), ("cannot_tell", 12.3), ("stays", 12.3)):
+        verdict = unproven(test, held_out=(5.5, after))
+        said = answer(verdict)
+        assert "no tested effect explains" in said and "best candidate" not in said and "from 5.50 to 12.30" in said
+        assert title(verdict).startswith("An effect is missing, but no tested effect explains the residual")
+        assert not any("To confirm" in line for line in best_known_summary(verdict))
+
+
+def test_the_share_of_the_misfit_is_given_once_and_that_of_held_out_data_for_named_effects_only():
+    verdict = unproven(fitted=(3.0, 1.4), held_out=(2.9, 1.0), explained_share=0.87)
+    said = [answer(verdict), title(verdict), held_out_summary(verdict), *best_known_summary(verdict)]
+    assert {part for text in said for part in re.findall(r"[\d.]+ %", text) if part != "90 %"} == {"87.0 %"}
+    assert "of the excess over noise" in held_out_summary(held_out("named", 2.9, 1.0))
+    assert "99.9 % of the excess" in held_out_summary(held_out("named", 300.0, 2.0))  # never all while a gap is left
+
+
+def test_the_difference_to_the_next_best_explanation_is_never_negative_and_a_huge_gain_is_no_number():
+    def said(behind):
+        return best_known_summary(unproven(rival=BEST_KNOWN["rival"] | {"behind": behind}))[2]
+
+    assert "larger by 432" in said(432.4) and "smaller by more than 1000" in said(-3155.0) and "the same" in said(0.2)
+    assert [format_gain(gain) for gain in (11436382.0, 812.4, -3.0, None)] == [
+        "more than 1000",
+        "812",
+        "none",
+        "unknown",
+    ]
+
+
+def test_equivalent_explanations_that_explain_little_say_what_they_leave_on_held_out_data():
+    equal = VERDICTS["ambiguous"] | {"held_out_test": "stays"}
+    for after, little in ((1.18, True), (1.04, False)):
+        verdict = equal | {
+            "gap": {"identify": {"before": 1.3, "after": 1.2}, "confirm": {"before": 1.23, "after": after}}
+        }
+        assert ("leaves a gap of 1.18 where it was 1.23" in answer(verdict)) == little
+
+
+def test_what_is_certain_is_said_for_every_verdict_that_has_it_with_the_rest_that_was_tried():
+    effects, rival = [COULOMB, BIAS], BEST_KNOWN["rival"] | {"explanation": "slider_coulomb_friction + gravity"}
+    verdict = unproven(effects=effects, rival=rival) | {"certain": [COULOMB]}
+    rest = "the rest is a bias of the sensor of crank torque or the weight of the bodies, of those tried"
+    assert f"Certain is Coulomb friction of the slider (21.30 N); {rest}." in answer(verdict)
+    assert title(verdict).startswith("An effect is missing; certain is Coulomb friction of the slider, 21.30 N")
+    alone = unproven(rival=None) | {"certain": [COULOMB]}
+    assert "Certain is Coulomb friction of the slider (21.30 N), of those tried." in answer(alone)
+
+
+def test_steps_that_were_not_searched_are_said():
+    (said,) = left_out_summary(VERDICTS["unexplained"] | {"not_searched": ["pairs of effects", "slider_spring alone"]})
+    assert "limit of simulations" in said and "pairs of effects and a linear spring on the slider alone" in said
+    assert left_out_summary(VERDICTS["unexplained"]) == ()
+
+
+def test_a_term_of_a_force_law_is_never_shown_as_a_label():
+    law = "a slider force with a formula found by regression"
+    because = "the best sum, discovered_slider_force[1] + discovered_slider_force[v*|v|], explains only 3.0% of it"
+    assert names_to_labels(because) == f"the best sum, {law} (terms 1 and v*|v|), explains only 3.0% of it"
+    assert format_label("gravity + discovered_slider_force[v^3]") == f"the weight of the bodies and {law} (term v^3)"
+    assert names_to_labels("with gravity + slider_spring it falls").startswith(
+        "with the weight of the bodies and a linear"
+    )
+
+
+def test_the_interval_of_a_shape_is_that_of_the_table_of_parameters():
+    shape = {"value": 2.0, "sd": 0.1, "interval_90": [1.8, 2.2], "interval_99": [1.6, 2.4]}
+    drag = {"name": "slider_power_drag", "site": "slider", "delta_bic": 99.0, "parameters": {"exponent": shape}}
+    drag["families"] = [SHAPE | {"interval_99": [1.6, 2.4]}]
+    assert "exponent 1.80 to 2.20, 90 % interval" in format_effect(drag)
+    assert parameter_rows([drag])[0][2] == "1.80 to 2.20"
 
 
 def test_what_would_prove_it_follows_from_what_it_lacks():

@@ -325,8 +325,8 @@ def share_explained(verdict: Mapping[str, Any]) -> str:
     """Share of the misfit beyond noise [%] that the best candidate explains of the fitted data; empty if it is unknown,
     nearly all, or no fall of the gap."""
     share, gap = verdict["best_known"]["explained_share"], verdict["gap"]["identify"]
-    is_part = share is not None and 0.005 <= share < 0.995 and gap_change(**gap).startswith(FALLS)
-    return percent(share, 0) if is_part else ""
+    is_part = share is not None and 0.0 < round(share, 3) < 1.0 and gap_change(**gap).startswith(FALLS)
+    return percent(share) if is_part else ""
 
 
 def format_gain(gain: float | None) -> str:
@@ -353,7 +353,8 @@ def held_out_summary(verdict: Mapping[str, Any]) -> str:
         return f"The gap on held-out data is {rounded_gap(before)}"
     if after is None:
         return f"The gap on held-out data is {rounded_gap(before)} without effects. {_not_simulated(verdict)}"
-    added = "With the first of these explanations the" if verdict["equivalent"] else "The"
+    added = "With the best fit the" if verdict["best_known"] else "The"
+    added = "With the first of these explanations the" if verdict["equivalent"] else added
     text = f"{added} gap on held-out data {HeldOutTest(test, before, after).summary}"
     if verdict["effects"] and test == FALLS and before > _DECISION.noise_gap:
         share = share_closed(before, after)
