@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jointgap.identification.baseline import probed_differences
-from jointgap.identification.block_sums import BlockSums, first_sums, fit_from_sums
+from jointgap.identification.block_sums import BlockSums, first_sums, fit_from_sums, fit_through_sums
 from jointgap.identification.fit import FiniteDifferences, fit_hypothesis
 from jointgap.identification.problem import Problem
 from tests.rows import each
@@ -73,3 +73,15 @@ def test_sums_that_exceed_noise_by_far_are_not_followed_to_the_samples():
     problem = Problem(model, stated_noise(model))
     wrong = fit_hypothesis(first_sums(problem), (candidate_of("constant_force"),))
     assert fit_from_sums(problem, wrong, probed_differences(problem, wrong.mapping)) is None
+
+
+def test_a_fit_that_stalled_goes_on_through_sums_though_an_effect_is_missing():
+    """The constant force is on no list, so that no sums are noise."""
+    model = toy(noise=0.05, samples=360, hidden=lambda x, v, angle, time: knocking(1.0, angle) + 0.1)
+    problem, at = Problem(model, stated_noise(model)), {"knocking.size": 0.5}
+    differences = probed_differences(problem, {p.key: p.nominal for p in problem.nuisances})
+    stalled = fit_hypothesis(problem, (KNOCKING,), at)
+    assert fit_from_sums(problem, fit_hypothesis(first_sums(problem), (KNOCKING,), at), differences) is None
+    fit = fit_through_sums(problem, stalled, differences)
+    assert fit.chi2 < 0.95 * stalled.chi2
+    assert abs(fit.mapping["knocking.size"] - 1.0) < 0.2 < abs(stalled.mapping["knocking.size"] - 1.0)

@@ -8,8 +8,10 @@ import scipy.linalg
 
 from jointgap.core.candidates import Model
 from jointgap.core.errors import InputError, SimulationError
+from jointgap.identification.block_sums import fit_through_sums, is_rough
 from jointgap.identification.fit import (
     FAILED,
+    STOPPED,
     BoundedNormal,
     FiniteDifferences,
     Fit,
@@ -240,6 +242,8 @@ def recalibrate(
         vary=[p for p in problem.nuisances if p.run is not None],
     )
     base = fit_hypothesis(problem, start=start.mapping, differences=differences, refresh=True)
+    if base.status == STOPPED and is_rough(problem):
+        base = min(base, fit_through_sums(problem, base, differences), key=lambda fit: fit.chi2)
     if problem.has_statistics:
         base = fit_over_ensembles(problem, base, _enough(problem, base))
     # probed again, as a later stage does that reads the fits from files

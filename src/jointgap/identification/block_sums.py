@@ -101,5 +101,14 @@ def fit_from_sums(
     return fit_hypothesis(problem, fit.hypothesis, start, differences=differences, sufficient_chi2=sufficient_chi2)
 
 
+def fit_through_sums(problem: Problem, fit: Fit, differences: FiniteDifferences) -> Fit:
+    """The fit of the same hypothesis to all samples by sums of ever shorter blocks, however much they exceed noise."""
+    start = fit.mapping
+    for per_revolution in problem.settings.selection.sums_per_revolution:
+        summed = fit_hypothesis(BlockSums(problem, per_revolution), fit.hypothesis, start)
+        start = summed.mapping if summed.status != FAILED else start
+    return fit_hypothesis(problem, fit.hypothesis, start, differences=differences, refresh=True)
+
+
 def _is_poor(fit: Fit) -> bool:
     return fit.status == FAILED or fit.chi2 > fit.settings.stopping.poor_chi2_per_sample * fit.residual.size
