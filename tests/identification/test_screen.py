@@ -159,3 +159,10 @@ def test_two_effects_of_which_neither_explains_much_are_first_among_all_pairs_if
     assert best.start == pytest.approx({"one.size": -10.0, "two.size": -10.0}, rel=0.1)
     # no pair is made of two effects that replace one nuisance
     assert made_up(np.ones(9), [np.ones((9, 1))] * 2, replaces={"mass": "size"}).pairs() == []
+
+
+def test_candidates_that_change_nothing_in_what_was_measured_drop_out():
+    """No force changes the acceleration of a slide that a crank drives evenly."""
+    *_, sensitivities = screened({"sensor_gain:acceleration": {"gain_error": 0.02}}, channels=("acceleration",))
+    assert {one.candidate.label for one in sensitivities.entries} == {"sensor_gain:acceleration"}
+    assert sensitivities.failed == {}

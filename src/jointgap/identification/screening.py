@@ -137,6 +137,11 @@ class Sensitivity:
         return tuple(p for p in self.coordinates if p.key in self.candidate.amplitudes)
 
     @property
+    def largest_change(self) -> float:
+        """Largest norm of the change of the residuals by a typical step of an amplitude [1]."""
+        return max(float(np.linalg.norm(c)) * p.step for c, p in zip(self.columns.T, self.amplitudes, strict=True))
+
+    @property
     def is_secant(self) -> bool:
         """Whether `columns` are secants to a finite amplitude."""
         return any(key in self.shape_parameters for key in self.candidate.amplitudes)
@@ -220,7 +225,10 @@ class LinearizedFit:
 def simulate_sensitivities(
     problem: Problem, base: Fit, differences: FiniteDifferences, candidates: Sequence[Candidate] | None = None
 ) -> Sensitivities:
-    """Derivatives for the candidates about the fitted base; default: all smooth ones (for statistics: all)."""
+    """Derivatives for the candidates about the fitted base; default: all smooth ones (for statistics: all).
+
+    Without candidates that change nothing in what was measured, such as a force where no channel responds to forces.
+    """
     entries: list[Sensitivity] = []
     failed: dict[str, str] = {}
     if candidates is None:
@@ -246,8 +254,9 @@ def simulate_sensitivities(
             failed[candidate.label] = str(error)
     simulated = {sensitivity.candidate.label for sensitivity in entries}
     failed = {label: reason for label, reason in failed.items() if label not in simulated}
-    finite = [sensitivity for sensitivity in entries if np.isfinite(sensitivity.columns).all()]
-    return Sensitivities(base.parameters, base.values, base.jacobian, base.residual, finite, failed)
+    least = problem.settings.screening.negligible_projection
+    known = [s for s in entries if np.isfinite(s.columns).all() and s.largest_change > least]
+    return Sensitivities(base.parameters, base.values, base.jacobian, base.residual, known, failed)
 
 
 def steady_first(candidates: Iterable[Candidate]) -> list[Candidate]:

@@ -141,14 +141,15 @@ class ModelSelectionSettings:
     # share of a gain due to the effects, otherwise the base is re-fitted. One half, as residuals are nonlinear
     linear_share: float = 0.5
     alike_cosine: float = 0.7  # [1] Cosine of sensitivities above which an effect is fitted before another is named
-    # Number of: fitted partners of a sufficient or leading effect, masked pairs, rivals re-fitted from the best
-    # nuisances, swaps of each effect of a pair, terms of each effect for a law, single effects fitted in any case
+    # Number of: leading effects of a step, fitted partners of a sufficient or leading effect, masked pairs, rivals
+    # re-fitted from the best nuisances, swaps of each effect of a pair, terms of each effect for a law, listed effects
+    # fitted in place of a law, single effects fitted in any case
     partners: int = 3
-    # Single effects of least chi2, one of each exclusion group, that get `partners` if none is sufficient (experience)
-    leading_singles: int = 6
-    linearised_partners: int = 12  # Of each of these, ranked about the base and linearised about its fit (experience)
-    # Simulated runs after which no further fit begins, for each of: the search beyond single effects, formula,
-    # families; one to five minutes with loose dry joints (experience)
+    linearised_partners: int = (
+        12  # Of each leading effect, ranked about the base and linearised about its fit (experience)
+    )
+    # Simulated runs after which no further fit begins, for each of: the search beyond single effects (shared equally by
+    # its steps), formula, families; one to five minutes with loose dry joints (experience)
     max_simulations: int = 5000
     # The same for non-periodic motion, whose runs take four times as long (experience)
     max_simulations_of_statistics: int = 1500
@@ -191,7 +192,9 @@ class ScreeningSettings:
     max_frequencies: int = 3  # Highest peaks of the periodogram that are tried (experience)
     frequencies_per_line: int = 4  # Tried frequencies within the width of a spectral line
     secant_factor: float = 2.0  # [1] Factor on the amplitude within which a secant is valid, either way
-    negligible_projection: float = 1e-6  # [1, of the norm] Part beyond the nuisances that counts as rounding
+    # [1, of the norm] Part beyond the nuisances that counts as rounding; also the change by a typical step of an effect
+    # [standard deviations of the noise]
+    negligible_projection: float = 1e-6
     special_case_distance: float = 0.03  # [1, of the norm] Part outside the span of a more general hypothesis
     order_width: float = 0.02  # [cycles per revolution] Distance within which a frequency is a crank order
     # Simulated null campaigns; at a rate of 1 % forty exceed the threshold, which is accurate to 16 %
