@@ -201,7 +201,7 @@ def test_of_several_laws_that_leave_noise_alone_the_best_is_named_and_equally_go
     monkeypatch.setattr(law_family, "_weighed", lambda *args: SimpleNamespace(passes=True, fit=args[2]))
     base = SimpleNamespace(bic=900.0, status="converged")
     decision = Decision("unexplained", base, base)
-    problem = SimpleNamespace(simulations=0, limit_of_search=1, settings=DEFAULT_SETTINGS)
+    problem = SimpleNamespace(limit=lambda step: SimpleNamespace(reached=lambda: False), settings=DEFAULT_SETTINGS)
     decision, families = with_families(SimpleNamespace(problem=problem, differences=None), decision, None)
     found = [decision.chosen, *decision.equivalent] if decision.verdict == "named" else decision.equivalent
     assert [fit.label for fit in found] == named == [family.law for family in families]

@@ -11,6 +11,7 @@ from jointgap.core.candidates import Parameter
 from jointgap.core.errors import SimulationError
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.likelihood import Estimate
+from jointgap.identification.problem import SearchLimit
 from jointgap.identification.verdict import Thresholds
 from jointgap.identification.window_search import fit_clearances, likely_clearances
 from tests.catalogue import each
@@ -45,9 +46,9 @@ def baseline_of(problem):
     return SimpleNamespace(problem=problem, nominal=SimpleNamespace(mapping={"zero@slow": 0.07}))
 
 
-def search(problem, limits=NOISE_ALONE, alone=(), until=np.inf):
+def search(problem, limits=NOISE_ALONE, alone=(), limit=None):
     baseline = baseline_of(problem)
-    return fit_clearances(baseline, likely_clearances(baseline), limits, alone, until)
+    return fit_clearances(baseline, likely_clearances(baseline), limits, alone, limit)
 
 
 def place_of(spring):
@@ -136,7 +137,8 @@ def test_the_second_effect_is_found_of_a_clearance_that_leaves_much_more_than_no
     assert [fits[0].mapping[key] for key in ("spring.size", "swing.size")] == pytest.approx([0.3, 0.3], abs=0.02)
     # none is sought where an effect alone leaves less, the budget is spent, or none can be simulated
     assert search(problem, alone=[replace(fits[0], residual=np.full(problem.size, 1.2))]) == []
-    assert search(problem, until=0) == []
+    assert search(problem, limit=SearchLimit(problem, "clearances", 0)) == []
+    assert problem.not_searched == ["clearances"]
     assert search(springs(fails=lambda effects: len(effects) > 1, swing=0.3)) == []
 
 

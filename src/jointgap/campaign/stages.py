@@ -163,18 +163,27 @@ def fit(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
 _FITTED = _read("noise", "recalibrate", "screen", "fit")
 
 
-@stage(reads=_FITTED, writes=_of("pair/{part}", FIT_TABLES), does="fit pairs, part {part}", minutes=120)
+@stage(
+    reads=_FITTED,
+    writes=_of("pair/{part}", (*FIT_TABLES, schema.NOT_SEARCHED)),
+    does="fit pairs, part {part}",
+    minutes=120,
+)
 def pair(state: "CampaignState", part: Part = 0, parts: Parts = 1) -> None:
     """Fit selected pairs of effects by forward simulation.
 
     Requires the same number of parts as the stage fit. If no single effect suffices, the first part repeats the search
     over all of them.
     """
+    import pandas as pd
+
     from jointgap.identification.hypothesis_fits import fit_pairs
 
     (alone, _), inconsistent = state.fits("fit", parts), bool(state.inconsistent_channels)
     fits, seconds = fit_pairs(state.baseline, *state.screening, alone, part, parts, inconsistent)
     state.write_fits(fits, f"pair/{part}", seconds)
+    steps = pd.DataFrame({"step": pd.Series(state.baseline.problem.not_searched, dtype=object)})
+    state.folder.write(schema.NOT_SEARCHED, steps, f"pair/{part}")
 
 
 @stage(
@@ -194,6 +203,10 @@ def decide(state: "CampaignState", parts: Parts = 1) -> None:
     sensitivities, limits = state.screening
     decision = select_hypothesis(state.baseline, sensitivities, [*singles, *pairs], limits)
     decision, families = with_families(state.baseline, decision, limits)
+    of_pairs = (state.folder.read("not_searched", f"pair/{part}")["step"] for part in range(parts))
+    steps = [step for of_part in of_pairs for step in of_part]
+    not_searched = tuple(dict.fromkeys([*steps, *state.baseline.problem.not_searched]))
+    decision = replace(decision, not_searched=not_searched)
     state.folder.write(schema.LAW_FAMILIES, family_frame(families))
     state.verdict_baseline = replace(state.baseline, base=decision.base)
     state.write_fits([decision.base], "decide/base")
@@ -228,7 +241,8 @@ def regress(state: "CampaignState") -> None:
     if outcome.verdict == UNEXPLAINED:
         baseline, limits = state.verdict_baseline, state.screening.limits
         found = force_law.find_force_law(baseline.problem, baseline.base, state.library, limits, baseline.differences)
-        outcome = outcome_with_law(outcome, found)
+        steps = (*outcome.not_searched, *baseline.problem.not_searched)
+        outcome = replace(outcome_with_law(outcome, found), not_searched=tuple(dict.fromkeys(steps)))
     state.write_outcome(outcome, "regress")
 
 

@@ -7,7 +7,7 @@ The model's library has one candidate for each term, with its coefficient as the
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,12 +15,13 @@ from jointgap.core.candidates import Candidate
 from jointgap.identification.baseline import with_intervals
 from jointgap.identification.evidence import reduced_chi2, weigh_fit
 from jointgap.identification.fit import FAILED, FiniteDifferences, Fit, fit_hypothesis
-from jointgap.identification.initial_fit import fit_screened
+from jointgap.identification.initial_fit import fit_screened, without_other_effects
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import (
     LinearizedFit,
     Sensitivity,
     SensitivityRegression,
+    shortlist,
     simulate_sensitivities,
 )
 from jointgap.identification.settings import IdentificationSettings, ModelSelectionSettings
@@ -56,7 +57,7 @@ class Law:
 class ForceLawResult:
     """Result of the search."""
 
-    fit: Fit | None  # The best sum, fitted together with the nuisances
+    fit: Fit | None  # The best sum, or listed effects that explain as much, fitted together with the nuisances
     accepted: bool
     because: str  # The reason
     rivals: list[Fit] = field(default_factory=list)  # Equivalent laws, best first
@@ -84,12 +85,15 @@ class ForceLawResult:
         if self.rivals:
             equal = ", ".join(fit.label for fit in (self.fit, *self.rivals))
             return f"several laws fit the data equally well: {equal}"
+        if self.law is None:
+            return f"{self.fit.label} was found by a formula: {self.because}"
         return f"no listed effect explains the residual, but {self.law.words} does: {self.because}"
 
     @property
     def law(self) -> Law | None:
-        """The best sum as a formula."""
-        return None if self.fit is None else law_of(self.fit.hypothesis, self.fit.mapping)
+        """The best sum as a formula; None for a listed effect."""
+        is_sum = self.fit is not None and all("[" in candidate.name for candidate in self.fit.hypothesis)
+        return law_of(self.fit.hypothesis, self.fit.mapping) if is_sum else None
 
 
 def find_force_law(
@@ -103,16 +107,18 @@ def find_force_law(
 
     All sums are ranked by linear regression. The best are fitted by forward simulation, from the best multiple of the
     linear estimate, and compared by the extended BIC, which counts the number of possible sums (Chen and Chen,
-    Biometrika 95 (2008) 759-771). A second term must improve it by `min_delta_bic`.
+    Biometrika 95 (2008) 759-771). A second term must improve it by `min_delta_bic`. Listed effects that explain as
+    much within the minimum of an accepted sum take its place: the search over them may have missed that minimum.
     """
     differences = differences or FiniteDifferences(problem)
     min_delta_bic = problem.settings.decision.min_delta_bic
     sensitivities = simulate_sensitivities(problem, base, differences, library)
-    until = problem.limit_of_search
+    limit = problem.limit("sums of two terms of a force law")
     screen, settings = SensitivityRegression(sensitivities), problem.settings.selection
     sums = [screen.explained(chosen) for chosen in _subsets(sensitivities.entries)]
     if not sums:
-        return ForceLawResult(None, False, "no term of the library could be simulated", failed=sensitivities.failed)
+        because = "no term of the library could be simulated or changes what was measured"
+        return ForceLawResult(None, False, because, failed=sensitivities.failed)
     counts = {
         size: sum(len(candidate.sensitivities) == size for candidate in sums)
         for size in range(1, len(COEFFICIENTS) + 1)
@@ -131,7 +137,7 @@ def find_force_law(
     if not fits:
         return ForceLawResult(None, False, "no law could be simulated", failed=sensitivities.failed)
     alone = min(fits, key=lambda fit: fit.bic)
-    if problem.simulations <= until:
+    if not limit.reached():
         fits += each(_pairs(sums, alone, reduced_chi2(alone) <= limits.omnibus, settings))
     cost = {fit.label: fit.bic + choice_cost(fit.hypothesis) for fit in fits}
     fits.sort(key=lambda fit: cost[fit.label])
@@ -147,6 +153,9 @@ def find_force_law(
     rivals = [fit for fit in rest if cost[fit.label] - cost[best.label] < min_delta_bic and _differs(fit, best, base)]
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
+    if accepted and (listed := _listed(problem, base, best, limits, differences)):
+        best, rivals, others = listed, [], [best, *rivals, *others]
+        accepted, because = _gate(base, best, best.bic, limits, problem.settings)
     best = fit_hypothesis(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
     best = with_intervals(problem, best)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
@@ -203,6 +212,24 @@ def _pairs(
     ]
     chosen = adding[: settings.partners]
     return chosen if sufficient else chosen + [pair for pair in pairs[: settings.max_singles] if pair not in chosen]
+
+
+def _listed(
+    problem: Problem, base: Fit, formula: Fit, limits: Thresholds, differences: FiniteDifferences
+) -> Fit | None:
+    """The fit of listed effects, as many as the formula has terms, that explains as much from its nuisances; None if
+    there is none."""
+    without = without_other_effects(problem, formula, ())
+    without = replace(without, residual=problem.residual(without.mapping))
+    about = simulate_sensitivities(problem, without, differences)
+    regression = SensitivityRegression(about)
+    ranked = regression.singles() if len(formula.hypothesis) == 1 else regression.pairs()
+    chosen = shortlist(ranked, problem.settings.selection.partners)
+    fits = [fit_screened(problem, differences, about, screened, formula.chi2) for screened in chosen]
+    bounds = {p.name: (p.nominal, p.low, p.high) for p in problem.nuisances}
+    most = formula.bic + problem.settings.decision.min_delta_bic
+    equal = (fit for fit in fits if fit.bic < most and weigh_fit(base, fit, limits, bounds).admissible)
+    return min(equal, key=lambda fit: fit.bic, default=None)
 
 
 def _differs(fit: Fit, best: Fit, base: Fit) -> bool:

@@ -21,7 +21,7 @@ from jointgap.identification.model_selection import (
     swap_one_effect,
     two_effect_thresholds,
 )
-from jointgap.identification.problem import Hypothesis
+from jointgap.identification.problem import Hypothesis, SearchLimit
 from jointgap.identification.screening import (
     LinearizedFit,
     Sensitivities,
@@ -68,11 +68,8 @@ def fit_pairs(
 ) -> TimedFits:
     """Fit the selected pairs of one part.
 
-    If no single effect is sufficient, the first part searches for single effects and pairs, the cheapest step first:
-    single effects fitted to sums of samples first; shapes of law families; clearances that are likely by the filter;
-    pairs whose sensitivities explain nearly everything; the best partners of each leading single effect, and pairs near
-    the best one. The search is sequential, so it is not divided into parts; no step begins after the limit of simulated
-    runs. Clearances are not searched on inconsistent data.
+    If no single effect is sufficient, the first part searches for single effects and pairs (`_search`), which is
+    sequential, so not divided into parts. Clearances are not searched on inconsistent data.
 
     If a pair is selected, the first part searches likely clearances too, as a clearance can resemble two effects.
     """
@@ -82,7 +79,8 @@ def fit_pairs(
     fits, seconds = _fit_each(baseline, pairs[part::parts], limits, alone)
     if pairs and part == 0 and not inconsistent:
         begin = time.monotonic()
-        searched = fit_clearances(baseline, likely_clearances(baseline), limits, until=baseline.problem.limit_of_search)
+        limit = baseline.problem.limit(_CLEARANCES)
+        searched = fit_clearances(baseline, likely_clearances(baseline), limits, limit=limit)
         share = (time.monotonic() - begin) / max(len(searched), 1)
         fits, seconds = [*fits, *searched], [*seconds, *[share] * len(searched)]
     kept = {id(fit) for fit in best_fit_per_hypothesis(fits)}
@@ -109,37 +107,67 @@ def _pairs_of_best(
     return [(pair, about) for pair in shortlist_pairs(baseline, sensitivities, best, alone, second)]
 
 
+_CLEARANCES = "likely clearances"
+
+
 def _search(
     baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, alone: Sequence[Fit], inconsistent: bool
 ) -> TimedFits:
-    """Search beyond linearisation about the base, the cheapest step first, until a fit is sufficient."""
+    """Search beyond linearisation about the base, until a fit is sufficient.
+
+    The steps: clearances that are likely by the filter; pairs whose sensitivities explain nearly everything; the best
+    partners of the leading single effects. If no law family suffices (the stage decide names it) these follow: single
+    effects fitted to sums of samples first; partners of further single effects; pairs near the best one. Each step has
+    an equal share of the simulated runs, so that none uses those of the next ones.
+    """
     begin, problem = time.monotonic(), baseline.problem
     # new steps: the result must not depend on earlier fits in this process
     start = {p.key: p.nominal for p in problem.nuisances} | baseline.nominal.mapping
     baseline = replace(baseline, differences=probed_differences(problem, start))
-    until = problem.limit_of_search
-    fits = _fit_sums_first(baseline, sensitivities, limits, until)
-    if not any(_is_sufficient(fit, limits) for fit in fits):
-        if family_suffices(baseline, alone, limits):
-            return [], []  # the stage decide names it
-        clearances = [] if inconsistent else likely_clearances(baseline)
-        fits += fit_clearances(baseline, clearances, limits, alone, until)
+    fits: list[Fit] = []
+    partnered: set[str] = set()
 
     def singles() -> list[Fit]:
         return [*alone, *(fit for fit in fits if len(fit.hypothesis) == 1)]
 
-    def found() -> bool:
-        return any(_is_sufficient(fit, limits) for fit in fits) or not _insufficient(baseline, singles(), limits)
+    def clearances(limit: SearchLimit) -> list[Fit]:
+        starts = [] if inconsistent else likely_clearances(baseline)
+        return fit_clearances(baseline, starts, limits, alone, limit)
 
-    if not found():
-        masked = _masked_pairs(baseline, sensitivities, singles(), limits)
-        fits += _fit_each(baseline, masked, limits, singles(), until)[0]
-    if not found():
-        # fits in windows have partners already
-        leading = [fit for fit in singles() if not fit.in_windows]
-        fits += _pairs_of_leading(baseline, sensitivities, leading, limits, until)
-    if not found() and problem.simulations <= until:
-        fits += swap_one_effect(baseline, sensitivities, [*alone, *fits])
+    def masked(limit: SearchLimit) -> list[Fit]:
+        pairs = _masked_pairs(baseline, sensitivities, singles(), limits)
+        return _fit_each(baseline, pairs, limits, singles(), limit)[0]
+
+    def partners(limit: SearchLimit) -> list[Fit]:
+        leading: dict[str, Fit] = {}  # one of each exclusion group; `swap_one_effect` fits the others
+        for fit in best_fit_per_hypothesis(singles()):
+            # fits in windows have partners already
+            if fit.status != FAILED and not fit.in_windows and fit.label not in partnered:
+                leading.setdefault(fit.hypothesis[0].exclusion_group, fit)
+        chosen = list(leading.values())[: problem.settings.selection.partners]
+        partnered.update(fit.label for fit in chosen)
+        return _pairs_of_leading(baseline, sensitivities, chosen, singles(), limits, limit)
+
+    def sums(limit: SearchLimit) -> list[Fit]:
+        return _fit_sums_first(baseline, sensitivities, limits, limit)
+
+    def swaps(limit: SearchLimit) -> list[Fit]:
+        return swap_one_effect(baseline, sensitivities, [*alone, *fits], limit)
+
+    steps = {
+        _CLEARANCES: clearances,
+        "effects that mask each other": masked,
+        "pairs with the leading effects": partners,
+        "effects fitted to sums of samples": sums,
+        "pairs with further effects": partners,
+        "exchanges of one effect of the best pair": swaps,
+    }
+    for step, search in steps.items():
+        if search is sums and family_suffices(baseline, singles(), limits):
+            break
+        fits += search(problem.limit(step, 1.0 / len(steps)))
+        if any(_is_sufficient(fit, limits) for fit in fits) or not _insufficient(baseline, singles(), limits):
+            break
     done = {labels_of(fit.hypothesis) for fit in fits}
     chosen = _pairs_of_best(baseline, sensitivities, limits, singles())
     chosen = [(pair, about) for pair, about in chosen if labels_of(pair.hypothesis) not in done]
@@ -149,7 +177,9 @@ def _search(
     return fits, [share] * len(fits)
 
 
-def _fit_sums_first(baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, until: float) -> list[Fit]:
+def _fit_sums_first(
+    baseline: Baseline, sensitivities: Sensitivities, limits: Thresholds, limit: SearchLimit
+) -> list[Fit]:
     """Fits of the single effects that rank first by sums of samples, where chi2 of all samples is rough."""
     problem = baseline.problem
     if not is_rough(problem):
@@ -160,7 +190,7 @@ def _fit_sums_first(baseline: Baseline, sensitivities: Sensitivities, limits: Th
     starts = [fit_screened(sums, differences, about, single) for single in chosen]
     fits: list[Fit] = []
     for start in sorted(starts, key=lambda fit: fit.chi2):
-        if problem.simulations > until:
+        if limit.reached():
             break
         sufficient = min((fit.chi2 for fit in fits if _is_sufficient(fit, limits)), default=np.inf)
         fit = fit_from_sums(problem, start, baseline.differences, sufficient)
@@ -184,21 +214,23 @@ def _masked_pairs(
 
 
 def _pairs_of_leading(
-    baseline: Baseline, sensitivities: Sensitivities, alone: Sequence[Fit], limits: Thresholds, until: float
+    baseline: Baseline,
+    sensitivities: Sensitivities,
+    leading: Sequence[Fit],
+    alone: Sequence[Fit],
+    limits: Thresholds,
+    limit: SearchLimit,
 ) -> list[Fit]:
-    """Fits of the leading single effects with their best partners, the best pairs first.
+    """Fits of the `leading` single effects with their best partners, the best pairs first.
 
     Partners are found by linearisation about the fit of each single effect, of those that the `sensitivities` about the
     base rank first; these fits are returned too.
     """
     problem, settings = baseline.problem, baseline.problem.settings.selection
-    leading: dict[str, Fit] = {}  # one of each exclusion group; `swap_one_effect` fits the others
-    for fit in best_fit_per_hypothesis(fit for fit in alone if fit.status != FAILED):
-        leading.setdefault(fit.hypothesis[0].exclusion_group, fit)
     singles: list[Fit] = []
     chosen: dict[frozenset[str], Chosen] = {}
-    for fit in list(leading.values())[: settings.leading_singles]:
-        if problem.simulations > until:
+    for fit in leading:
+        if limit.reached():
             break
         single = fit_hypothesis(problem, fit.hypothesis, fit.mapping, differences=baseline.differences, refresh=True)
         if single.status == FAILED:
@@ -215,7 +247,7 @@ def _pairs_of_leading(
                 labels = labels_of(pair.hypothesis)
                 chosen[labels] = min(chosen.get(labels, (pair, about)), (pair, about), key=lambda each: each[0].chi2)
     ranked = sorted(chosen.values(), key=lambda each: each[0].chi2)
-    return [*singles, *_fit_each(baseline, ranked, limits, [*alone, *singles], until)[0]]
+    return [*singles, *_fit_each(baseline, ranked, limits, [*alone, *singles], limit)[0]]
 
 
 def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:
@@ -223,13 +255,17 @@ def _is_sufficient(fit: Fit, limits: Thresholds) -> bool:
 
 
 def _fit_each(
-    baseline: Baseline, chosen: Sequence[Chosen], limits: Thresholds, alone: Sequence[Fit], until: float = np.inf
+    baseline: Baseline,
+    chosen: Sequence[Chosen],
+    limits: Thresholds,
+    alone: Sequence[Fit],
+    limit: SearchLimit | None = None,
 ) -> TimedFits:
-    """Fits of the `chosen` hypotheses; none begins after `until` simulated runs."""
+    """Fits of the `chosen` hypotheses; none begins at the limit."""
     problem, differences, parts = baseline.problem, baseline.differences, [baseline.base, *alone]
     fits, seconds = [], []
     for screened, sensitivities in with_progress(chosen, "fits of effects"):
-        if problem.simulations > until:
+        if limit and limit.reached():
             break
         begin = time.monotonic()
         sufficient = min((fit.chi2 for fit in fits if reduced_chi2(fit) <= limits.omnibus), default=np.inf)

@@ -185,9 +185,9 @@ def with_families(
     if not equal and (is_pair or decision.verdict in (UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT, AMBIGUOUS)):
         settings = baseline.problem.settings
         best = min(fit.bic for fit in (decision.chosen, *decision.equivalent)) - settings.decision.min_delta_bic
-        laws, until = [], problem.limit_of_search
+        laws, limit = [], problem.limit("shapes of law families")
         for found, member, family in _unproven(problem, decision, settings.family.least_share):
-            if problem.simulations > until:
+            if limit.reached():
                 break
             fit = fit_shape(baseline.problem, found, member, family, baseline.differences)
             if fit.bic > best or not _weighed(baseline, decision, fit, limits).passes:

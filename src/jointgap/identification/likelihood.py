@@ -28,7 +28,7 @@ from jointgap.identification.fit import (
     bounds_of,
     fit_hypothesis,
 )
-from jointgap.identification.problem import Hypothesis, Problem, label_of, values_in_run, whiten
+from jointgap.identification.problem import Hypothesis, Problem, SearchLimit, label_of, values_in_run, whiten
 from jointgap.identification.screening import Sensitivities, Sensitivity, oscillating_shapes, steady_first
 from jointgap.identification.settings import WindowSettings
 
@@ -686,16 +686,16 @@ def has_windows(problem: Problem, hypothesis: Hypothesis, values: Mapping[str, f
         return False
 
 
-def compete(estimates: Sequence[Estimate], below: float = math.inf, until: float = math.inf) -> list[Estimate]:
-    """Fit all at decreasing jumps `below` a value; those far behind the best or without `leads_on` end, and all after
-    `until` simulated runs.
+def compete(estimates: Sequence[Estimate], below: float = math.inf, limit: SearchLimit | None = None) -> list[Estimate]:
+    """Fit all at decreasing jumps `below` a value; those far behind the best or without `leads_on` end, and all at the
+    limit.
 
     Best first, without those that cannot be simulated.
     """
     going, failed = list(estimates), []
     for jump in (jump for jump in (estimates[0].settings.jumps if estimates else ()) if jump < below):
         for estimate in going:
-            if estimate.problem.simulations > until:
+            if limit and limit.reached():
                 return _ranked(estimates, failed)
             try:
                 estimate.fit_at(jump)

@@ -139,6 +139,22 @@ class Part:
     place: slice
 
 
+@dataclass(frozen=True)
+class SearchLimit:
+    """Number of simulated runs after which a step of the search begins no further fit."""
+
+    problem: "Problem"
+    step: str  # In words
+    simulations: float
+
+    def reached(self) -> bool:
+        """Whether the next fit is omitted; if so, the problem's `not_searched` has the step."""
+        reached = self.problem.simulations > self.simulations
+        if reached and self.step not in self.problem.not_searched:
+            self.problem.not_searched.append(self.step)
+        return reached
+
+
 class Problem:
     """The fitted or held-out samples, and the whitened residuals of a hypothesis."""
 
@@ -152,6 +168,7 @@ class Problem:
     ):
         self.model, self.noise, self.settings = model, noise, settings
         self.simulations = 0
+        self.not_searched: list[str] = []  # Steps of the search that ended at their limit, in words
         self.parts: list[Part] = []
         begin = 0
         for series in model.series:
@@ -182,12 +199,11 @@ class Problem:
         """Whether a run has non-periodic motion, compared by statistics over cycles."""
         return any(part.series.statistic for part in self.parts)
 
-    @property
-    def limit_of_search(self) -> int:
-        """Number of simulated runs after which a search that begins now starts no further fit."""
+    def limit(self, step: str, share: float = 1.0) -> "SearchLimit":
+        """The limit of a step of the search that begins now, with a `share` [1] of all simulated runs."""
         settings = self.settings.selection
         most = settings.max_simulations_of_statistics if self.has_statistics else settings.max_simulations
-        return self.simulations + most
+        return SearchLimit(self, step, self.simulations + share * most)
 
     @cached_property
     def nuisances(self) -> tuple[Parameter, ...]:

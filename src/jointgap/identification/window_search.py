@@ -11,7 +11,7 @@ from jointgap.identification.baseline import Baseline
 from jointgap.identification.evidence import reduced_chi2
 from jointgap.identification.fit import FAILED, Fit
 from jointgap.identification.likelihood import FAILURES, Estimate, compete, has_windows
-from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.problem import Hypothesis, Problem, SearchLimit
 from jointgap.identification.screening import Sensitivities, SensitivityRegression
 from jointgap.identification.verdict import Thresholds
 
@@ -24,22 +24,26 @@ Start = tuple[Hypothesis, Mapping[str, float]]
 
 
 def fit_clearances(
-    baseline: Baseline, starts: Sequence[Start], limits: Thresholds, alone: Sequence[Fit] = (), until: float = math.inf
+    baseline: Baseline,
+    starts: Sequence[Start],
+    limits: Thresholds,
+    alone: Sequence[Fit] = (),
+    limit: SearchLimit | None = None,
 ) -> list[Fit]:
     """Fits of clearances in windows, best first.
 
-    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect. After
-    `until` simulated runs only the best is continued.
+    Unless a fit is consistent with noise or one of `alone` is better, the best so far gets a second effect. At the
+    limit only the best is continued.
     """
     problem = baseline.problem
-    found = _fitted(problem, [Estimate(problem, *each) for each in starts], until, below=math.inf)
+    found = _fitted(problem, [Estimate(problem, *each) for each in starts], limit, below=math.inf)
     best = min(found, key=lambda each: each[1].best.deviance, default=None)
-    if best and problem.simulations <= until and all(_cost(*best) < fit.chi2 for fit in alone):
+    if best and all(_cost(*best) < fit.chi2 for fit in alone) and not (limit and limit.reached()):
         with contextlib.suppress(*FAILURES):
             about = best[1].sensitivities([one for one in problem.model.candidates if not one.search_range])
             leaves_noise = any(_leaves_noise(fit, limits) for fit, _ in found if fit)
             chosen = _worth(problem, about, best[1].hypothesis, limits, leaves_noise)
-            found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen], until)
+            found += _fitted(problem, [Estimate(problem, each, best[1].mapping | at) for each, at in chosen], limit)
     return sorted((fit for fit, _ in found if fit), key=lambda fit: fit.chi2)
 
 
@@ -72,14 +76,16 @@ def _worth(
     return [(single.hypothesis, single.own_start) for single in singles]
 
 
-def _fitted(problem: Problem, estimates: Sequence[Estimate], until: float, below: float | None = None) -> Found:
+def _fitted(
+    problem: Problem, estimates: Sequence[Estimate], limit: SearchLimit | None, below: float | None = None
+) -> Found:
     """Competition of the `estimates` over the jumps `below` a value; then fits of those near the best to the end.
 
     One with a large misfit is not continued, as its simulation is slow."""
     settings, found = problem.settings.windows, []
-    estimates = compete(estimates, settings.jumps[0] if below is None else below, until)
+    estimates = compete(estimates, settings.jumps[0] if below is None else below, limit)
     for estimate in estimates:
-        if found and problem.simulations > until:
+        if found and limit and limit.reached():
             break
         if estimate.best.deviance > estimates[0].best.deviance + settings.far_behind * problem.size:
             break
