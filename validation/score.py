@@ -131,10 +131,14 @@ def labels(effects: Iterable[Mapping[str, Any]]) -> frozenset[str]:
 def named_labels(effects: Iterable[Mapping[str, Any]], hidden: frozenset[str]) -> frozenset[str]:
     """Labels of effects of a verdict; of a named family that of the `hidden` effect that lies in it, else its law's.
 
-    An effect lies in it where the interval of the shape holds the one at which the law is that effect.
+    An effect lies in it where the interval of the shape holds the one at which the law is that effect. Of a sensor
+    fault with alternatives that of the hidden one among them.
     """
 
     def label(effect: Mapping[str, Any]) -> str:
+        same = {effect_label(other) for other in effect.get("alternatives", ())} & hidden
+        if same:
+            return min(same)
         inside = [
             one
             for family in families_named(effect)

@@ -175,15 +175,20 @@ def test_the_text_has_null_for_what_is_no_number_is_read_again_and_nothing_else_
     refused(read, [*cases, (None, "not a verdict ([Errno 2]")], InputError, f"{path}: ")
 
 
-def test_what_several_explanations_hold_is_certain_with_the_values_of_the_best():
+def test_what_is_certain_has_the_values_of_the_best_explanation():
     rivals = [fitted([FRICTION, SPRING], [1.5, 20.0, 7.0], 70.0), fitted([WAVE, FRICTION], [1.5, 4.0, 21.0], 72.0)]
-    outcome = replace(outcome_of(BASE, equivalent=rivals), verdict="ambiguous")
+    outcome = replace(outcome_of(BASE, equivalent=rivals), verdict="ambiguous", certain=("friction",))
     (certain,) = document(outcome)["certain"]
     assert (certain["name"], certain["parameters"]["force_N"]["value"]) == ("friction", 20.0)
-    for behind, names in ((-0.1, []), (0.1, ["friction"])):  # without friction, and as near or not
-        ranking = [*((fit.label, fit.bic) for fit in rivals), ("wave", rivals[1].bic + behind)]
-        near = document(outcome_of(BASE, equivalent=rivals, ranking=ranking))
-        assert [one["name"] for one in near["certain"]] == names
+    assert document(replace(outcome, certain=()))["certain"] == []
+
+
+def test_a_named_sensor_fault_has_those_that_predict_the_same_beside_it():
+    late, lag = (replace(effect(name, "late_s"), sensor=True) for name in ("delay", "lag"))
+    named, twin = (fitted([FRICTION, one], [1.5, 20.0, 2e-3], 70.0) for one in (late, lag))
+    friction, fault = document(replace(outcome_of(named), twins=[twin]))["effects"]
+    assert "alternatives" not in friction
+    assert [(one["name"], one["parameters"]["late_s"]["value"]) for one in fault["alternatives"]] == [("lag", 2e-3)]
 
 
 def test_what_is_best_but_not_proven_stands_with_its_end_its_test_and_its_nearest_rival():

@@ -131,6 +131,60 @@ def test_what_it_is_a_limit_of_is_no_rival_nor_one_of_more_effects_nor_more_nor_
     assert decided(GREAT, pair, single, row(NOISE + 20.0, "mass"), limits=noisy).verdict == "ambiguous"
 
 
+def test_explanations_by_other_sensor_faults_that_predict_the_same_are_one_with_several_names():
+    late, lag, drag = row(NOISE, "delay"), row(NOISE + 0.1, "lag"), row(NOISE + 0.2, "drag")
+
+    def predicts_same(one, other):
+        return {one.fit, other.fit} == {"delay", "lag"}
+
+    named = decided(GREAT, late, lag, predicts_same=predicts_same)
+    assert (named.verdict, named.chosen, named.twins, named.equivalent) == ("named", "delay", ["lag"], [])
+    several = decided(GREAT, late, lag, drag, predicts_same=predicts_same)
+    assert (several.verdict, several.equivalent, several.twins) == ("ambiguous", ["delay", "drag"], [])
+    far = decided(GREAT, late, replace(lag, bic=lag.bic + 20.0), predicts_same=predicts_same)
+    assert (far.verdict, far.twins) == ("named", [])
+
+
+def test_what_every_explanation_has_that_is_not_clearly_worse_is_certain():
+    """Of a base with a great excess: Coulomb friction with an offset or a torque, each of which leaves some misfit."""
+    pairs = left(0.033, "coulomb", "offset"), left(0.049, "coulomb", "torque")
+
+    def certain(*rows, base=WHOLE, **more):
+        return decided(base, *rows, **more).certain
+
+    assert decided(WHOLE, *pairs).verdict == "unexplained"
+    assert certain(*pairs) == ("coulomb",)
+    assert certain(*pairs, left(0.067, "torque", "offset")) == ("coulomb",)
+    assert certain(*pairs, left(0.065, "torque", "offset")) == ()
+    assert certain(*pairs, left(0.065, "torque", objection="at its bound")) == ()  # it was fitted
+    assert certain(*pairs, row(np.inf, "torque", objection="failed")) == ("coulomb",)
+    assert certain(pairs[0]) == () == certain(left(0.06, "coulomb", "offset"), left(0.061, "coulomb", "torque"))
+    # where noise is left the BIC decides
+    noise = row(NOISE, "coulomb", "offset"), row(NOISE + 1.0, "coulomb", "torque")
+    assert certain(*noise, base=GREAT) == ("coulomb",)
+    assert certain(*noise, row(NOISE + 13.9, "torque", "offset"), base=GREAT) == ()
+    assert certain(*noise, row(NOISE + 14.1, "torque", "offset"), base=GREAT) == ("coulomb",)
+    assert certain(row(NOISE, "coulomb"), row(NOISE + 100.0, "coulomb", "torque"), base=GREAT) == ()  # it is named
+    (need,) = (need for need in decided(WHOLE, *pairs).needs if need.kind == "partners")
+    assert (need.label, need.fit) == ("coulomb", "coulomb + offset")
+
+
+def test_what_is_certain_stays_so_unless_the_held_out_gap_rises_or_channels_are_inconsistent():
+    best = row(NOISE, "coulomb", "offset")
+
+    def after(**more):
+        by_fits = Decision("ambiguous", "base", "base", [best.fit, "coulomb + torque"], certain=("coulomb",))
+        shown = HeldOut(**{"test": a_test(), "gap": 1.6} | more)
+        inconsistent = shown.noise[1:] if shown.noise[1] else ()
+        return verdict(
+            Evidence(row(GREAT), row(GREAT), [best], LIMITS, by_fits=by_fits, held_out=shown, inconsistent=inconsistent)
+        )
+
+    assert (after().verdict, after().certain) == ("unexplained", ("coulomb",))
+    assert after(gap=1.0).certain == ("coulomb",)
+    assert after(test=a_test("rises")).certain == () == after(noise=(0.0, "torque")).certain
+
+
 def test_equal_explanations_have_to_explain_nearly_all():
     def with_equal(share):
         rival = left(1.0 - share, "spring")

@@ -6,6 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from jointgap.campaign.analyse import analyse
+from jointgap.campaign.sentences import answer
+from jointgap.campaign.state import CampaignState
 from jointgap.rig.sensors import lagged
 from tests.identification.test_law_family import asked
 from tests.rows import each
@@ -71,3 +74,27 @@ def test_sensors_that_are_late_by_one_time_are_an_encoder_that_is_ahead():
     for channel, values in ahead.items():
         assert values == pytest.approx(late_ones[channel], abs=1e-6 * np.std(values))
     assert chosen(model, "encoder_lag").coordinates[0].low < -1e-3
+
+
+def test_with_one_compared_channel_a_late_sensor_and_a_late_encoder_are_one_explanation(tmp_path):
+    """Against a measured angle either says the same: the position is late."""
+    rng, runs = np.random.default_rng(4), {}
+    for run, rpm in {"slow": 170.0, "mid": 310.0, "fast": 450.0}.items():
+        motion = samples(speed=rpm * np.pi / 30, revolutions=6, samples_per_revolution=1440)
+        time = np.arange(0.0, motion["time"].iloc[-1], STEP)
+        true = {name: np.interp(time, motion["time"], motion[name]) for name in ("crank_angle", "slider_position")}
+        true["slider_position"] = np.interp(time - 2e-3, time, true["slider_position"])
+        kept = slice(round(2 * 60.0 / rpm / STEP), None, round(60.0 / rpm / 90 / STEP))
+        table = pd.DataFrame({"time": time[kept]} | {name: values[kept] for name, values in true.items()})
+        runs[run] = rpm * np.pi / 30, table + rng.standard_normal(table.shape) * [0.0, 1e-3, 1e-4]
+    path = written(tmp_path, runs, drive="measured_angle")
+    document = analyse(path, tmp_path / "results")
+    assert (document["verdict"], document["equivalent"]) == ("named", [])
+    (fault,) = document["effects"]
+    (other,) = fault["alternatives"]
+    assert {fault["name"], other["name"]} == {"sensor_delay", "encoder_lag"}
+    for late in (fault, other):
+        (size,) = late["parameters"].values()
+        assert abs(size["value"]) == pytest.approx(2e-3, abs=4 * size["sd"])
+    assert "cannot show which" in answer(document)
+    assert CampaignState(path, tmp_path / "results").outcome("verdict").twins  # read again from its files

@@ -270,7 +270,12 @@ _KINDS = {
     "pair": ("two effects", "pair"),
     "formula": ("formula", "formula"),
 }
-_PLACES = {"named": "named", "equivalent": "equivalent", "best_known": "best candidate, not confirmed"}
+_PLACES = {
+    "named": "named",
+    "twin": "predicts the same",
+    "equivalent": "equivalent",
+    "best_known": "best candidate, not confirmed",
+}
 _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 
 

@@ -296,13 +296,13 @@ class Outcome(Decision):
 
     @property
     def explanations(self) -> list[Fit]:
-        """The named, the equivalent or the best known fits."""
-        return [fit for fit in (self.named, *self.equivalent, self.best_known) if fit is not None]
+        """The named fit with its twins, the equivalent or the best known fits."""
+        return [fit for fit in (self.named, *self.twins, *self.equivalent, self.best_known) if fit is not None]
 
     @property
     def placed_ranking(self) -> pd.DataFrame:
         """Table `RANKING`."""
-        places = {fit.label: "equivalent" for fit in self.equivalent}
+        places = {fit.label: "equivalent" for fit in self.equivalent} | {fit.label: "twin" for fit in self.twins}
         places |= {fit.label: "best_known" for fit in (self.best_known,) if fit}
         places |= {fit.label: "named" for fit in (self.named,) if fit}
         return self.ranking.assign(place=[places.get(label, "") for label in self.ranking["explanation"]])

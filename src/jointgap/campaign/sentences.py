@@ -41,7 +41,8 @@ def format_effect(effect: Effect) -> str:
                     interval = f"{estimate_row('', own, '1')[2]}, 90 % interval"
             law = _words(family["law"]).format(site=site)
             named.append(f"{law} ({family['shape'].replace('_', ' ')} {interval}{fits})")
-    return " or ".join(named) or words
+    others = [format_effect(other) for other in effect.get("alternatives", ())]
+    return " or ".join([*(named or [words]), *others])
 
 
 def _words(name: str) -> str:
@@ -215,6 +216,8 @@ def answer(verdict: Mapping[str, Any]) -> str:
         found = f"The model lacks {joined(map(format_effect, missing))}."
         if faults:
             fault = f"The measurement has a fault: {format_explanation(faults)}."
+            if any(effect.get("alternatives") for effect in faults):
+                fault += " These data cannot show which of them."
             found = f"{found} {fault}" if missing else f"The mechanism model lacks no effect. {fault}"
         added = "these effects" if effects[1:] else "this effect"
         fit = f"With {added} the residual of the fitted data is consistent with noise."

@@ -162,7 +162,7 @@ class CampaignState:
         ranking = self.folder.read("ranking", stage)
         found = disk.Outcome(verdict, chosen, base, because=row["because"], ranking=ranking, **told)
         if verdict.startswith("named"):
-            return replace(found, chosen=fits[0])
+            return replace(found, chosen=fits[0], twins=fits[1:])
         if verdict == UNEXPLAINED:
             return replace(found, best_known=next(iter(fits), None))
         return replace(found, equivalent=fits)

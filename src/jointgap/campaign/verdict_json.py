@@ -14,7 +14,6 @@ from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
 from jointgap.identification.confirmation import held_out_test
-from jointgap.identification.evidence import certain_effects
 from jointgap.identification.fit import Fit, coordinate_estimate, effect_estimates, is_taken_over
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
@@ -37,7 +36,7 @@ def document(
         "verdict": outcome.verdict,
         "because": outcome.because,
         "basis": "samples" if repeats else "statistics",
-        "effects": _with_families(effects(outcome.chosen, gains), tables["law_families"]),
+        "effects": _with_families(_with_twins(outcome, gains), tables["law_families"]),
         "equivalent": [effects(fit, gains) for fit in outcome.equivalent],
         "certain": _certain(outcome, gains),
         "not_searched": list(outcome.not_searched),
@@ -120,8 +119,6 @@ def _best_known(outcome: Outcome, gains: Mapping[str, float]) -> dict[str, Any] 
 def _certain(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any]]:
     """Effects that all near explanations share, with the values of the first explanation that contains them."""
     shared = set(outcome.certain)
-    if not shared and outcome.equivalent:
-        shared = {candidate.label for candidate in certain_effects(outcome.equivalent, _close(outcome))}
     for fit in outcome.explanations if shared else ():
         if shared <= {candidate.label for candidate in fit.hypothesis}:
             return effects(fit, gains, shared)
@@ -173,13 +170,15 @@ def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[
     return named
 
 
-def _close(outcome: Outcome) -> list[list[str]]:
-    """Effects of each admissible explanation whose BIC is at most that of the equivalent ones."""
-    if not outcome.equivalent:
-        return []
-    ranking = outcome.ranking.query("admissible").set_index("explanation")["bic"]
-    farthest = ranking.reindex([fit.label for fit in outcome.equivalent]).max()
-    return [label.split(JOINED) for label in ranking.index[ranking <= farthest]]
+def _with_twins(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any]]:
+    """The effects of the chosen explanation; a sensor fault with the others that predict the same."""
+    named = effects(outcome.chosen, gains)
+    labels = [candidate.label for candidate in outcome.chosen.hypothesis]
+    for twin in outcome.twins:
+        others = {candidate.label for candidate in twin.hypothesis} - {*labels}
+        place = next(i for i, label in enumerate(labels) if label not in twin.label.split(JOINED))
+        named[place].setdefault("alternatives", []).extend(effects(twin, gains, others))
+    return named
 
 
 def _gains(outcome: Outcome) -> dict[str, float]:

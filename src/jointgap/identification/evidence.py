@@ -1,6 +1,6 @@
 """The table of evidence for the verdict, from fits and predictions."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import TypeVar
 
@@ -76,15 +76,6 @@ def final_verdict(
     fits = {name: getattr(found, name) for name in ("chosen", "best_known")}
     fits = {name: replace(fit, gap_left=gap) if id(fit) in leaving else fit for name, fit in fits.items()}
     return replace(found, equivalent=[replace(fit, gap_left=gap) for fit in found.equivalent], **fits)
-
-
-def certain_effects(equivalent: Sequence[Fit], close: Collection[Collection[str]] = ()) -> list[Candidate]:
-    """Effects common to all explanations, `equivalent` and `close`, in the order of the first."""
-    if not equivalent:
-        return []
-    explanations = [{candidate.label for candidate in fit.hypothesis} for fit in equivalent]
-    shared = set.intersection(*explanations, *map(set, close))
-    return [candidate for candidate in equivalent[0].hypothesis if candidate.label in shared]
 
 
 def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_label: Callable[[float], str]) -> str:

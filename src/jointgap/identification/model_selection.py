@@ -26,7 +26,7 @@ from jointgap.identification.initial_fit import (
     without_other_effects,
 )
 from jointgap.identification.likelihood import fitted
-from jointgap.identification.problem import Hypothesis, Problem
+from jointgap.identification.problem import Hypothesis, Problem, SearchLimit
 from jointgap.identification.screening import (
     LinearizedFit,
     Sensitivities,
@@ -36,8 +36,17 @@ from jointgap.identification.screening import (
     orthonormal,
     shortlist,
 )
-from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings
-from jointgap.identification.verdict import ALONE, PARAMETERS_ONLY, Decision, Evidence, Row, Thresholds, verdict
+from jointgap.identification.settings import DEFAULT_SETTINGS, DecisionSettings, IdentificationSettings
+from jointgap.identification.verdict import (
+    ALIKE,
+    ALONE,
+    PARAMETERS_ONLY,
+    Decision,
+    Evidence,
+    Row,
+    Thresholds,
+    verdict,
+)
 
 
 def shortlist_singles(
@@ -182,14 +191,32 @@ def refit_and_decide(
     def is_special_case(special: Row, general: Row) -> bool:
         return subspaces.is_special_case(special.fit.hypothesis, general.fit.hypothesis)
 
-    evidence = Evidence(row_of(base), row_of(baseline.nominal), rows, limits, is_special_case=is_special_case)
+    def predicts_same(row: Row, other: Row) -> bool:
+        return _differ_in_sensors_only(row.fit, other.fit, base, settings)
+
+    judges = {"is_special_case": is_special_case, "predicts_same": predicts_same}
+    evidence = Evidence(row_of(base), row_of(baseline.nominal), rows, limits, **judges)
     said = verdict(replace(evidence, second_effect_gain=second.max_gain_threshold), settings)
     if said.proposed is None or len(said.proposed.hypothesis) < 2:
         return said
     return verdict(replace(evidence, second_effect_gain=second_effect_gain(problem, fits, second)), settings)
 
 
-def swap_one_effect(baseline: Baseline, sensitivities: Sensitivities, fits: Sequence[Fit]) -> list[Fit]:
+def _differ_in_sensors_only(fit: Fit, other: Fit, base: Fit, settings: DecisionSettings) -> bool:
+    """Whether two explanations have other sensor faults but predict the same: the difference is a negligible part of
+    the change that the effects cause."""
+    if FAILED in (fit.status, other.status) or len(fit.hypothesis) != len(other.hypothesis):
+        return False
+    different = labels_of(fit.hypothesis) ^ labels_of(other.hypothesis)
+    if not all(one.sensor for one in (*fit.hypothesis, *other.hypothesis) if one.label in different):
+        return False
+    apart, change = (np.sum((one.residual - fit.residual) ** 2) for one in (other, base))
+    return bool(apart <= (1.0 - settings.sure_explained_share) * change)
+
+
+def swap_one_effect(
+    baseline: Baseline, sensitivities: Sensitivities, fits: Sequence[Fit], limit: SearchLimit | None = None
+) -> list[Fit]:
     """Fits of new pairs that differ from the best pair in one effect, within its minimum of the nuisances.
 
     Without its partner an effect may be confused with another one, which leads to a wrong pair. Arguments as in
@@ -206,6 +233,8 @@ def swap_one_effect(baseline: Baseline, sensitivities: Sensitivities, fits: Sequ
         partners = SensitivityRegression(sensitivities.about(rest), rest.hypothesis).singles()
         for pair in shortlist(partners, problem.settings.selection.partners):
             if labels_of(pair.hypothesis) not in done and pair.hypothesis[-1].label not in failed:
+                if limit and limit.reached():
+                    return swapped
                 done.add(labels_of(pair.hypothesis))
                 start = rest.mapping | pair.start
                 swapped.append(fit_hypothesis(problem, pair.hypothesis, start, differences=differences))
@@ -333,7 +362,8 @@ def select_hypothesis(
 
     Before a pair is named, each of its effects is fitted alone from the nuisances of the pair and from nominal ones;
     the same for the best pair if it is not admissible. Before anything is named, confusable effects are fitted from its
-    nuisances. If the residual exceeds noise, the intervals include other minima of similar chi2.
+    nuisances. Before effects are certain, pairs without them are fitted. If the residual exceeds noise, the intervals
+    include other minima of similar chi2.
     """
     fits, given = [*fits, *fits_beyond_bounds(baseline, fits)], baseline.base
     found = fits = [*fits, *swap_one_effect(baseline, sensitivities, fits)]
@@ -352,9 +382,9 @@ def select_hypothesis(
         base = with_intervals(baseline.problem, base)
     chosen = base if decision.chosen is decision.base else decision.chosen
     chosen = stated(chosen) if chosen.hypothesis else chosen
-    equivalent = [stated(fit) for fit in decision.equivalent]
+    equivalent, twins = ([stated(fit) for fit in fits] for fits in (decision.equivalent, decision.twins))
     best_known = stated(decision.best_known) if decision.best_known else None
-    return replace(decision, chosen=chosen, base=base, equivalent=equivalent, best_known=best_known)
+    return replace(decision, chosen=chosen, base=base, equivalent=equivalent, twins=twins, best_known=best_known)
 
 
 def _needed(
@@ -366,12 +396,35 @@ def _needed(
         if (kind, label) not in done:
             done.add((kind, label))
             sufficient = fit.chi2 if id(fit) in passing else np.inf
-            fits += (
-                _fit_alone(baseline, fit, label)
-                if kind == ALONE
-                else fit_confusable_effects(baseline, sensitivities, fit, sufficient)
-            )
+            if kind == ALONE:
+                fits += _fit_alone(baseline, fit, label)
+            elif kind == ALIKE:
+                fits += fit_confusable_effects(baseline, sensitivities, fit, sufficient)
+            else:
+                fits += _fit_pairs_without(baseline, sensitivities, decision)
     return fits
+
+
+def _fit_pairs_without(baseline: Baseline, sensitivities: Sensitivities, decision: Decision) -> list[Fit]:
+    """Fits of new pairs without the certain effects: the best single effects other than those, with their partners."""
+    problem, count = baseline.problem, baseline.problem.settings.selection.partners
+    fits = [row.fit for row in decision.ranking if row.fit.status != FAILED]
+    tried, limit = {labels_of(fit.hypothesis) for fit in fits}, problem.limit("pairs without the certain effects")
+    singles: dict[str, Fit] = {}  # one of each exclusion group
+    for fit in best_fit_per_hypothesis(fits):
+        if len(fit.hypothesis) == 1 and not fit.in_windows and fit.label not in decision.certain:
+            singles.setdefault(fit.hypothesis[0].exclusion_group, fit)
+    found = []
+    for fit in list(singles.values())[:count]:
+        fit = refit_jacobian(baseline, fit)
+        others = sensitivities.about(fit)
+        others = replace(others, entries=[s for s in others.entries if s.candidate.label not in decision.certain])
+        for pair in shortlist(SensitivityRegression(others, fit.hypothesis).singles(), count):
+            if labels_of(pair.hypothesis) not in tried and not limit.reached():
+                tried.add(labels_of(pair.hypothesis))
+                start = fit.mapping | pair.start
+                found.append(fit_hypothesis(problem, pair.hypothesis, start, differences=baseline.differences))
+    return found
 
 
 def _fit_alone(baseline: Baseline, pair: Fit, label: str) -> list[Fit]:

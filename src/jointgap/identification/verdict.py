@@ -23,7 +23,7 @@ AS_THE_FITS_SAY = ""
 FALLS, STAYS, RISES = "falls", "stays", "rises"
 CANNOT_TELL, NOT_SIMULATED, NOTHING_HELD_OUT = "cannot_tell", "not_simulated", "nothing_held_out"
 
-ALONE, ALIKE = "alone", "alike"
+ALONE, ALIKE, PARTNERS = "alone", "alike", "partners"
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,9 @@ class HeldOut:
 class Need(NamedTuple):
     """A fit that is required before an effect is named."""
 
-    kind: str  # ``alone``: an effect of a pair; ``alike``: all effects confusable with the explanation
+    # ``alone``: an effect of a pair; ``alike``: all effects confusable with the explanation; ``partners``: the best
+    # single effects without the certain ones, each with a partner
+    kind: str
     label: str  # Of that effect, or of the explanation
     fit: Any  # The explanation whose nuisances are the start
 
@@ -126,6 +128,7 @@ class Decision:
     needs: tuple[Need, ...] = ()  # Fits that are required first
     certain: tuple[str, ...] = ()  # Labels of the effects that all fitted explanations near the best one share
     not_searched: tuple[str, ...] = ()  # Steps of the search that the limit of simulations left out
+    twins: list = field(default_factory=list)  # Explanations by other sensor faults that predict the same as `chosen`
 
     @property
     def proposed(self) -> Any:
@@ -147,6 +150,7 @@ class Evidence:
     limits: Thresholds
     second_effect_gain: float = 0.0  # [BIC] Least gain of a pair over the best single effect
     is_special_case: Callable[[Row, Row], bool] = lambda special, general: False  # The second contains the first
+    predicts_same: Callable[[Row, Row], bool] = lambda row, other: False  # They differ in names of sensor faults only
     by_fits: Decision | None = None  # The verdict of the fits, once there is one
     held_out: HeldOut | None = None
     inconsistent: Sequence[str] = ()  # Channels
@@ -190,7 +194,32 @@ class Case:
         own = {*self.best.effects}
         found = [row for row in self.ranking if row.admissible and len(row.effects) <= len(own)]
         found = [row for row in found if not own <= {*row.effects} and not own > {*row.effects}]
+        found = [row for row in found if not self.evidence.predicts_same(self.best, row)]
         return [row for row in found if not self.evidence.is_special_case(self.best, row)]
+
+    @property
+    def twins(self) -> list[Row]:
+        """Explanations that differ from the best one only in the name of a sensor fault, as they predict the same."""
+        near = [row for row in self.ranking if row.admissible and row.bic - self.best.bic < self.apart]
+        return [row for row in near if row.fit is not self.best.fit and self.evidence.predicts_same(self.best, row)]
+
+    @property
+    def certain(self) -> tuple[str, ...]:
+        """Effects of the best explanation that every fitted explanation has which is not clearly worse: by its BIC over
+        the misfit that the best one leaves and, if that is more than noise, by the misfit too.
+
+        None if the best one explains too little, or is the only one.
+        """
+        if not self.best or not self.is_good:
+            return ()
+        apart = self.apart * max(self.best.misfit, 1.0)
+        fitted = [self.base, *(row for row in self.ranking if np.isfinite(row.chi2) and row is not self.best)]
+        near = [row for row in fitted if row.bic - self.best.bic < apart]
+        if not self.best.passes and not self.is_small:
+            shares = {id(row): 0.0 if row is self.base else row.share for row in fitted}
+            near = [row for row in fitted if row in near or not self.leaves_less(1.0 - shares[id(row)])]
+        shared = {*self.best.effects}.intersection(*(row.effects for row in near))
+        return tuple(label for label in self.best.effects if label in shared) if near else ()
 
     @property
     def rivals(self) -> list[Row]:
@@ -232,7 +261,8 @@ class Case:
         """The decision by a rule."""
         because, best, said = rule.because.format(c=self), self.best, self.said
         if said and rule.verdict == UNEXPLAINED:
-            said = replace(said, chosen=said.base, equivalent=[], best_known=best.fit)
+            sure = () if self.evidence.inconsistent or self.test.outcome == RISES else said.certain
+            said = replace(said, chosen=said.base, equivalent=[], twins=[], best_known=best.fit, certain=sure)
         if said:
             return replace(said, verdict=rule.verdict, because=because) if rule.verdict else said
         equal = [best, *self.rivals] if rule.verdict == AMBIGUOUS else []
@@ -240,13 +270,18 @@ class Case:
         chosen = best if rule.verdict in _NAMES else self.nominal if rule.verdict == NO_DISAGREEMENT else self.base
         fits = {"chosen": chosen.fit, "base": self.base.fit, "equivalent": [row.fit for row in equal]}
         fits["best_known"] = known.fit if known else None
+        fits["twins"] = [row.fit for row in self.twins] if rule.verdict in _NAMES else []
+        certain = self.certain if rule.verdict in (AMBIGUOUS, UNEXPLAINED) else ()
         # One effect of a pair may suffice; effects confusable with the best were not fitted from its nuisances.
         first = (row for row in self.ranking[:1] if row.delta_bic > 0.0)
         pairs = [row for row in (chosen, *equal, *first) if len(row.effects) > 1]
         needs = [Need(ALONE, effect, row.fit) for row in pairs for effect in row.effects]
         if best and (not known or known.misfit <= self.limits.omnibus):
             needs.append(Need(ALIKE, best.label, best.fit))
-        return Decision(rule.verdict, ranking=self.ranking, because=because, needs=tuple(needs), **fits)
+        needs += [Need(PARTNERS, " + ".join(certain), best.fit)] if certain else []
+        return Decision(
+            rule.verdict, ranking=self.ranking, because=because, needs=tuple(needs), certain=certain, **fits
+        )
 
 
 class Rule(NamedTuple):
