@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from jointgap.campaign import verdict_json
-from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, noted
+from jointgap.campaign.campaign_files import MECHANISM, SUMMARIES, VERDICT, check_same_file, noted
 from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.page import conclude
 from jointgap.campaign.stages import CAMPAIGN_STAGES
@@ -33,6 +33,7 @@ def analyse(
     # the optimum and the figures are no part of the verdict
     names = [*made_from, *(name for name in ("preflight", "locate", "augment") if name not in made_from)]
     stages = [CAMPAIGN_STAGES[name] for name in names]
+    check_same_file(state.file, state.folder.path)
     state.folder.check_writable(*(path for name in (*names, "conclude") for path in CAMPAIGN_STAGES[name].outputs()))
     _remove_conclusions(state.folder)
     # advice only if the verdict needs it
