@@ -215,6 +215,49 @@ def used_before(tmp_path):
     return tmp_path
 
 
+def test_results_of_another_campaign_file_are_kept_and_the_error_says_which_file_they_are_of(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    first, moved = written(tmp_path / "a/plan.yaml"), tmp_path / "moved/plan.yaml"
+    results = Path("results/campaigns/demonstration")
+    CliRunner().invoke(cli, ["measure", str(first)], catch_exceptions=False)
+    (results / "verdict.json").write_text("of the first file")
+    second, damaged = written(tmp_path / "b/plan.yaml", date="2026-01-05"), written(tmp_path / "damaged.yaml")
+    damaged.write_text(damaged.read_text().replace("unit: ms", "unit: s").replace("t_ms", "no_such_column"))
+    commands = [lambda file, name=name: asked(name, file) for name in ("measure", "preflight", "analyse")]
+    commands += [lambda file: analyse(file, results), lambda file: campaigns([str(file)], (tmp_path,))]
+    words = (
+        f"{results} contains the results of another campaign file, {first} ~ give this campaign another `name` ~ delete"
+    )
+    refused(lambda act, file: act(file), [(act, file, words) for act in commands for file in (second, damaged)])
+    assert (results / "verdict.json").read_text() == "of the first file"
+
+    def reached(state, **options):
+        raise InputError("reached")
+
+    # the same file by another path, changed, in a folder that was moved, or in another folder of results is no other
+    (tmp_path / "link.yaml").symlink_to(first)
+    asked("measure", "link.yaml")
+    first.write_text(first.read_text() + "# changed\n")
+    asked("measure", "a/../a/plan.yaml")
+    first.parent.rename(moved.parent)
+    asked("measure", moved)
+    written(moved, date="2026-01-06")
+    assert campaigns([str(moved)], (tmp_path,))
+    stand_in(monkeypatch, lambda name: reached, "measure")
+    with pytest.raises(InputError, match=r"^reached$"):
+        analyse(moved, results)
+    with pytest.raises(InputError, match=r"^reached$"):
+        analyse(second, tmp_path / "elsewhere")
+
+
+def test_results_that_moved_with_their_campaign_file_are_still_of_it(tmp_path, monkeypatch):
+    file = written(tmp_path / "here/plan.yaml")
+    asked("measure", file, "--folder", tmp_path / "here/results")
+    (tmp_path / "here").rename(tmp_path / "there")
+    written(tmp_path / "there/plan.yaml", date="2026-01-05")
+    asked("measure", tmp_path / "there/plan.yaml", "--folder", tmp_path / "there/results")
+
+
 def test_an_analysis_that_fails_leaves_no_older_conclusion_and_one_that_cannot_begin_all(used_before, monkeypatch):
     (used_before / "screen").write_text("a file where a folder should be")
     with pytest.raises(InputError, match="cannot be written"):

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from jointgap.campaign.campaign_files import COSTS, MECHANISM, SUMMARIES, VERDICT
+from jointgap.campaign.campaign_files import COSTS, MECHANISM, SUMMARIES, VERDICT, check_same_file
 from jointgap.campaign.figures import FIGURES
 from jointgap.campaign.page import conclude
 from jointgap.campaign.stages import CAMPAIGN_STAGES, run_stage
@@ -27,6 +27,7 @@ def analyse(
     # the optimum and the figures are no part of the verdict
     names = [*made_from, *(name for name in ("preflight", "locate", "augment") if name not in made_from)]
     stages = [CAMPAIGN_STAGES[name] for name in names]
+    check_same_file(state.file, state.folder.path)
     state.folder.check_writable(*(path for name in (*names, "conclude") for path in CAMPAIGN_STAGES[name].outputs()))
     _remove_conclusions(state.folder)
     # advice only if the verdict needs it

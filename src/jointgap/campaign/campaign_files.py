@@ -1,5 +1,6 @@
 """Files of a campaign's results."""
 
+import hashlib
 import json
 import os
 import traceback
@@ -68,6 +69,7 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
                 "(CAMPAIGN=... of `make campaign`)"
             )
         campaign = load_campaign(file)
+        check_same_file(file, Path("results/campaigns") / campaign.name)
         if campaign.name in found:
             both = f"{found[campaign.name].campaign} and {file}"
             raise InputError(f"campaigns: {both} have the same name '{campaign.name}'; give each its own name")
@@ -96,6 +98,37 @@ def plan(file: Path) -> tuple[str, ...]:
     mechanism = read_yaml(file).get("mechanism")
     named = [mechanism_file(mechanism, (file.parent,), f"{file}: mechanism")] if isinstance(mechanism, str) else []
     return (str(file), *map(str, named))
+
+
+ORIGIN = "campaign_file.json"
+"""The campaign file that a folder of results is of: its path from that folder, which moves with it, and its digest."""
+
+
+def write_origin(file: Path, results: Path) -> None:
+    """Note in the folder `results` that it is of the campaign `file`."""
+    path = os.path.relpath(os.path.realpath(file), os.path.realpath(results))
+    write_text(results / ORIGIN, json.dumps({"file": path, "sha256": _digest(file)}) + "\n")
+
+
+def check_same_file(file: Path, results: Path) -> None:
+    """InputError if the folder `results` is of another campaign file: its verdict would be replaced.
+
+    A file that was moved, but not changed, is no other.
+    """
+    if not (results / ORIGIN).is_file():
+        return
+    origin = json.loads((results / ORIGIN).read_text(encoding="utf-8"))
+    earlier = Path(os.path.normpath(os.path.join(os.path.realpath(results), origin["file"])))
+    same = os.path.samefile(earlier, file) if earlier.is_file() else origin["sha256"] == _digest(file)
+    if not same:
+        raise InputError(
+            f"{file}: {results} contains the results of another campaign file, {earlier}; give this campaign another "
+            f"`name`, use --folder of `jointgap`, or delete {results}"
+        )
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 @contextmanager

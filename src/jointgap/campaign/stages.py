@@ -50,12 +50,13 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     """Read the runs of CAMPAIGN into SI units, check them, and plot cycles and scatter."""
     import pandas as pd
 
-    from jointgap.campaign.campaign_files import config_snapshot
+    from jointgap.campaign.campaign_files import check_same_file, config_snapshot, write_origin
     from jointgap.dynamics.mechanism_warnings import odd_data, odd_speed
     from jointgap.rig.read_files import read_measurements
     from jointgap.rig.recording import to_frame
 
     folder = state.folder
+    check_same_file(state.file, folder.path)
     read = read_measurements(state.campaign)
     mechanism = state.campaign.mechanism
     odd = [f"mechanism, {remark}" for remark in odd_data(mechanism)]
@@ -66,6 +67,7 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
         from jointgap.rig.inspection import inspect
 
         numbers, drawings = inspect(state.campaign, state.measurements)
+    write_origin(state.file, folder.path)
     folder.write(schema.CONFIG_SNAPSHOT, config_snapshot(state.campaign))
     folder.write(schema.REMARKS, pd.DataFrame({"remark": pd.Series(state.measurements.remarks, dtype=object)}))
     contradictions = pd.DataFrame(state.measurements.contradictions, columns=schema.CONTRADICTIONS.names)
@@ -86,9 +88,12 @@ def preflight(state: "CampaignState", advice: bool = True) -> str:
     Reports the smallest detectable size of each effect, indistinguishable effects, and the most useful further speed
     or channel. Data files are not required; if they exist, their number of samples is used.
     """
+    from jointgap.campaign.campaign_files import check_same_file, write_origin
     from jointgap.campaign.plan import preflight_summary, preflight_tables
 
+    check_same_file(state.file, state.folder.path)
     frames = preflight_tables(state.campaign, state.false_alarm_rate, state.settings, advice)
+    write_origin(state.file, state.folder.path)
     state.folder.write_all(frames)
     return preflight_summary(**frames) if advice else ""
 

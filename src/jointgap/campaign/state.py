@@ -48,7 +48,7 @@ class CampaignState:
         data = (self.campaign.folder / run.file for run in self.campaign.runs)
         results = [table.path for table in TABLES.values() if table.path and "{" not in table.path]
         inputs = (*files.plan(campaign), *self.campaign.mechanism.files, *data)
-        self.folder.check_apart(inputs, (*results, files.MECHANISM, files.VERDICT, *files.SUMMARIES))
+        self.folder.check_apart(inputs, (*results, files.MECHANISM, files.VERDICT, files.ORIGIN, *files.SUMMARIES))
         self.clockwise = disk.clockwise(self.campaign)
 
     @cached_property
