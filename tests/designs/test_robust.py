@@ -109,6 +109,11 @@ def test_the_page_shows_every_pair_of_lengths_and_says_where_no_change_is_worth_
         assert headline(nothing) == "No significant improvement: keep the original lengths"
         assert any(said in sentence for sentence in verdict(nothing))
 
+    missed = replace(found, candidates=found.candidates.assign(missed=1.0))
+    assert headline(missed).startswith("No candidate satisfies the constraints")
+    assert verdict(missed)[0].startswith("No robust optimum") and "falls by" not in " ".join(verdict(missed))
+    assert "robust optimum |" not in to_markdown(page(missed, made, "mine"))
+
 
 def test_a_gain_that_is_the_same_in_every_draw_has_no_spread_however_much_the_draws_scatter():
     z = standard_draws(200)

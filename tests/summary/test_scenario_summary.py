@@ -135,24 +135,61 @@ def test_what_has_to_be_known_before_the_lengths_are_taken_over_is_remarked():
     assert [word for word in ("stroke", "force", "network", "limits the result", "peak") if word in said] == []
 
 
-def test_a_largest_force_that_no_lengths_keep_is_reported_with_the_nearest():
+def test_a_largest_force_that_no_lengths_keep_comes_first_with_the_smallest_force_and_there_is_no_optimum():
     over = found({}, constraints={"largest_pin_force": "450 N"})
-    assert any("largest pin force of 450 N; the nearest have 500 N" in remark for remark in remarks(over))
-    text = to_markdown(page(over, "mine", ()))
+    first = "No lengths within the bounds keep the pin force below 450 N (least: 500 N at crank 26.0 mm, rod 98.7 mm)"
+    assert headline(over) == first
+    assert remarks(over)[0] == "Allow a force above 500 N, or widen `optimise.boxes.within`."
+    text = to_markdown(page(over, "mine", remarks(over)))
+    assert text.startswith(f"# Scenario mine: {first}\n")
     assert "| largest force in a pin | 450 N at most | 400 N | 500 N | no |" in text
-    assert "No bound is active" not in text
+    assert [word for word in ("No bound is active", "Gain", "smaller", "larger", "valley") if word in text] == []
+    known = json.loads(json.dumps(document(over, "mine", ()), allow_nan=False))
+    assert (known["status"], known["headline"]) == ("infeasible", first)
+    assert known["smallest_force"] == pytest.approx(
+        {"limit_N": 450.0, "force_N": 500.0, "crank_length_mm": 26.0, "rod_length_mm": 98.7}
+    )
+    assert known["crank_length_mm"] == {"before": 25.0, "after": None}
+    assert set(known["reduction_percent"].values()) == {None}
+
+
+def test_lengths_that_keep_the_force_without_a_converged_search_are_no_optimum():
+    tables = frames(force=(400.0, 440.0))
+    for table in tables.values():
+        if "point" in table:
+            table["point"] = table["point"].replace("simulation_settled_within_local", "least_force_within")
+    tables["optimise_optima"] = tables["optimise_optima"].query("point in ('original', 'least_force_within')")
+    tables["optimise_optima"].loc[lambda own: own["point"] == "least_force_within", "method"] = "least_force"
+    tables["optimise_floor"] = tables["optimise_floor"].iloc[:0]
+    least = outcome(tables, scenario(constraints={"largest_pin_force": "450 N"}))
+    assert any("did not converge under the force limit" in remark for remark in remarks(least))
+    known = document(least, "mine", ())
+    assert (known["status"], known["found_on"]) == ("not converged", None)
+    assert "Motion used by the search" not in to_markdown(page(least, "mine", ()))
 
 
 def test_the_page_tells_lengths_gain_price_and_what_was_asked():
     outcome = found({}, constraints={"stroke": "52 mm"})
     text = to_markdown(page(outcome, "mine", remarks(outcome)))
     for line in (
-        "| crank length [mm] | 25.000 | 26.000 | +1.000 | +4.00 | 24 to 26 |",
+        "| crank length [mm] | 25.000 | 26.000 | +1.000 | +4.00 | fixed |",
+        "| rod length [mm] | 95.000 | 98.700 | +3.700 | +3.89 | 90 to 100 |",
         "| largest force in the crank pin [N] | 400 | 500 | +100 | +25.00 |",
         "| share of time in contact, piston pin [%] | 90.0 | 90.0 | 0.0 | – |",
         "| stroke | 52 mm | 50 mm | 52 mm | yes |",
     ):
         assert line in text, line
+
+
+def test_a_length_that_is_kept_was_not_searched_and_equal_ends_are_no_interval():
+    kept = found({"crank": 0.025, "low": 0.3768, "high": 0.3772, "floor": (0.3768, 0.3772)}, boxes={"within": None})
+    text = to_markdown(page(kept, "mine", remarks(kept)))
+    assert "| crank length [mm] | 25.000 | 25.000 | 0.000 | 0.00 | fixed |" in text
+    assert "| rod length [mm] | 95.000 | 98.700 | +3.700 | +3.89 | 90.25 to 99.75 |" in text
+    assert "23.75" not in text and "-37.7 to -37.7" not in text and "37.7 to 37.7" not in text
+    assert "0.26340 to 0.26340" not in text and "-37.7 (-37.7)" in text
+    narrowed = found({}, constraints={"stroke": ["49 mm", "50.5 mm"]})
+    assert "| 24.5 to 25.25 |" in to_markdown(page(narrowed, "mine", ()))
 
 
 def test_programs_find_the_same_numbers():

@@ -13,8 +13,9 @@ from jointgap.core import parquet, schema
 from jointgap.core.joints import OUTPUTS
 from jointgap.core.publish import thinned
 from jointgap.networks.clearance import ClearanceNetwork
+from jointgap.scenario.mlflow_runs import scenario_records
 from tests.track.conftest import client_of, runs_of
-from tests.track.synthetic import ITERATIONS, fit
+from tests.track.synthetic import ITERATIONS, SECTIONS, fit, numbers, scenario
 
 
 @pytest.fixture(scope="module")
@@ -168,3 +169,14 @@ def test_the_optimum_of_the_papers_way_is_that_of_the_scenario_and_verdicts_on_t
     assert {name: metrics[name] for name in wanted} == wanted
     assert {"ours/rods gain real at 5", "ratio/rods gain real at 5"} <= set(metrics)
     assert artifact("compare", "comparison.md") == b"in words"
+
+
+def test_a_box_without_an_optimum_has_the_reason_and_no_lengths_or_gain(tmp_path):
+    status = "no lengths within the bounds keep the pin force below 300 N"
+    point = {"point": ["original", "least_force_paper"], "box": [None, "paper"], "status": [None, status]}
+    point |= {"source": ["simulation"] * 2, "method": ["original", "least_force"]}
+    files = {"optimise_optima": tmp_path / "optima.parquet"}
+    parquet.write(schema.OPTIMISE_OPTIMA, numbers(schema.OPTIMISE_OPTIMA, 2, **point), files["optimise_optima"])
+    (record,) = scenario_records(scenario(), SECTIONS, files, tmp_path)
+    assert (record.stage, record.output, record.notes["status"]) == ("optimise", "", status)
+    assert not record.metrics

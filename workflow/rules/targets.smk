@@ -67,14 +67,15 @@ rule campaigned:
         "every campaign has its verdict"
 
 
-# What could not be made beside a verdict makes the run a failed one, though all is there.
+# What could not be made beside a verdict, and a scenario without an optimum, make the run a failed one, though all is there.
 onsuccess:
-    from jointgap.app.report import optimum_lines, verdict_lines
+    from jointgap.app.report import optimum_lines, scenarios_without_optimum, verdict_lines
     from jointgap.campaign.campaign_files import failures
 
     made = {(job.rule.name, *job.wildcards) for job in workflow.dag.jobs}
     failed = []
-    lines = optimum_lines([name for name in SCENARIOS if ("summarise", name) in made], Path("results"))
+    summarised = [name for name in SCENARIOS if ("summarise", name) in made]
+    lines = optimum_lines(summarised, Path("results"))
     for name in CAMPAIGNS:
         if ("campaign_conclude", name) in made:
             folder = Path("results/campaigns", name)
@@ -84,5 +85,8 @@ onsuccess:
             ]
     if lines:
         logger.info("\n".join(["", *lines, ""]))
-    if failed:
-        raise WorkflowError("could not be made: " + "; ".join(failed))
+    reasons = ["could not be made: " + "; ".join(failed)] if failed else []
+    if unmet := scenarios_without_optimum(summarised, Path("results")):
+        reasons.append("no optimum: " + ", ".join(unmet))
+    if reasons:
+        raise WorkflowError("; ".join(reasons))

@@ -32,7 +32,7 @@ from jointgap.designs.statistics import contacts, time_shares
 from jointgap.dynamics.mechanism_warnings import sentences
 from jointgap.dynamics.simulation import simulate as simulated
 from jointgap.scenario.figures import FIGURES
-from jointgap.scenario.outcome import outcome, remarks
+from jointgap.scenario.outcome import headline, outcome, remarks
 from jointgap.scenario.stages import SCENARIO_STAGES
 
 if TYPE_CHECKING:
@@ -720,7 +720,7 @@ def optimise(
     Raises
     ------
     InputError
-        Unknown key, invalid value, no loose joint, or a missing package.
+        Unknown key, invalid value, no loose joint, no lengths that satisfy the constraints, or a missing package.
     SimulationError
         The simulation failed.
 
@@ -758,6 +758,9 @@ def optimise(
     errors = [one.errors() for own in trained.values() for one in own]
     errors = pd.concat(errors) if errors else pd.DataFrame(columns=schema.FIT_ERRORS.names)
     result = outcome(tables | {"fit_errors": errors}, scenario)
+    if result.status == "infeasible":
+        advice = remarks(result)[0].rstrip(".")
+        raise InputError(f"optimise: {headline(result)}; {advice[0].lower()}{advice[1:]}")
     shown = {table.name.removeprefix("optimise_"): with_units(table, tables[table.name]) for table in _WRITTEN}
     return Optimum(applied.with_lengths(*result.lengths), motion, shown, result)
 

@@ -19,7 +19,7 @@ from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.plot import FigureSpec
-from jointgap.core.words import format_falls, format_name
+from jointgap.core.words import format_falls, format_name, format_range, joined
 from jointgap.scenario import overview
 from jointgap.scenario.figures import FIGURES
 from jointgap.scenario.results import ScenarioResults
@@ -108,18 +108,28 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
 
 
 def _row(name: str, known: Mapping[str, Any]) -> dict[str, str | Link]:
-    """A scenario in the table of all."""
+    """A scenario in the table of all; dashes without an optimum."""
+    is_found = has_optimum(known)
+
+    def cell(value: float, digits: str) -> str:
+        return format(value, digits) if is_found else "–"
+
     row = {
         "scenario": Link(name, f"#{pages.place_of(f'Scenario {name}')}"),
         "speed [rpm]": f"{known['speed_rpm']:g}",
-        "crank [mm]": f"{known['crank_length_mm']['after']:.3f}",
-        "rod [mm]": f"{known['rod_length_mm']['after']:.3f}",
-        "change of the error [%]": f"{-known['reduction_percent']['median']:+.1f}",
+        "crank [mm]": cell(known["crank_length_mm"]["after"], ".3f"),
+        "rod [mm]": cell(known["rod_length_mm"]["after"], ".3f"),
+        "change of the error [%]": f"{-known['reduction_percent']['median']:+.1f}" if is_found else "no optimum",
     }
     for joint, force in known["largest_force_N"].items():
-        row[f"{format_name(joint)}, largest force [N]"] = f"{force['after']:.4g}"
-        row[f"at [deg] ({format_name(joint)})"] = f"{force['after_at_deg']:.0f}"
+        row[f"{format_name(joint)}, largest force [N]"] = cell(force["after"], ".4g")
+        row[f"at [deg] ({format_name(joint)})"] = cell(force["after_at_deg"], ".0f")
     return row
+
+
+def has_optimum(known: Mapping[str, Any]) -> bool:
+    """Whether a scenario, its ``summary.json``, has lengths that satisfy all constraints."""
+    return known.get("status") != "infeasible"
 
 
 def _summary(own: ScenarioResults) -> Mapping[str, Any]:
@@ -133,9 +143,16 @@ def _summary(own: ScenarioResults) -> Mapping[str, Any]:
 
 def _headline(summaries: Mapping[str, Any], parts: Sequence[_Part]) -> str:
     if len(summaries) > 1:
-        falls = format_falls(known["reduction_percent"]["median"] for known in summaries.values())
-        error = f"the RMS error of the transmission angle {falls} at the lengths found, simulated again"
-        return f"In {len(summaries)} scenarios {error}"
+        found = [known["reduction_percent"]["median"] for known in summaries.values() if has_optimum(known)]
+        unmet = [name for name, known in summaries.items() if not has_optimum(known)]
+        sentences = [f"In {len(unmet)} scenarios ({joined(unmet)}) no lengths satisfy the constraints"] if unmet else []
+        if len(unmet) == 1:
+            sentences = [f"{unmet[0]}: {summaries[unmet[0]]['headline']}"]
+        if found:
+            error = f"the RMS error of the transmission angle {format_falls(found)} at the lengths found"
+            where = "the others" if unmet else f"{len(summaries)} scenarios"
+            sentences.append(f"In {where} {error}, simulated again")
+        return ". ".join(sentences)
     if summaries:
         return next(iter(summaries.values()))["headline"]
     results = {part.name: part.result for part in parts if part.result}
@@ -146,12 +163,12 @@ def _headline(summaries: Mapping[str, Any], parts: Sequence[_Part]) -> str:
 def _scenario(own: ScenarioResults, summary: Mapping[str, Any] | None) -> _Part:
     name, result = own.path.name, summary["headline"] if summary else ""
     pages = {
-        "summary.html": "lengths, gain and side effects",
+        "summary.html": "lengths, gain and side effects" if not summary or has_optimum(summary) else "constraints",
         "figures/impacts.html": "impacts, interactive",
         "comparison.html": "comparison with the paper",
     }
     links = tuple(Link(words, f"{name}/{path}") for path, words in pages.items() if (own.path / path).is_file())
-    specs = {key: FIGURES[key] for key in FIGURES.still if (own.path / f"figures/{key}.png").is_file()}
+    specs = {key: FIGURES[key] for key in FIGURES.still if _shows(own.path / f"figures/{key}.png")}
     texts = tuple(filter(None, (own.scenario.description, f"{result}." if result else "")))
     return _Part(name, f"Scenario {name}", result, texts, links, f"{name}/figures/", specs, _KEY_FIGURES)
 
@@ -197,13 +214,26 @@ def verdict_lines(folder: Path) -> list[str]:
     return "\n  ".join([*lines, f"page: {folder / SUMMARIES[1]}"]).split("\n")
 
 
-def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
-    """A table of the scenarios' optima, one row each, then the remarks; empty without ``summary.json`` files."""
+def scenarios_without_optimum(names: Sequence[str], results: Path) -> list[str]:
+    """Scenarios in which no lengths satisfy all constraints, by their ``summary.json`` files."""
+    return [name for name, known in _summaries(names, results).items() if not has_optimum(known)]
+
+
+def _summaries(names: Sequence[str], results: Path) -> dict[str, Mapping[str, Any]]:
+    """Contents of the ``summary.json`` files that exist, by scenario."""
     paths = {name: results / name / SUMMARY for name in names}
-    known = {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items() if path.is_file()}
+    return {name: json.loads(path.read_text(encoding="utf-8")) for name, path in paths.items() if path.is_file()}
+
+
+def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
+    """Scenarios without an optimum, a table of the others, one row each, then the remarks; empty without
+    ``summary.json`` files.
+    """
+    known = _summaries(names, results)
     if not known:
         return []
-    rows = [_optimum(name, summary) for name, summary in known.items()]
+    rows = [_optimum(name, summary) for name, summary in known.items() if has_optimum(summary)]
+    unmet = [f"{name}: {known[name]['headline']}" for name in scenarios_without_optimum(names, results)]
     pages = [f"page of {name}: {results / name / SUMMARY_PAGE}" for name in known]
     shown = pages if len(pages) <= _MOST_PAGES else [f"pages: {results}/*/{SUMMARY_PAGE}"]
     owners_of: dict[str, list[str]] = {}  # scenarios by remark: shared remarks are printed once
@@ -214,13 +244,13 @@ def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
         f"remark on {'all scenarios' if len(known) > 1 and owners == [*known] else ', '.join(owners)}: {sentence}"
         for sentence, owners in owners_of.items()
     ]
-    table = pd.DataFrame(rows, columns=_HEADS).to_string(index=False)
-    return [*table.splitlines(), *_LEGEND, *remarks, *shown]
+    table = [*pd.DataFrame(rows, columns=_HEADS).to_string(index=False).splitlines(), *_LEGEND] if rows else []
+    return [*unmet, *table, *remarks, *shown]
 
 
 def _optimum(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
     error, falls = summary["rms_error_deg"], summary["reduction_percent"]
     middle, *ends = (-falls[key] for key in ("median", "5_percent", "95_percent"))
     lengths = (f"{summary[length]['after']:.3f}" for length in ("crank_length_mm", "rod_length_mm"))
-    change = f"{middle:+.2f} ({min(ends):+.2f} to {max(ends):+.2f})"
+    change = f"{middle:+.2f} ({format_range(f'{min(ends):+.2f}', f'{max(ends):+.2f}')})"
     return name, *lengths, f"{error['before']:.4f} to {error['after']:.4f}", change

@@ -136,8 +136,13 @@ def format_falls(falls: Iterable[float]) -> str:
     """``falls by 3.1 to 5.0 %`` for `falls` [%]; ``changes by −5.0 to +1.2 %`` if not all are positive."""
     low, high = min(falls := list(falls)), max(falls)
     if low > 0.0:
-        return f"falls by {low:.1f} to {high:.1f} %"
-    return f"changes by {-high:+.1f} to {-low:+.1f} %".replace("-", "\N{MINUS SIGN}")
+        return f"falls by {format_range(f'{low:.1f}', f'{high:.1f}')} %"
+    return f"changes by {format_range(f'{-high:+.1f}', f'{-low:+.1f}')} %".replace("-", "\N{MINUS SIGN}")
+
+
+def format_range(low: str, high: str) -> str:
+    """``3.1 to 5.0``; one number if both are equal as shown."""
+    return low if low == high else f"{low} to {high}"
 
 
 def percent(share: float, digits: int = 1) -> str:

@@ -21,6 +21,7 @@ from jointgap.core import parquet
 from jointgap.core.errors import InputError
 from jointgap.core.page import Heading, Page, Paragraph, TableBlock
 from jointgap.core.schema import INFER_SETTINGS_DESIGNS, INFER_SETTINGS_SETTINGS, Table
+from jointgap.core.words import format_range
 from jointgap.core.words import number as in_digits
 from jointgap.designs.sampling import Axis, Designs, designs_of
 from jointgap.designs.sweep import format_parameter, format_value
@@ -177,7 +178,7 @@ def page(found: InferredSettings) -> Page:
         row |= {
             "reproduced in": _percent((off <= found.within).mean()),
             "median": middle,
-            "5 to 95 %": f"{low} to {high}",
+            "5 to 95 %": format_range(low, high),
         }
         numbers.append(row | {"nearest": one.shown(frame[one.column].iloc[0])})
     nearest = [_design(found, str(rank), row) for rank, (_, row) in enumerate(frame[:_SHOWN].iterrows(), 1)]

@@ -508,6 +508,9 @@ _LOOKS = {
 }
 """Label, colour and marker of each pair of lengths."""
 
+_NEAREST = "nearest to the constraints"
+"""Label of the robust lengths where no candidate satisfies the constraints."""
+
 _FRONT_ROWS = 9
 
 
@@ -523,6 +526,16 @@ def draw(found: RobustOptimum) -> Iterator[tuple[str, Drawing]]:
 
 def _tried(found: RobustOptimum) -> pd.DataFrame:
     return found.candidates[found.candidates["search"] == "robust"]
+
+
+def has_optimum(found: RobustOptimum) -> bool:
+    """Whether the best candidate satisfies the constraints and was simulated in all samples."""
+    best = best_of(_tried(found))
+    return bool(best["missed"] <= 0.0 and not best["failed"])
+
+
+def _label(found: RobustOptimum, name: str) -> str:
+    return _NEAREST if name == "robust" and not has_optimum(found) else _LOOKS[name][0]
 
 
 def has_map(found: RobustOptimum) -> bool:
@@ -550,14 +563,14 @@ def _front(found: RobustOptimum) -> Drawing:
         limits = panel.axes.get_xlim(), panel.axes.get_ylim()  # around the front
         near = allowed[allowed[name].between(*limits[0]) & allowed["error"].between(*limits[1])]
         panel.marks("other feasible candidates", near[name], near["error"], "other", markersize=2.5, alpha=0.6)
-        _mark(panel, "robust", [best[name]], [best["error"]])
+        _mark(panel, found, "robust", [best[name]], [best["error"]])
         panel.axes.set(xlim=limits[0], ylim=limits[1])
     sheet.legend()
     return sheet.drawing()
 
 
-def _mark(panel: Panel, name: str, x: list[float], y: list[float]) -> None:
-    words, colour, marker = _LOOKS[name]
+def _mark(panel: Panel, found: RobustOptimum, name: str, x: list[float], y: list[float]) -> None:
+    words, (_, colour, marker) = _label(found, name), _LOOKS[name]
     style = {"marker": marker, "markersize": 7.0, "markeredgecolor": "white", "markeredgewidth": 0.8, "zorder": 4}
     panel.marks(words, x, y, colour, **style)
 
@@ -570,7 +583,8 @@ def _errors(found: RobustOptimum) -> Drawing:
     left = sheet.panel((0, 0), "error", Quantity("RMS error of the transmission angle", "mdeg"), share)
     right = sheet.panel((0, 1), "reduction of the error", Quantity("reduction of the error", "mdeg"), share)
     shares = 100.0 * np.arange(1, len(errors) + 1) / len(errors)
-    for name, (words, colour, _) in _LOOKS.items():
+    for name, (_, colour, _) in _LOOKS.items():
+        words = _label(found, name)
         style = {"linewidth": 1.8 if name == "robust" else 1.2, "linestyle": "--" if name == "nominal" else "-"}
         left.line(words, np.sort(errors[name]), shares, colour, **style)
         if name != "original":
@@ -595,7 +609,7 @@ def _map(found: RobustOptimum) -> Drawing:
     panel.axes.plot(x, y, ".", color=plot.COLOURS["limit"], markersize=2.0, label="candidates")
     panel.record("candidates", x, y, value=value, value_quantity=quantity.name, value_unit=quantity.unit)
     for row in found.lengths.itertuples():
-        _mark(panel, row.lengths, [1e3 * row.crank_length], [1e3 * row.rod_length])
+        _mark(panel, found, row.lengths, [1e3 * row.crank_length], [1e3 * row.rod_length])
     sheet.legend()
     return sheet.drawing()
 
@@ -613,14 +627,17 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
     )
     limits = {each.key: f"{each.words} {each.range_text()}" for each in found.task.ranges}
     limits["largest_pin_force"] = f"largest pin force {found.task.constraints.largest_pin_force or 0:g} N at most"
-    held = found.constraints.assign(constraint=found.constraints["constraint"].map(limits))
+    named = {} if has_optimum(found) else {"robust": _NEAREST}
+    lengths, gains, held = (frame.replace(named) for frame in (found.lengths, found.gains, found.constraints))
+    held = held.assign(constraint=held["constraint"].map(limits))
     constraints = Heading("Constraints"), _table("constraints", held, "Share of the samples that satisfy them", *_HELD)
     front = tried[tried["on_front"]].sort_values("error")
     places = np.unique(np.linspace(0, max(len(front) - 1, 0), _FRONT_ROWS).round().astype(int))[: len(front)]
     active = region.active(best_of(tried.dropna(subset="error"))[list(LENGTHS)].to_numpy(dtype=float))
+    cranks, rods = region.searched
     method = (
-        f"{len(tried)} pairs of lengths within {1e3 * region.lower} to {1e3 * region.upper} mm, each simulated in the "
-        f"same {options.draws} samples (scrambled Sobol sequence, seed {options.seed}). Search: a grid, then "
+        f"{len(tried)} pairs of lengths (searched in mm: crank {cranks}, rod {rods}), each simulated in the same "
+        f" {options.draws} samples (scrambled Sobol sequence, seed {options.seed}). Search: a grid, then "
         f"differential evolution for the error, then NSGA-II for the front. Active limits: {active}. All numbers are "
         "in the Parquet files next to this page; `jointgap describe FILE` explains their columns."
     )
@@ -628,10 +645,10 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
         *(Paragraph(sentence, strong=True) for sentence in verdict(found)),
         Heading("Validation on independent samples"),
         Paragraph(compared),
-        _table("lengths", found.lengths, "Error of the transmission angle", "lengths", *LENGTHS, *_ERRORS),
-        _table("lengths", found.lengths, "Largest pin force, and simulated stroke", "lengths", *_PRICE),
+        _table("lengths", lengths, "Error of the transmission angle", "lengths", *LENGTHS, *_ERRORS),
+        _table("lengths", lengths, "Largest pin force, and simulated stroke", "lengths", *_PRICE),
         Heading("Improvement"),
-        _table("gains", found.gains, _DRAW_BY_DRAW, *_GAINS),
+        _table("gains", gains, _DRAW_BY_DRAW, *_GAINS),
         FigureBlock("robust_errors", "Error in the validation samples"),
         *(constraints if len(held) else ()),
         Heading("Pareto front"),
@@ -652,7 +669,7 @@ def headline(found: RobustOptimum) -> str:
     """The result in one line."""
     best, gain = best_of(_tried(found)), _gain(found, "robust")
     lengths = f"crank {1e3 * best['crank_length']:.2f} mm, rod {1e3 * best['rod_length']:.2f} mm"
-    if best["missed"] > 0.0 or best["failed"]:
+    if not has_optimum(found):
         return f"No candidate satisfies the constraints; nearest: {lengths}"
     if gain["measure_fall_low"] > 0.0:
         words, fall = format_objective(found.task.options), _cell(gain, "measure_fall")
@@ -662,8 +679,10 @@ def headline(found: RobustOptimum) -> str:
 
 def verdict(found: RobustOptimum) -> list[str]:
     """The result in a few sentences."""
-    sentences, words = [], format_objective(found.task.options)
-    for name in ("robust", "nominal"):
+    sentences, words, is_found = [], format_objective(found.task.options), has_optimum(found)
+    if not is_found:
+        sentences.append("No robust optimum: widen the bounds of the lengths, or relax a constraint.")
+    for name in ("robust", "nominal") if is_found else ():
         gain = _gain(found, name)
         sentences.append(
             f"{_LOOKS[name][0].capitalize()}: the error of the transmission angle ({words}) falls by "
@@ -671,9 +690,9 @@ def verdict(found: RobustOptimum) -> list[str]:
             f"original lengths in {_cell(gain, 'probability')} % of the samples."
         )
     gain = _gain(found, "robust")
-    if gain["measure_fall_high"] <= 0.0:
+    if is_found and gain["measure_fall_high"] <= 0.0:
         sentences.append("Keep the original lengths: the best lengths found are worse.")
-    elif gain["measure_fall_low"] <= 0.0:
+    elif is_found and gain["measure_fall_low"] <= 0.0:
         sentences.append("Keep the original lengths: the improvement is not significant.")
     for row in found.constraints.query("lengths == 'robust' and probability_high < asked").to_dict("records"):
         sentences.append(

@@ -24,7 +24,7 @@ from jointgap.core.errors import InputError, needs
 from jointgap.core.page import FigureBlock, Heading, Page, Paragraph, TableBlock
 from jointgap.core.plot import COLOURS, Drawing, Quantity, Sheet
 from jointgap.core.progress import with_progress
-from jointgap.core.words import joined
+from jointgap.core.words import format_range, joined
 from jointgap.designs.sampling import Axis, Designs
 from jointgap.designs.sweep import (
     cells,
@@ -467,8 +467,9 @@ def _decisions(found: SensitivityResult, ranked: dict[str, pd.DataFrame]) -> Tab
     table = []
     for measure, rows in ranked.items():
         parts = [
-            (format_parameter(row["parameter"]), "{total:.2f} ({total_low:.2f} to {total_high:.2f})".format(**row))
+            (format_parameter(row["parameter"]), f"{row['total']:.2f} ({format_range(*ends)})")
             for row in rows[:2].to_dict("records")
+            for ends in [[f"{row[f'total_{end}']:.2f}" for end in ("low", "high")]]
         ]
         first, second = (*parts, ("–", ""))[:2]
         sure = "significant" if _is_significant(rows) else "not significant"

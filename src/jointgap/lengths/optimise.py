@@ -9,9 +9,10 @@ import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Simulate
 from jointgap.core.joints import JOINT_NUMBERS
+from jointgap.core.words import number
 from jointgap.dynamics.kinematics import Fit, clearance_lift, ideal_cycle
 from jointgap.lengths.objective import Objective, best_cranks, frozen_objective, grid
-from jointgap.lengths.region import PinForce, Region, regions
+from jointgap.lengths.region import FORCE_TOLERANCE, LEAST_FORCE, Region, regions
 from jointgap.lengths.resimulate import (
     Resimulation,
     compare,
@@ -24,7 +25,7 @@ from jointgap.lengths.resimulate import (
 from jointgap.lengths.search import Point, Search, labelled, optima, paths, printed_points, search_all, tolerances
 
 FORCE_ROUNDS = 4  # largest number of searches until the re-simulated lengths satisfy the force limit
-FORCE_SLACK = 1e-3  # relative tolerance of the force limit
+FORCE_SLACK = 1e-3  # relative excess of the force limit up to which the search is not repeated
 
 DIGITS = 6  # lengths are simulated again to the micrometre; equal points once
 
@@ -89,16 +90,17 @@ def optimise(
     def again(point: Point) -> Resimulation:
         return at_lengths(tuple(round(length, DIGITS) for length in point.lengths))
 
-    searches = _searched(mechanism, simulate, options, by_source, again)
+    searches, unmet = _searched(mechanism, simulate, options, by_source, again)
+    fixed += unmet
     points = [*fixed, *(point for search in searches for point, _ in search.found)]
     simulated = {point.name: again(point) for point in points}
     return Optimisation(
         optima=optima(by_source, searches, fixed, options.rod_tolerance),
-        population=labelled(searches, lambda search: search.genetic.population),
-        paths=labelled(searches, paths),
-        tolerance=labelled(searches, tolerances),
-        valley=labelled(searches, lambda search: grid(search.objective, search.region)),
-        floor=labelled(searches, lambda search: best_cranks(search.objective, search.region)),
+        population=labelled("population", searches, lambda search: search.genetic.population),
+        paths=labelled("paths", searches, paths),
+        tolerance=labelled("tolerance", searches, tolerances),
+        valley=labelled("valley", searches, lambda search: grid(search.objective, search.region)),
+        floor=labelled("floor", searches, lambda search: best_cranks(search.objective, search.region)),
         resimulated=_resimulated(simulated, by_source, options.ensemble.members),
         worth=_cycle_extremes(simulated, mechanism.slider.offset),
         loads=_loads(simulated),
@@ -111,36 +113,55 @@ def _searched(
     options: Optimise,
     by_source: dict[str, Objective],
     again: Callable[[Point], Resimulation],
-) -> list[Search]:
-    """The search under all constraints.
+) -> tuple[list[Search], list[Point]]:
+    """The searches under all constraints, and for each box without an optimum the lengths with the smallest force."""
+    boxes, searches, unmet = regions(mechanism, options), [], []
+    if options.constraints.largest_pin_force is None:
+        return search_all(by_source, boxes, options), []
+    for box, region in boxes.items():
+        found = _search_under_force(mechanism, simulate, options, by_source, again, (box, region))
+        if isinstance(found, Point):
+            unmet.append(found)
+        else:
+            searches += found
+    return searches, unmet
 
-    Where the re-simulated optimum exceeds the largest pin force, the force surface of the search is raised by the same
-    factor and the search is repeated.
+
+def _search_under_force(
+    mechanism: Mechanism,
+    simulate: Simulate,
+    options: Optimise,
+    by_source: dict[str, Objective],
+    again: Callable[[Point], Resimulation],
+    where: tuple[str, Region],
+) -> list[Search] | Point:
+    """The searches in a box under the force limit; without a search, the lengths with the smallest force where these
+    exceed it.
+
+    Where re-simulated lengths have another force than the surface, the surface is scaled to it and the search repeated.
     """
-    boxes = regions(mechanism, options)
-    most = options.constraints.largest_pin_force
-    if most is None:
-        return search_all(by_source, boxes, options)
-    surfaces = {box: pin_force(mechanism, simulate, options, region) for box, region in boxes.items()}
+    (box, region), most = where, options.constraints.largest_pin_force
+    surface = pin_force(mechanism, simulate, options, region)
     for _ in range(FORCE_ROUNDS):
-        under = {box: _under_force(region, surfaces[box], most) for box, region in boxes.items()}
-        searches = search_all(by_source, under, options)
-        raised = False
-        for box, surface in surfaces.items():
-            points = [point for search in searches if search.box == box for point, _ in search.found]
-            excess = max(peak_pin_force(again(point)) for point in points) / most
-            if 1.0 + FORCE_SLACK < excess and not under[box].constraints[-1].is_relaxed:
-                surfaces[box], raised = replace(surface, factor=surface.factor * excess), True
-        if not raised:
-            break
-    return searches
-
-
-def _under_force(region: Region, surface: PinForce, most: float) -> Region:
-    """The region with the force limit, or with the smallest possible force where that is larger."""
-    least = float(surface.value(region.samples).min())
-    limits = (most, False) if least <= most else ((1.0 + FORCE_SLACK) * least, True)
-    return replace(region, constraints=(*region.constraints, surface.limited(*limits)))
+        forces = surface.value(region.samples)
+        crank, rod = map(float, region.samples[np.argmin(forces)])
+        nearest = Point(f"{LEAST_FORCE}_{box}", LEAST_FORCE, (crank, rod), box)
+        if (least := float(forces.min())) > most:
+            force = peak_pin_force(again(nearest))
+            if force > most:
+                status = f"no lengths within the bounds keep the pin force below {number(most)} N"
+                return replace(nearest, status=status)
+            surface = replace(surface, factor=surface.factor * force / least)
+        limited = replace(region, constraints=(*region.constraints, surface.limited(most)))
+        searches = search_all(by_source, {box: limited}, options)
+        peaks = [peak_pin_force(again(point)) for search in searches for point, _ in search.found]
+        if max(peaks) <= (1.0 + FORCE_SLACK) * most:
+            return searches
+        surface = replace(surface, factor=surface.factor * max(peaks) / most)
+    if min(peaks) <= FORCE_TOLERANCE * most:  # `outcome` chooses among those
+        return searches
+    status = f"the search found no lengths that keep the pin force below {number(most)} N in {FORCE_ROUNDS} rounds"
+    return replace(nearest, status=status)
 
 
 def _resimulated(simulated: dict[str, Resimulation], by_source: dict[str, Objective], members: int) -> pd.DataFrame:

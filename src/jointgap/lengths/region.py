@@ -18,6 +18,12 @@ SCALES = {"mm": 1e-3, "deg": math.pi / 180, "N": 1.0}
 FEASIBLE = 1e-4
 """Tolerance of a constraint over its scale: 0.1 um, 1e-4 deg."""
 
+FORCE_TOLERANCE = 1.005
+"""Tolerance of the force limit for the median of an ensemble."""
+
+LEAST_FORCE = "least_force"
+"""Method, in the table optimise_optima, of the lengths with the smallest pin force in a box without an optimum."""
+
 _STEP = 1e-30  # [m] complex step: derivatives without cancellation
 
 
@@ -32,7 +38,6 @@ class Constraint:
     high: float  # Equal to `low` for an equality constraint
     value: Callable[[ArrayLike], np.ndarray]  # Property, shape (...), of lengths (L2, L3) of shape (..., 2) [m]
     slope: Callable[[ArrayLike], np.ndarray] | None = None  # Its gradient, where `value` takes no complex lengths
-    is_relaxed: bool = False  # Whether the range was widened because no lengths satisfy the configured one
 
     @property
     def is_fixed(self) -> bool:
@@ -57,12 +62,10 @@ class Constraint:
         return np.maximum(np.maximum(self.low - value, value - self.high), 0.0) / self.scale
 
     def active(self, lengths: ArrayLike) -> str:
-        """Label of the limit that is active at `lengths` (2,); empty where none is, for equality constraints, and for
-        relaxed ranges.
-        """
+        """Label of the limit that is active at `lengths` (2,); empty where none is and for equality constraints."""
         value = float(self.value(lengths))
         for end, words in ((self.low, "lower"), (self.high, "upper")):
-            if not self.is_relaxed and not self.is_fixed and abs(value - end) <= 10 * FEASIBLE * self.scale:
+            if not self.is_fixed and abs(value - end) <= 10 * FEASIBLE * self.scale:
                 return f"{self.words} at its {words} limit {self.show(end)}"
         return ""
 
@@ -139,10 +142,10 @@ class PinForce:
         slopes = [self.surface.ev(*at, dx=1), self.surface.ev(*at, dy=1)]
         return self.factor * np.stack(slopes, axis=-1)
 
-    def limited(self, most: float, is_relaxed: bool = False) -> Constraint:
-        """The constraint that the force is at most `most` [N]; `is_relaxed` where that exceeds the configured limit."""
+    def limited(self, most: float) -> Constraint:
+        """The constraint that the force is at most `most` [N]."""
         words = "largest force in a pin"
-        return Constraint("largest_pin_force", words, "N", -math.inf, most, self.value, self.gradient, is_relaxed)
+        return Constraint("largest_pin_force", words, "N", -math.inf, most, self.value, self.gradient)
 
 
 NAMES = ("crank length", "rod length")
@@ -195,6 +198,12 @@ class Region:
     def samples(self) -> np.ndarray:
         """The feasible ones of many points spread over the region, shape (n, 2) [m]."""
         return self._spread[self.violation(self._spread) <= FEASIBLE]
+
+    @property
+    def searched(self) -> tuple[str, str]:
+        """Ranges of crank and rod length [mm] as text; ``fixed`` where the constraints allow one length only."""
+        low, high = (f(1e3 * self.samples, axis=0).round(3) for f in (np.min, np.max))
+        return tuple("fixed" if a == b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True))
 
     def _infeasible_message(self, name: str) -> str:
         """Why the constraints are infeasible, with the nearest lengths and the possible ranges."""

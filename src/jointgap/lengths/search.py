@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 
 from jointgap.config import Genetic, Mechanism, Optimise, Simulate
 from jointgap.core.errors import needs
+from jointgap.core.schema import TABLES
 from jointgap.lengths.objective import Objective, invariant, tolerance_effect
 from jointgap.lengths.region import FEASIBLE, Region
 from jointgap.paper.printed import OPTIMA, departures
@@ -219,6 +220,7 @@ class Point:
     method: str
     lengths: tuple[float, float]  # (L2, L3) [m]
     box: str | None = None  # Of the search; None for printed points
+    status: str | None = None  # Why there is no optimum in the box
 
 
 def printed_points(mechanism: Mechanism, simulate: Simulate) -> list[Point]:
@@ -302,12 +304,16 @@ def _optimum(source: str, objective: Objective, point: Point, tolerance: float |
         **{f"{name}_reduction": float(value) for name, value in reductions._asdict().items()},
         **tolerance_effect(objective, point.lengths, tolerance),
         "invariant": float(invariant(reductions.rms, rod, "rms")),
-    } | dict.fromkeys(("active_bounds", *_COUNTS, "status"))
+        **dict.fromkeys(("active_bounds", *_COUNTS)),
+        "status": point.status,
+    }
 
 
-def labelled(searches: list[Search], make: Callable[[Search], pd.DataFrame]) -> pd.DataFrame:
-    """`make(search)` of every search below each other, with source and box in front."""
+def labelled(table: str, searches: list[Search], make: Callable[[Search], pd.DataFrame]) -> pd.DataFrame:
+    """A `table`: `make(search)` of every search below each other, with source and box in front."""
     frames = {(search.source, search.box): make(search) for search in searches}
+    if not frames:
+        return pd.DataFrame(columns=TABLES[f"optimise_{table}"].names)
     return pd.concat(frames, names=["source", "box"]).reset_index(["source", "box"]).reset_index(drop=True)
 
 

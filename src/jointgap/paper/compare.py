@@ -68,7 +68,7 @@ def claim(key: str, ours: float | None, holds: bool | None, **evidence: Any) -> 
     return _row("claim", known["item"], unit, None if paper is None else float(paper), ours, verdict, why)
 
 
-def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[Row]) -> pd.DataFrame:
+def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Sequence[Row | None]) -> pd.DataFrame:
     """The table comparison: every number and claim of the paper.
 
     `variants` are rows of `variant_optimum`. Another mechanism is compared only with claims without a size.
@@ -83,11 +83,12 @@ def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Se
         for table in (frames["optimise_optima"], frames["optimise_tolerance"])
     )
     found = found.set_index("method")
+    has_optimum = "genetic" in found.index  # not where no lengths satisfy the constraints
     rows = [
         *([superposition_claim(first, ideal, loose)] if len(loose) > 1 else []),
-        *optimiser_claims(found, ends),
-        joints_claim(pd.DataFrame(list(variants))),
-        *gain_claims(frames["optimise_resimulated"], frames["optimise_worth"], scenario),
+        *(optimiser_claims(found, ends) if has_optimum else ()),
+        joints_claim(pd.DataFrame([each for each in variants if each is not None])),
+        *(gain_claims(frames["optimise_resimulated"], frames["optimise_worth"], scenario) if has_optimum else ()),
     ]
     if departures(scenario.mechanism, scenario.simulate):
         return pd.DataFrame([row | {"paper": None, "ratio": None} for row in rows])
@@ -95,16 +96,16 @@ def compare(frames: Mapping[str, pd.DataFrame], scenario: Scenario, variants: Se
     numbers = [
         *training_errors(errors, default),
         *second_surrogate(errors),
-        *optimum(OPTIMA[0], found.loc["genetic"]),
-        *optimum(OPTIMA[1], found.loc["local"]),
-        *another_end(OPTIMA[2], ends),
+        *(optimum(OPTIMA[0], found.loc["genetic"]) if has_optimum else ()),
+        *(optimum(OPTIMA[1], found.loc["local"]) if has_optimum else ()),
+        *(another_end(OPTIMA[2], ends) if has_optimum else ()),
         *printed_points(frames["optimise_optima"]),
     ]
     claims = [
         *contact_claims(first, turned, scenario),
         *deviation_claims(first, turned, ideal),
         networks_claim(errors, default),
-        evaluations_claim(found),
+        *([evaluations_claim(found)] if has_optimum else []),
     ]
     return pd.DataFrame([*numbers, *claims, *rows])
 
@@ -330,13 +331,16 @@ def _apart_from_looseness(scenario: Scenario) -> dict:
     return {"mechanism": mechanism, "simulate": scenario.simulate, "optimise": scenario.optimise}
 
 
-def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> Row:
-    """The re-simulated optimum of a scenario for its own simulated motion: columns of the table overview.
+def variant_optimum(name: str, scenario: Scenario, resimulated: pd.DataFrame) -> Row | None:
+    """The re-simulated optimum of a scenario for its own simulated motion: columns of the table overview; None where
+    no lengths satisfy the constraints.
 
     Optima found with networks would depend on their training, which may differ between scenarios.
     """
     point = f"simulation_{next(iter(scenario.optimise.boxes))}_genetic"
     rows = resimulated[(resimulated["point"] == point) & (resimulated["measure"] == "rms")].set_index("stretch")
+    if rows.empty:
+        return None
     window, applied = rows.loc["window"], scenario.mechanism.applied()
     columns = {"reduction": "reduction", "low": "reduction_low", "high": "reduction_high"}
     columns |= {name: name for name in ("original_error", "error")}
@@ -362,7 +366,7 @@ def more_is_better(variants: pd.DataFrame) -> bool | None:
 
 def joints_claim(variants: pd.DataFrame) -> Row:
     """The claim that more loose joints gain more, from scenarios that differ only in their loose joints."""
-    if variants["loose_joints"].nunique() < 2:
+    if variants.empty or variants["loose_joints"].nunique() < 2:
         return claim("joints", None, None, why=REMARKS["too_few"])
     means = variants.groupby("loose_joints")["found_reduction"].mean()
     numbers = "; ".join(

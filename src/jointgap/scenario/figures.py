@@ -505,6 +505,8 @@ def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
     original, offset = (mechanism.crank.length, mechanism.rod.length), mechanism.slider.offset
     desired = transmission_angle(*original, crank_angle, 0.0, offset)
     optima = tables["optimise_optima"].query("method == 'genetic'").set_index("point")
+    if (lacking := _without_optimum("figure_16", tables["optimise_optima"], scenario)) is not None:
+        return lacking
     error, sheet, above = Quantity("error of the angle", "deg", r"$\mu$"), Sheet(5.4, 2, 1), None
     for row, (source, motion) in enumerate(
         (
@@ -536,6 +538,15 @@ def transmission_errors(tables: Tables, scenario: Scenario) -> Drawing:
     return sheet.drawing()
 
 
+def _without_optimum(name: str, optima: pd.DataFrame, scenario: Scenario) -> Drawing | None:
+    """The reason as a figure where the main box has no optimum."""
+    from jointgap.lengths.region import LEAST_FORCE  # loads scipy
+
+    if (optima["point"] == f"{LEAST_FORCE}_{next(iter(scenario.optimise.boxes))}").any():
+        return plot.message_sheet(FIGURES[name].title, "no optimum: no lengths found that keep the largest pin force")
+    return None
+
+
 @figure(
     "valley",
     "Objective over both lengths",
@@ -549,6 +560,8 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
     lengths: one flat valley, not many minima. Right: reduction of the error along the valley's floor, for each
     measure at its best crank length. It rises with the rod length, so the bound on the rod length determines the
     optimum."""
+    if (lacking := _without_optimum("valley", tables["optimise_optima"], scenario)) is not None:
+        return lacking
     box, sources = next(iter(scenario.optimise.boxes)), set(tables["optimise_optima"]["source"])
     source = "networks" if "networks" in sources else "simulation_settled"  # without networks
     shown = {
@@ -630,6 +643,8 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
     again, median of an ensemble of perturbed starts; bars: 5 to 95 %. Left: window of the first revolution. Right: a
     settled revolution. A bar that crosses zero means no significant gain."""
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
+    if (lacking := _without_optimum("resimulation", table, scenario)) is not None:
+        return lacking
     origin = {
         name if name.startswith("printed_") else f"{name}_{box}_genetic": words for name, words in LENGTHS.items()
     }

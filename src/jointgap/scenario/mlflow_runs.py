@@ -16,6 +16,7 @@ from jointgap.config import Scenario
 from jointgap.core import joints, parquet, schema
 from jointgap.core.publish import Dataset, Record, configuration, costs, numbers
 from jointgap.core.schema import OPTIMISE_OPTIMA, OPTIMISE_WORTH
+from jointgap.lengths.region import LEAST_FORCE
 from jointgap.networks.network import Network, clearance_to_files, to_files
 from jointgap.scenario.figure_data import MODES
 
@@ -184,17 +185,21 @@ def _kinematics(finished: _Finished) -> list[Record]:
 
 
 def _optimise(finished: _Finished) -> list[Record]:
-    """The run of the stage repeats the paper's optimum (networks, first box, genetic), else the first optimum."""
-    optima = finished.read("optimise_optima")
-    optima = optima[optima["point"] == optima["source"] + "_" + optima["box"] + "_" + optima["method"]]
-    if optima.empty:
+    """The run of the stage repeats the paper's optimum (networks, first box, genetic), else the first optimum; in a
+    main box without an optimum it has the reason instead.
+    """
+    points, box = finished.read("optimise_optima"), next(iter(finished.options.optimise.boxes))
+    optima = points[points["point"] == points["source"] + "_" + points["box"] + "_" + points["method"]]
+    unmet = points[points["point"] == f"{LEAST_FORCE}_{box}"]
+    if optima.empty and unmet.empty:
         return []
-    box = next(iter(finished.options.optimise.boxes))
     wanted = optima["source"].str.startswith("network") & (optima["box"] == box) & (optima["method"] == "genetic")
     read = ["trajectory", *finished.names("fit", "clearance_fit")]
     written = [name for name in finished.files if name.startswith("optimise_")]
     own = finished.record("optimise", read=read, written=written)
     nested = [_optimum(finished, row, own.params) for row in optima.to_dict("records")]
+    if len(unmet):
+        return [replace(own, notes={"box": box, "status": unmet["status"].iloc[0]}), *nested]
     main = nested[int(np.argmax(wanted.to_numpy()))]
     return [replace(own, metrics=main.metrics, curves=main.curves, notes=main.notes), *nested]
 

@@ -12,10 +12,10 @@ from jointgap.config import Scenario
 from jointgap.core.joints import FROM_FRAME, PINS
 from jointgap.core.page import Block, Bullets, Cell, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.schema import FIT_ERRORS
-from jointgap.core.words import format_name, format_size, joined, number
+from jointgap.core.words import format_falls, format_name, format_range, format_size, joined, number
 from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
-from jointgap.lengths.region import FEASIBLE, geometric
+from jointgap.lengths.region import FEASIBLE, FORCE_TOLERANCE, LEAST_FORCE, Constraint, geometric, regions
 from jointgap.paper.printed import departures
 from jointgap.scenario.figures import FIGURES
 
@@ -29,7 +29,6 @@ MOTIONS = {  # sources of the frozen joint motion; the closest to steady operati
     "networks": "networks, the first revolution",
 }
 EQUIVALENT = 1.01  # factor of the smallest error within which the lengths nearest to the original are chosen
-FORCE_TOLERANCE = 1.005  # tolerance on the force limit for the median of an ensemble
 REMARKABLE = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that cause a remark
 OVERFIT, GENERALISES = 10.0, 2.0  # ratio of held-out to training error of a network, and of a regularised one
 FLAT = 0.02  # spread of the reduction along the valley below which its points are equivalent
@@ -45,7 +44,7 @@ class Outcome:
     scenario: Scenario
     frames: Mapping[str, pd.DataFrame]  # the tables `NEEDED`, by name
     chosen: Mapping[str, Any]  # row of the table optimise_optima
-    found: Mapping[str, str]  # better point of the two optimisers, by source of the motion
+    found: Mapping[str, str]  # better point of the two optimisers, by source of the motion; empty without an optimum
     stretch: str  # part of the motion that the result refers to: settled (a revolution) or window (configured)
     gains: pd.DataFrame  # rows of the table optimise_resimulated of the chosen point, by stretch and measure
 
@@ -68,7 +67,8 @@ class Outcome:
     @property
     def bounds(self) -> tuple[str, ...]:
         """Labels of the active bounds and constraints."""
-        return () if self.chosen["active_bounds"] == "none" else tuple(self.chosen["active_bounds"].split("; "))
+        active = self.chosen["active_bounds"]
+        return () if pd.isna(active) or active == "none" else tuple(active.split("; "))
 
     @property
     def keeps_crank(self) -> bool:
@@ -103,6 +103,13 @@ class Outcome:
         most = self.scenario.optimise.constraints.largest_pin_force
         return most is None or self.peak_force[after] <= FORCE_TOLERANCE * most
 
+    @property
+    def status(self) -> str:
+        """``optimal``, ``infeasible``, or ``not converged``; without an optimum the lengths have the smallest force."""
+        if not self.within_force_limit():
+            return "infeasible"
+        return "not converged" if self.chosen["method"] == LEAST_FORCE else "optimal"
+
 
 def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     """The lengths in the main box with the smallest re-simulated error, and their effects.
@@ -117,20 +124,22 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
     most = FORCE_TOLERANCE * (scenario.optimise.constraints.largest_pin_force or math.inf)
     applied = scenario.mechanism.applied()
     lengths = optima[["crank_length", "rod_length"]] / [applied.crank.length, applied.rod.length]
-    own_name = optima["source"] + f"_{next(iter(scenario.optimise.boxes))}_" + optima["method"]
+    box = next(iter(scenario.optimise.boxes))
+    is_own = optima["point"] == optima["source"] + f"_{box}_" + optima["method"]
+    is_own |= optima["point"] == f"{LEAST_FORCE}_{box}"
     candidates = optima.assign(
         force=optima["point"].map(force).clip(lower=most),  # feasible lengths come first
         error=optima["point"].map(error),
         change=np.hypot(lengths["crank_length"] - 1, lengths["rod_length"] - 1),
     )
-    candidates = candidates[(optima["point"] == own_name) & optima["point"].isin(error.index)]
+    candidates = candidates[is_own & optima["point"].isin(error.index)]
     candidates = candidates.sort_values(["force", "error"], kind="stable")
     best = candidates.iloc[0]
     as_good = candidates[(candidates["force"] == best["force"]) & (candidates["error"] <= EQUIVALENT * best["error"])]
     chosen = as_good.loc[as_good["change"].idxmin()]
     firsts = candidates.drop_duplicates("source").set_index("source")["point"].to_dict()
     firsts |= {chosen["source"]: chosen["point"]}
-    found = {source: firsts[source] for source in MOTIONS if source in firsts}
+    found = {source: firsts[source] for source in MOTIONS if source in firsts and chosen["method"] != LEAST_FORCE}
     gains = again[again["point"] == chosen["point"]].set_index(["stretch", "measure"]).sort_index()
     frames = {"fit_errors": pd.DataFrame(columns=FIT_ERRORS.names), **frames}
     return Outcome(scenario, frames, chosen.to_dict(), found, stretch, gains)
@@ -141,23 +150,19 @@ def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
 
 def remarks(outcome: Outcome) -> tuple[str, ...]:
     """Remarks on an `outcome`, the most important first."""
-    return (
-        _gain(outcome),
-        *_limits(outcome),
-        *_changes(outcome),
-        *mechanism_warnings.sentences(outcome.scenario.mechanism, outcome.scenario.simulate.highest_speed),
-        *_networks(outcome),
-    )
+    own = mechanism_warnings.sentences(outcome.scenario.mechanism, outcome.scenario.simulate.highest_speed)
+    if outcome.status == "infeasible":
+        return (*_limits(outcome), *own)
+    return (_gain(outcome), *_limits(outcome), *_changes(outcome), *own, *_networks(outcome))
 
 
 def _gain(outcome: Outcome) -> str:
     gain, row, options = outcome.gain, outcome.chosen, outcome.scenario.optimise
     low, high = -100 * gain["reduction_high"], -100 * gain["reduction_low"]
-    spread = f"{low:+.1f} to {high:+.1f} % over {outcome.stretch_label(outcome.stretch)}"
+    spread = f"{_interval(gain)} % over {outcome.stretch_label(outcome.stretch)}"
     if low > 0.0:
-        asked = geometric(options.constraints, outcome.scenario.mechanism.applied().slider.offset)
         meets_all = outcome.within_force_limit(after=False)
-        meets_all &= all(each.violation(outcome.original) <= FEASIBLE for each in asked)
+        meets_all &= all(each.violation(outcome.original) <= FEASIBLE for each in _geometric(outcome))
         advice = "keep the original lengths" if meets_all else "this is the cost of the constraints"
         return f"Simulated again, the error increases at the lengths found ({spread}): {advice}."
     if high >= 0.0:
@@ -175,12 +180,11 @@ def _gain(outcome: Outcome) -> str:
 def _limits(outcome: Outcome) -> Iterator[str]:
     """An infeasible force limit, and active bounds."""
     box = outcome.box
-    if not outcome.within_force_limit():
-        most = outcome.scenario.optimise.constraints.largest_pin_force
-        yield (
-            f"No lengths in the box `{box}` satisfy the largest pin force of {number(most)} N; the nearest have "
-            f"{number(outcome.peak_force[1])} N. Widen the box, or allow a larger force."
-        )
+    if outcome.status == "infeasible":
+        least = number(outcome.peak_force[1])
+        yield f"Allow a force above {least} N, or widen `optimise.boxes.{box}`."
+    if outcome.status == "not converged":
+        yield "The search did not converge under the force limit; these are the lengths with the smallest pin force."
     for bound in outcome.bounds:
         advice = ""
         if "times the rod length" in bound:
@@ -219,7 +223,7 @@ def _networks(outcome: Outcome) -> Iterator[str]:
     own, regularised = (errors[errors["model"] == model] for model in ("network", "regularised"))
     factor = own["held_out_mse"] / own["training_mse"]
     if overfit := int((factor > OVERFIT).sum()):
-        used = outcome.chosen["source"] == "networks"
+        used = outcome.found and outcome.chosen["source"] == "networks"
         sentence = (
             f"{overfit} of {len(own)} networks overfit: between their training points the error is up to "
             f"{factor.max():.2g} times as large. "
@@ -235,7 +239,14 @@ def _networks(outcome: Outcome) -> Iterator[str]:
 
 
 def headline(outcome: Outcome) -> str:
-    """Lengths found and change of the error."""
+    """Lengths found and change of the error; without an optimum, the smallest force."""
+    if outcome.status == "infeasible":
+        least, most = outcome.peak_force[1], outcome.scenario.optimise.constraints.largest_pin_force
+        others = len(_geometric(outcome)) > 0
+        return (
+            f"No lengths within the bounds{' and the other constraints' if others else ''} keep the pin force below "
+            f"{number(most)} N (least: {number(least)} N at {_nearest(outcome)})"
+        )
     (crank, rod), gain = (_rounded(1e3 * length, 2) for length in outcome.lengths), outcome.gain
     unsure = "" if gain["reduction_low"] > 0 or gain["reduction_high"] < 0 else " (not significant)"
     change = f"{abs(100 * gain['reduction']):.1f} % {'smaller' if gain['reduction'] > 0 else 'larger'}"
@@ -243,11 +254,18 @@ def headline(outcome: Outcome) -> str:
 
 
 def details(outcome: Outcome) -> str:
-    """Error and lengths before and after."""
+    """Error and lengths before and after; without an optimum, the forces."""
+    if outcome.status == "infeasible":
+        before, after = map(number, outcome.peak_force)
+        return (
+            f"No optimum is reported. The largest force in a pin is {before} N at the original lengths and at least "
+            f"{after} N within the bounds, at {_nearest(outcome)}: medians of {outcome.gains['members'].iloc[0]} "
+            "simulations from perturbed starts."
+        )
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
     before, after = _aligned(*np.degrees([gain["original_error"], gain["error"]]))
-    low, high = _percent(gain["reduction_high"]), _percent(gain["reduction_low"])
-    ends = "the same for every start" if low == high else f"{low} to {high} % over the starts"
+    ends = _interval(gain)
+    ends = f"{ends} % over the starts" if " to " in ends else "the same for every start"
     lengths = [
         f"{name} {_rounded(1e3 * old, 2)} mm (unchanged)"
         if abs(new - old) < 1e-6
@@ -262,30 +280,44 @@ def details(outcome: Outcome) -> str:
 
 def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, Any]:
     """The content of ``summary.json``."""
-    gain = outcome.gain
+    gain, is_found = outcome.gain, outcome.status != "infeasible"
     crank, rod = (
-        {"before": 1e3 * old, "after": 1e3 * new} for old, new in zip(outcome.original, outcome.lengths, strict=True)
+        {"before": 1e3 * old, "after": 1e3 * new if is_found else None}
+        for old, new in zip(outcome.original, outcome.lengths, strict=True)
     )
     fall = {"median": "reduction", "5_percent": "reduction_low", "95_percent": "reduction_high"}
     fall |= {"motion_frozen": "frozen_reduction"}
     return {
         "scenario": name,
+        "status": outcome.status,
         "headline": headline(outcome),
         "details": details(outcome),
         "remarks": list(remarks),
-        "found_on": outcome.chosen["source"],
+        "found_on": outcome.chosen["source"] if outcome.found else None,
         "crank_length_mm": crank,
         "rod_length_mm": rod,
         "at_bounds": list(outcome.bounds),
-        "rms_error_deg": {"before": math.degrees(gain["original_error"]), "after": math.degrees(gain["error"])},
-        "reduction_percent": {key: 100 * float(gain[column]) for key, column in fall.items()},
+        "rms_error_deg": {
+            "before": math.degrees(gain["original_error"]),
+            "after": math.degrees(gain["error"]) if is_found else None,
+        },
+        "reduction_percent": {key: 100 * float(gain[column]) if is_found else None for key, column in fall.items()},
         "speed_rpm": outcome.scenario.simulate.speed * 30 / math.pi,
         "largest_force_N": {joint: _largest_force(outcome, joint) for joint in PINS},
-    }
+    } | ({} if is_found else {"smallest_force": _smallest_force(outcome)})
+
+
+def _smallest_force(outcome: Outcome) -> dict[str, float]:
+    """Force limit, the smallest force within the bounds, and its lengths."""
+    crank, rod = outcome.lengths
+    limit, force = outcome.scenario.optimise.constraints.largest_pin_force, float(outcome.peak_force[1])
+    return {"limit_N": limit, "force_N": force, "crank_length_mm": 1e3 * crank, "rod_length_mm": 1e3 * rod}
 
 
 def _largest_force(outcome: Outcome, joint: str) -> dict[str, float]:
     before, after = outcome.pair("optimise_loads", joint)["peak_force"]
+    if outcome.status == "infeasible":
+        return {"before": float(before), "after": None, "after_at_deg": None}
     angle = math.degrees(outcome.pair("optimise_loads", joint)["peak_angle"].iloc[1])
     return {"before": float(before), "after": float(after), "after_at_deg": angle}
 
@@ -301,22 +333,30 @@ def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
         Link("Results as JSON", "summary.json"),
         Link("Tables of the search", "optimise", "; `jointgap describe FILE` explains the columns"),
     )
+    is_found = outcome.status != "infeasible"
+    checks = "Check before you use this" if is_found else "Next steps"
+    result = (
+        (
+            Heading("Lengths"),
+            *_lengths(outcome),
+            Heading("Gain"),
+            *_gains(outcome),
+            Heading("Side effects"),
+            *_side_effects(outcome),
+            *_constraints(outcome),
+            *_motions(outcome),
+        )
+        if is_found
+        else _constraints(outcome)
+    )
     blocks: list[Block] = [
         Paragraph(details(outcome), strong=True),
         _figure("animation"),
         *([Paragraph(scenario.description)] if scenario.description else []),
-        *([Heading("Check before you use this"), Bullets(tuple(remarks))] if remarks else []),
-        Heading("Lengths"),
-        *_lengths(outcome),
-        Heading("Gain"),
-        *_gains(outcome),
-        Heading("Side effects"),
-        *_side_effects(outcome),
-        *_constraints(outcome),
-        Heading("Motion used by the search"),
-        *_motions(outcome),
+        *([Heading(checks), Bullets(tuple(remarks))] if remarks else []),
+        *result,
         Heading("Figures"),
-        *map(_figure, _FIGURES),
+        *(_figure(name) for name in _FIGURES if is_found or FIGURES[name].category != "Optimum"),
         Heading("Files"),
         Bullets(links),
     ]
@@ -340,9 +380,20 @@ def _signed(value: float, decimals: int) -> str:
     return text if float(text) else text[1:]
 
 
+def _nearest(outcome: Outcome) -> str:
+    """The lengths found; without the crank length where it is kept."""
+    crank, rod = (_rounded(1e3 * length, 2) for length in outcome.lengths)
+    return f"rod {rod} mm" if outcome.keeps_crank else f"crank {crank} mm, rod {rod} mm"
+
+
 def _percent(reduction: float) -> str:
     """The change [%] of a reduction."""
-    return f"{-100 * reduction:+.1f}"
+    return _signed(-100 * reduction, 1)
+
+
+def _interval(gain: pd.Series) -> str:
+    """Range of the changes [%] of a row of the table optimise_resimulated."""
+    return format_range(_percent(gain["reduction_high"]), _percent(gain["reduction_low"]))
 
 
 def _aligned(before: float, after: float) -> tuple[str, str]:
@@ -379,25 +430,29 @@ def _change(words: str, before: float, after: float, decimals: int | None = None
 
 def _lengths(outcome: Outcome) -> Iterator[Block]:
     options, searched = outcome.scenario.optimise, f"searched (box {outcome.box})"
-    box, (crank, rod), (new_crank, new_rod) = options.boxes[outcome.box], outcome.original, outcome.lengths
-    (least, most), (low, high) = 1e3 * np.array([box.crank_length, box.rod_length])
+    region = regions(outcome.scenario.mechanism.applied(), options)[outcome.box]
+    (crank, rod), (new_crank, new_rod), (cranks, rods) = outcome.original, outcome.lengths, region.searched
+    low, high = 1e3 * np.array(options.boxes[outcome.box].rod_length)
     limit = "–" if options.ratio_limit is None else f"up to {options.ratio_limit:g}"
     rows = (
-        _change("crank length [mm]", 1e3 * crank, 1e3 * new_crank, 3) | {searched: f"{least:g} to {most:g}"},
-        _change("rod length [mm]", 1e3 * rod, 1e3 * new_rod, 3) | {searched: f"{low:g} to {high:g}"},
+        _change("crank length [mm]", 1e3 * crank, 1e3 * new_crank, 3) | {searched: cranks},
+        _change("rod length [mm]", 1e3 * rod, 1e3 * new_rod, 3) | {searched: rods},
         _change("crank over rod [1]", crank / rod, new_crank / new_rod, 5) | {searched: limit},
     )
     yield TableBlock.of(rows, "lrrrrr")
     if not outcome.bounds and outcome.within_force_limit():
-        kept = " The crank keeps its length; `optimise.boxes` lets both vary." if outcome.keeps_crank else ""
+        by_default = cranks == "fixed" and outcome.box == "own"  # without boxes in the configuration
+        kept = " The crank keeps its length; `optimise.boxes` lets both vary." if by_default else ""
         yield Paragraph(f"No bound is active.{kept}")
     floor = outcome.frames["optimise_floor"]
     floor = floor[(floor["source"] == outcome.chosen["source"]) & (floor["box"] == outcome.box)]
+    if floor.empty:  # the search did not converge
+        return
     ratios, reductions = (floor.loc[floor["measure"] == "rms", column] for column in ("ratio", "reduction"))
     yield Paragraph(
         f"The error depends on the ratio only. With frozen joint motion and the best crank for each rod from {low:g} "
-        f"to {high:g} mm, the ratio is {ratios.min():.5f} to {ratios.max():.5f}. The RMS error falls by "
-        f"{100 * reductions.min():.1f} to {100 * reductions.max():.1f} %"
+        f"to {high:g} mm, the ratio is {format_range(f'{ratios.min():.5f}', f'{ratios.max():.5f}')}. The RMS error "
+        f"{format_falls(100 * reductions)}"
         + (": all these pairs are equivalent." if np.ptp(reductions) <= FLAT else ".")
     )
 
@@ -414,7 +469,7 @@ def _gains(outcome: Outcome) -> Iterator[Block]:
                     "before [deg]": before,
                     "after [deg]": after,
                     "simulated again [%]": _percent(gain["reduction"]),
-                    "5 to 95 % [%]": f"{_percent(gain['reduction_high'])} to {_percent(gain['reduction_low'])}",
+                    "5 to 95 % [%]": _interval(gain),
                     "frozen [%]": _percent(gain["frozen_reduction"]),
                     "improved in [% of run pairs]": f"{100 * gain['share_better']:.0f}",
                 }
@@ -455,6 +510,13 @@ def _side_effects(outcome: Outcome) -> Iterator[Block]:
     )
 
 
+def _geometric(outcome: Outcome) -> list[Constraint]:
+    """Constraints that depend on the lengths only, without that of a crank that keeps its length."""
+    offset = outcome.scenario.mechanism.applied().slider.offset
+    asked = geometric(outcome.scenario.optimise.constraints, offset)
+    return [each for each in asked if not (each.key == "crank_length" and outcome.keeps_crank)]
+
+
 def _constraints(outcome: Outcome) -> Iterator[Block]:
     """Constraints besides the bounds of the lengths."""
     options, lengths = outcome.scenario.optimise.constraints, (outcome.original, outcome.lengths)
@@ -465,8 +527,7 @@ def _constraints(outcome: Outcome) -> Iterator[Block]:
             *(each.show(float(each.value(at))) for at in lengths),
             each.violation(lengths[1]) <= FEASIBLE,
         )
-        for each in geometric(options, outcome.scenario.mechanism.applied().slider.offset)
-        if not (each.key == "crank_length" and outcome.keeps_crank)
+        for each in _geometric(outcome)
     ]
     if (most := options.largest_pin_force) is not None:
         forces = (f"{number(force)} N" for force in outcome.peak_force)
@@ -474,11 +535,15 @@ def _constraints(outcome: Outcome) -> Iterator[Block]:
     if rows:
         yield Heading("Constraints")
         shown = tuple((*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows)
-        yield TableBlock(("", "required", "before", "after", "met"), shown, "lrrrl")
+        after = "smallest force" if outcome.status == "infeasible" else "after"
+        yield TableBlock(("", "required", "before", after, "met"), shown, "lrrrl")
         yield Paragraph("Lengths and angles without clearance; forces simulated with clearance.")
 
 
 def _motions(outcome: Outcome) -> Iterator[Block]:
+    if not outcome.found:
+        return
+    yield Heading("Motion used by the search")
     optima, again = outcome.frames["optimise_optima"], outcome.frames["optimise_resimulated"]
     again = again[again["measure"] == "rms"].set_index(["point", "stretch"])
     rows = []
@@ -488,8 +553,8 @@ def _motions(outcome: Outcome) -> Iterator[Block]:
         row = {"motion from": f"{MOTIONS[source]}{chosen}"}
         row |= {f"{link} [mm]": f"{1e3 * own[f'{link}_length']:.3f}" for link in ("crank", "rod")}
         for stretch in ("settled", "window"):
-            middle, high, low = (again.loc[(point, stretch), f"reduction{end}"] for end in ("", "_high", "_low"))
-            shown = f"{_percent(middle)} ({_percent(high)} to {_percent(low)})"
+            own_gain = again.loc[(point, stretch)]
+            shown = f"{_percent(own_gain['reduction'])} ({_interval(own_gain)})"
             row[f"RMS error, {outcome.stretch_label(stretch)} [%]"] = shown
         rows.append(row)
     yield Paragraph(

@@ -7,7 +7,8 @@ import pandas as pd
 
 from jointgap.config import Scenario
 from jointgap.core.page import Block, FigureBlock, Heading, Link, Page, Paragraph, TableBlock, written_today
-from jointgap.core.words import format_falls
+from jointgap.core.schema import OVERVIEW
+from jointgap.core.words import format_falls, format_range
 from jointgap.paper.compare import conclusion, looseness_variants, variant_optimum
 from jointgap.scenario.figures import FIGURES
 
@@ -24,15 +25,14 @@ _TEXT = (
 
 
 def overview(loaded: Mapping[str, tuple[Mapping[str, pd.DataFrame], Scenario]]) -> pd.DataFrame:
-    """The table overview, one row per scenario, from its tables `NEEDED` and its configuration."""
+    """The table overview, one row per scenario with an optimum, from its tables `NEEDED` and its configuration."""
     scenarios = {name: scenario for name, (_, scenario) in loaded.items()}
     rows = [
-        _row(name, *own)
-        | {"family": looseness_variants(name, scenarios)[0]}
-        | variant_optimum(name, own[1], own[0]["optimise_resimulated"])
+        _row(name, *own) | {"family": looseness_variants(name, scenarios)[0]} | variant
         for name, own in loaded.items()
+        if (variant := variant_optimum(name, own[1], own[0]["optimise_resimulated"])) is not None
     ]
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=None if rows else OVERVIEW.names)
 
 
 def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> dict:
@@ -69,6 +69,8 @@ def _row(name: str, frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> d
 
 def headline(table: pd.DataFrame) -> str:
     """The result of all scenarios in one line."""
+    if table.empty:
+        return "No lengths satisfy the constraints in any scenario"
     return (
         f"In {len(table)} scenarios the RMS error of the transmission angle "
         f"{format_falls(100.0 * table['window_reduction'])} at the lengths found, simulated again"
@@ -114,7 +116,7 @@ def _cells(row) -> dict[str, str | Link]:
 def _spread(row, name: str) -> str:
     ends = "found" if name == "found_reduction" else name
     low, high = getattr(row, f"{ends}_low"), getattr(row, f"{ends}_high")
-    return f"{100 * getattr(row, name):.2f} ({100 * low:.2f} to {100 * high:.2f})"
+    return f"{100 * getattr(row, name):.2f} ({format_range(f'{100 * low:.2f}', f'{100 * high:.2f}')})"
 
 
 def _by_count(table: pd.DataFrame) -> Iterator[Block]:
