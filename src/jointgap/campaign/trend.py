@@ -3,12 +3,11 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
-from scipy.stats import norm
 
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import VERDICT, check_unchanged, config_snapshot
@@ -25,6 +24,7 @@ from jointgap.core.results_folder import ResultsFolder
 from jointgap.core.schema import CONFIG_SNAPSHOT, DETECTABLE, TREND, TREND_GROWTH
 from jointgap.core.words import format_name, joined, with_unit
 from jointgap.identification.fit import HALF_WIDTHS, LEVELS
+from jointgap.identification.line import Line, fit_line
 
 _SHOWN_UNITS = {"m": (1e6, "µm")}  # factor and unit by SI unit
 
@@ -35,25 +35,13 @@ _PAGE = "trend.md"
 _CLEARANCE = "_clearance"  # suffix of effects and nuisances that are clearances
 
 
-class Growth(NamedTuple):
-    """A straight line through sizes over days."""
-
-    rate: float  # [SI/d]
-    low: float  # of its 90 % interval
-    high: float
-    first_value: float  # on day 0 [SI]
-    p: float  # Probability of so large a rate without growth [1]
-    error_scale: float  # Factor on the stated errors [1]
-
-
-def fit_growth(days: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Growth:
-    """Fit a line by weighted least squares; errors are widened if the reduced chi2 exceeds 1."""
-    (rate, first), covariance = np.polyfit(days, values, 1, w=1.0 / errors, cov="unscaled")
-    chi2 = np.sum(((values - first - rate * days) / errors) ** 2)
-    scale = max(1.0, math.sqrt(chi2 / (len(days) - 2)))
-    error = scale * math.sqrt(covariance[0, 0])
-    half_width = HALF_WIDTHS[90] * error
-    return Growth(rate, rate - half_width, rate + half_width, first, 2.0 * float(norm.sf(abs(rate) / error)), scale)
+def fit_growth(days: np.ndarray, values: np.ndarray, errors: np.ndarray) -> Line:
+    """Line through sizes over days; the sizes of one day become their weighted mean, as what differs between days is
+    common to them."""
+    dates, place = np.unique(days, return_inverse=True)
+    weight = 1.0 / errors**2
+    total = np.bincount(place, weight)
+    return fit_line(dates, np.bincount(place, weight * values) / total, total**-0.5)
 
 
 def trend(files: Sequence[Path], results: Path, folder: Path) -> str:
@@ -188,8 +176,9 @@ def growth_frame(sizes: pd.DataFrame) -> pd.DataFrame:
         if row["dates"] >= FEWEST_DATES:
             errors = (counted["high_90"] - counted["low_90"]) / (2.0 * HALF_WIDTHS[90])
             found = fit_growth(*(each.to_numpy(dtype=float) for each in (counted["days"], counted["value"], errors)))
-            row |= found._asdict() | {"rate_low": found.low, "rate_high": found.high}
-            row["growth"] = "no growth" if found.p > FALSE_ALARM_RATE else "grew" if found.rate > 0 else "shrank"
+            row |= {"rate": found.slope, "rate_low": found.low, "rate_high": found.high, "first_value": found.first}
+            row |= {"p": found.p, "error_scale": found.error_scale}
+            row["growth"] = "no growth" if found.p > FALSE_ALARM_RATE else "grew" if found.slope > 0 else "shrank"
         rows.append(row)
     return pd.DataFrame(rows, columns=TREND_GROWTH.names)
 
@@ -253,16 +242,18 @@ def trend_figure(sizes: pd.DataFrame, growth: pd.DataFrame) -> Drawing:
 def _page(sizes: pd.DataFrame, growth: pd.DataFrame) -> Page:
     blocks = []
     for row in growth.to_dict("records"):
-        wider = f" Errors were widened by the factor {row['error_scale']:.2g}." if row["error_scale"] > 1.0 else ""
-        blocks.append(Paragraph(f"{growth_summary(row)}.{wider}", strong=True))
+        known = pd.notna(row["error_scale"])
+        scatter = f" Scatter about the line: {row['error_scale']:.2g} times the stated errors." if known else ""
+        blocks.append(Paragraph(f"{growth_summary(row)}.{scatter}", strong=True))
         factor, unit = _SHOWN_UNITS.get(row["unit"], (1.0, row["unit"]))
         own = sizes[(sizes["label"] == row["label"]) & (sizes["parameter"] == row["parameter"])]
         names = ("date", "campaign", "value", "low_90", "high_90", "source", "smallest_detectable", "reason")
         parameter = format_parameter(row["label"].partition(":")[0], row["parameter"])
         blocks.append(frame_block(TREND, own, names, f"By campaign: {parameter}.", (unit, factor)))
     meaning = (
-        "Lines: weighted least squares over the days (`trend_growth.parquet`; sizes in SI: `trend.parquet`). Grew or "
-        f"shrank: p below {FALSE_ALARM_RATE:g}. A campaign that did not find the effect is not used for the line: the "
-        "size there is below the smallest detectable one."
+        "Lines: weighted least squares over the days (`trend_growth.parquet`; sizes in SI: `trend.parquet`). Intervals "
+        "and p follow Student's distribution, as the scatter is estimated from the residuals: three dates only show a "
+        f"growth much larger than the scatter. Grew or shrank: p below {FALSE_ALARM_RATE:g}. A campaign that did not "
+        "find the effect is not used for the line: the size there is below the smallest detectable one."
     )
     return Page("Wear by date", (*blocks, FigureBlock("trend", "Sizes by date"), Paragraph(meaning)))

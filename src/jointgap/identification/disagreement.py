@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.special import chdtrc
 from scipy.stats import false_discovery_control
 
-from jointgap.identification.fit import HALF_WIDTHS
+from jointgap.identification.line import fit_line
 from jointgap.identification.problem import Noise, Part, Problem, autoregression, unwhiten, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS, DisagreementSettings
 
@@ -103,20 +103,14 @@ def speed_scaling(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
         speed, excess, sd = np.array([run for run in excesses if run is not None]).reshape(-1, 3).T
         if np.unique(speed).size < 2:
             continue
-        x, y, weight = np.log(speed), np.log(excess), 1.0 / sd**2
-        x = x - np.average(x, weights=weight)
-        exponent = np.sum(weight * x * y) / np.sum(weight * x**2)
-        deviation = y - np.average(y, weights=weight) - exponent * x
-        # the interval is widened if runs scatter more than noise
-        variance = max(1.0, np.sum(weight * deviation**2) / max(x.size - 2, 1)) / np.sum(weight * x**2)
-        half_width = HALF_WIDTHS[90] * np.sqrt(variance)
+        line = fit_line(np.log(speed), np.log(excess), sd)
         rows.append(
             {
                 "channel": channel,
-                "exponent": exponent,
-                "low": exponent - half_width,
-                "high": exponent + half_width,
-                "runs": x.size,
+                "exponent": line.slope,
+                "low": line.low,
+                "high": line.high,
+                "runs": speed.size,
             }
         )
     return pd.DataFrame(rows, columns=["channel", "exponent", "low", "high", "runs"])
@@ -134,7 +128,7 @@ def _excess(part: Part, residual: np.ndarray, sigmas: float) -> tuple[float, flo
     square = _unwhitened(part, residual) ** 2
     noise = float(np.mean(part.noise.spread[part.used] ** 2))
     excess = float(square.mean()) - noise
-    sd = noise * np.sqrt(2.0 / square.size) + 2.0 * np.sqrt(noise * max(excess, 0.0) / square.size)
+    sd = np.sqrt((2.0 * noise**2 + 4.0 * noise * max(excess, 0.0)) / square.size)
     return (speed, np.sqrt(excess), 0.5 * sd / excess) if speed > 0 and excess > sigmas * sd else None
 
 

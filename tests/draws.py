@@ -1,0 +1,19 @@
+"""Rates by draws: bounds that a right rate keeps in all but one of ten thousand sets of draws."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import binom, kstest
+
+CHANCE = 1e-4
+
+
+def check_rate(happened: ArrayLike, rate: float, most: float | None = None) -> None:
+    """What `happened` in each draw (n,) bool has the probability `rate`, or one between `rate` and `most`."""
+    happened = np.asarray(happened, bool)
+    least, most = binom.ppf(0.5 * CHANCE, happened.size, rate), binom.isf(0.5 * CHANCE, happened.size, most or rate)
+    assert least <= happened.sum() <= most, f"{happened.sum()} of {happened.size}, not {least:g} to {most:g}"
+
+
+def check_uniform(p: ArrayLike) -> None:
+    """Probabilities or ranks (n,) are uniform from 0 to 1."""
+    assert kstest(np.asarray(p), "uniform").pvalue > CHANCE
