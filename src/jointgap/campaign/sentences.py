@@ -217,9 +217,14 @@ def answer(verdict: Mapping[str, Any]) -> str:
     return f"{text} No effect was added to the model."
 
 
+_NOTHING_HELD_OUT = "No held-out data confirm it: none of their samples can be used"
+
+
 def _held_out_misfit(verdict: Mapping[str, Any]) -> str:
     """Which held-out runs cannot be simulated, and the largest gap if it exceeds noise."""
     gap, when, text = verdict["gap"]["confirm"], "after" if verdict["effects"] else "before", ""
+    if gap["before"] is None:
+        return f" {_NOTHING_HELD_OUT}."
     gaps = [gap[when]]
     if gap[when] is None:
         text, gaps = f" {_not_simulated(verdict)}.", [run["gap"][when] for run in verdict["held_out"]]
@@ -259,6 +264,8 @@ def held_out_summary(verdict: Mapping[str, Any], gap: Mapping[str, float | None]
     shown = verdict if verdict["effects"] else verdict["best_known"] or verdict
     gap, test = gap or shown["gap"]["confirm"], verdict["held_out_test"]
     before, after = gap["before"], gap["after"]
+    if before is None:
+        return _NOTHING_HELD_OUT
     if after is None:
         return f"The gap on held-out data is {rounded_gap(before)} without effects. {_not_simulated(verdict)}"
     if not (verdict["effects"] or verdict["best_known"]):

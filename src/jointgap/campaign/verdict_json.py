@@ -87,9 +87,9 @@ def read(path) -> dict[str, Any]:
 
 
 def gap_of(gaps: pd.DataFrame, role: str, run: str = "all", added: bool = True) -> dict[str, float | None]:
-    """Gap before and after over all channels; None if the model with the effects cannot be simulated."""
-    row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
-    gap = {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
+    """Gap before and after over all channels; None without samples, or if the effects cannot be simulated."""
+    row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")]
+    gap = {when: next(iter(map(float, row[when].dropna())), None) for when in ("before", "after")}
     return gap if added else gap | {"after": gap["before"]}
 
 
