@@ -1,11 +1,13 @@
 """verdict.json: what people script against, number for number, of fits made up for it."""
 
+import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
+from jsonschema import validate
 from scipy.stats import truncnorm
 
 from benchmarks.project import ROOT
@@ -96,6 +98,15 @@ def test_the_document_holds_what_was_decided_where_it_disagrees_and_how_well_it_
         "false_alarm_rate": None,
     }
     assert document(outcome_of(fitted([FRICTION], [1.5, 20.0])), repeats=False)["basis"] == "statistics"
+
+
+def test_where_no_held_out_sample_can_be_used_the_verdict_stands_with_a_gap_of_the_fitted_data_alone():
+    content = document(outcome_of(fitted([FRICTION], [1.5, 20.0])), gaps=gaps().query("role == 'identify'"))
+    assert (content["verdict"], content["held_out_test"]) == ("named", "nothing_held_out")
+    gap = {"identify": {"before": 9.0, "after": 1.0}, "confirm": {"before": None, "after": None}}
+    assert content["gap"] == gap
+    schema = json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
+    validate(gap, schema | schema["properties"]["gap"] | {"required": ["identify", "confirm"]})
 
 
 def normal(value, sd, **tolerance):

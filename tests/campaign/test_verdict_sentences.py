@@ -2,7 +2,7 @@
 
 import re
 
-from jointgap.campaign.page import title
+from jointgap.campaign.page import page, title
 from jointgap.campaign.sentences import (
     answer,
     best_known_summary,
@@ -14,6 +14,7 @@ from jointgap.campaign.sentences import (
     names_to_labels,
     parameter_rows,
 )
+from jointgap.core.page import to_markdown
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.campaign.verdicts import BIAS, COULOMB, NAMED, VERDICTS, WEIGHT
 from tests.catalogue import each
@@ -82,6 +83,20 @@ def test_held_out_runs_that_cannot_be_simulated_are_all_named_with_their_reasons
     assert UNMET not in answer(verdict)
     lost[1]["gap"]["after"] = 5.5
     assert f"{UNMET}: their gap is 5.50" in answer(verdict)
+
+
+def test_every_page_says_where_no_held_out_sample_can_be_used():
+    unused = {"before": None, "after": None}
+    best = {"effects": [COULOMB], "explained_share": 0.56, "rival": None}
+
+    def says(verdict):
+        gap = verdict["gap"] | {"confirm": unused}
+        shown = verdict | {"gap": gap, "best_known": verdict["best_known"] and best | {"gap": gap}}
+        shown["held_out_test"] = "nothing_held_out" if verdict["held_out_test"] else None
+        for text in (to_markdown(page(shown, {})), f"{answer(shown)} {held_out_summary(shown)}"):
+            assert "No held-out data confirm it" in text and "None" not in text.replace("None was added", "")
+
+    each(says, [*VERDICTS.values(), VERDICTS["unexplained"] | {"best_known": best, "held_out_test": "falls"}])
 
 
 def test_how_the_gap_on_held_out_data_goes_once_something_is_added():

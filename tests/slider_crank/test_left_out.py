@@ -33,3 +33,20 @@ def test_a_held_out_run_whose_crank_stands_still_is_left_out_with_the_time():
 def test_without_any_run_for_fitting_there_is_one_error_with_its_reason():
     with pytest.raises(InputError, match=r"(?s)no run for fitting is usable.*stands still or falls at"):
         build_model(*measured("slow"))
+
+
+def test_a_split_run_without_a_value_in_its_part_for_fitting_is_left_out_with_the_channels():
+    channels = ("time", "crank_angle", "slider_position", "crank_torque")
+    own = campaign(mechanism(), channels, drive="measured_angle", run={"role": "split"})
+    measurements = recorded(own)
+    for run in measurements.runs.values():
+        run.held_out[:] = np.arange(run.time.size) > 0.67 * run.time.size
+    for values in measurements.runs["slow"].channels.values():
+        values[: values.size // 2] = np.nan
+    assert set(build_model(own, measurements).plans) == {"slow", "fast"}
+    for values in measurements.runs["slow"].channels.values():
+        values[: int(0.7 * values.size)] = np.nan
+    model = build_model(own, measurements)
+    assert set(model.plans) == {"fast"} and noise_of_model(model)
+    for part in ("slow.csv", "have no value of slider_position and crank_torque", "give a record"):
+        assert part in model.left_out["slow"]

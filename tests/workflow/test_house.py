@@ -73,3 +73,12 @@ def test_every_name_of_the_package_and_every_path_of_the_map_of_the_code_is_ther
     for path in re.findall(r"`([\w.]+/[\w./-]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")):
         if not path.startswith(("results/", "docs/_build/")):
             assert (ROOT / path).exists() or (ROOT / "src/jointgap" / path).exists(), path
+
+
+def test_every_test_that_a_script_or_a_page_names_is_there():
+    files = [ROOT / "Makefile", *(ROOT / "scripts").iterdir(), *(page for page in PAGES if page.stem != "changelog")]
+    text = "\n".join(file.read_text(encoding="utf-8") for file in files)
+    named = {path.rstrip(".") for path in re.findall(r"\btests/[\w./{},-]+", text)}
+    paths = run(ROOT, "bash", "-c", f"printf '%s\n' {' '.join(sorted(named))}").stdout.split()
+    assert len(paths) > len(named) > 3
+    assert [path for path in paths if not (ROOT / path).exists()] == []

@@ -144,10 +144,10 @@ def _gap(verdict: Verdict, gaps: pd.DataFrame | None, shown: Sequence[str]) -> l
     if shared := [run["run"] for run in verdict.get("held_out", ()) if run["part"] == "last_third"]:
         blocks.append(Paragraph(f"The last third of {joined(shared)} is held out; a separate run is better evidence."))
     if gaps is not None:
-        runs = gaps[(gaps["run"] != "all") & (gaps["role"] == "confirm")]
+        runs = gaps[(gaps["run"] != "all") & (gaps["role"] == "confirm") & (gaps["channel"] == "all")]
         names = ["run", *(f"{when}{end}" for when in shown for end in ("", "_low", "_high"))]
         caption = "Gap of each held-out run with its 90 % interval (low to high)."
-        blocks.append(frame_block(schema.GAPS, runs[runs["channel"] == "all"], names, caption))
+        blocks += [frame_block(schema.GAPS, runs, names, caption)] if len(runs) else []
         gap, high = (gaps[f"after{end}"].fillna(gaps[f"before{end}"]) for end in ("", "_high"))
         low = gaps.assign(gap=gap)[(high < _BELOW_NOISE) & (gaps["channel"] != "all") & (gaps["run"] != "all")]
         if channels := [f"{format_name(row.channel)} ({row.run} {rounded_gap(row.gap)})" for row in low.itertuples()]:

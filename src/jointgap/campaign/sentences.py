@@ -298,9 +298,14 @@ def _left_by_all(verdict: Mapping[str, Any]) -> str:
     return f" They explain little: on held-out data the best of them leaves a gap of {left}."
 
 
+_NOTHING_HELD_OUT = "No held-out data confirm it: none of their samples can be used"
+
+
 def _held_out_misfit(verdict: Mapping[str, Any]) -> str:
     """Which held-out runs cannot be simulated, and the largest gap if it exceeds noise."""
     gap, when, text = verdict["gap"]["confirm"], "after" if verdict["effects"] else "before", ""
+    if gap["before"] is None:
+        return f" {_NOTHING_HELD_OUT}."
     gaps = [gap[when]]
     if gap[when] is None:
         text, gaps = f" {_not_simulated(verdict)}.", [run["gap"][when] for run in verdict["held_out"]]
@@ -352,6 +357,8 @@ def held_out_summary(verdict: Mapping[str, Any]) -> str:
     """The change of the gap on held-out data, without the full stop."""
     test, gap = verdict["held_out_test"], verdict["gap"]["confirm"]
     before, after = gap["before"], gap["after"]
+    if before is None:
+        return _NOTHING_HELD_OUT
     if not (verdict["effects"] or verdict["best_known"] or verdict["equivalent"]):
         return f"The gap on held-out data is {rounded_gap(before)}"
     if after is None:

@@ -85,9 +85,10 @@ def read(path) -> dict[str, Any]:
 
 
 def gap_of(gaps: pd.DataFrame, role: str, run: str = "all") -> dict[str, float | None]:
-    """Gap over all channels without and with `Outcome.proposed`; None if the model with it cannot be simulated."""
-    row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")].iloc[0]
-    return {when: None if np.isnan(row[when]) else float(row[when]) for when in ("before", "after")}
+    """Gap over all channels without and with `Outcome.proposed`; None without samples, or if the model with it cannot
+    be simulated."""
+    row = gaps[(gaps["role"] == role) & (gaps["run"] == run) & (gaps["channel"] == "all")]
+    return {when: next(iter(map(float, row[when].dropna())), None) for when in ("before", "after")}
 
 
 def held_out(gaps: pd.DataFrame, roles: Mapping[str, str]) -> list[dict[str, Any]]:

@@ -15,6 +15,7 @@ from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import PINS
+from jointgap.core.words import joined
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionScale
 from jointgap.identification.fit import Fit
@@ -385,10 +386,15 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     plan = _plan(campaign, run, samples)
     measured = {**recording.channels, "crank_angle": recording.crank_angle}
     values = {channel: measured[channel] for channel in plan.channels}
+    # held-out samples of a split run must not influence its speed and first angle
+    hidden = recording.held_out & (not recording.held_out.all())
+    fitted = {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
+    if not any(np.isfinite(value).any() for value in fitted.values()):
+        raise InputError(
+            f"{campaign.folder / run.file}: the first two thirds of run '{run.id}', which are for fitting, have no "
+            f"value of {joined(values)}; give a record with such values, or another run for fitting"
+        )
     if constant and "crank_angle" not in campaign.channels:
-        # held-out samples of a split run must not influence its speed and first angle
-        hidden = recording.held_out & (not recording.held_out.all())
-        fitted = {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
         if "speed" in campaign.nuisance:
             own, bounds = plan.samples, campaign.bounds("speed", run.speed)
             speed = speed_from_periodicity(own.elapsed, list(fitted.values()), *bounds)
