@@ -245,7 +245,9 @@ def test_certain_effects_and_steps_that_were_not_run_come_from_the_decision():
     told = {"certain": ("spring",), "not_searched": ("pairs of effects",)}
     outcome = Outcome("unexplained", BASE, BASE, [], ranking, because="it is poor", best_known=best, **told)
     content = document(outcome)
-    assert [(one["name"], one["parameters"]["stiffness_N_m"]["value"]) for one in content["certain"]] == [("spring", 7.0)]
+    assert [(one["name"], one["parameters"]["stiffness_N_m"]["value"]) for one in content["certain"]] == [
+        ("spring", 7.0)
+    ]
     assert content["not_searched"] == ["pairs of effects"]
 
 
