@@ -82,7 +82,7 @@ def planned():
         ("slider_coulomb_friction", "single", 2150.0, 6842.0, 0.998),
         ("gravity", "single", 9000.0, -8.0, 0.0),
         ("slider_coulomb_friction + sensor_bias:crank_torque", "pair", 2149.0, 6835.0, 0.999),
-        ("-a*v*|v|", "formula", 3000.0, 5993.0, 0.87),
+        ("discovered_slider_force[v^3] + discovered_slider_force[1]", "formula", 3000.0, 5993.0, 0.87),
         ("rod_flexibility", "single", np.nan, np.nan, np.nan),
     ]
     fits = pd.DataFrame(rows, columns=["explanation", "kind", "chi2", "delta_bic", "explained_share"])
@@ -176,6 +176,11 @@ def test_the_explanation_of_the_verdict_stands_first_and_merged_effects_are_neig
     data = drawings["confusability"].data
     merged = data[data["series"] == "indistinguishable in these runs"]
     assert set(merged["label"]) == {"gravity", "slider_spring"} and np.ptp(merged["x"]) == 1.0
+
+
+def test_the_terms_of_a_force_law_are_ranked_without_the_labels_of_the_code(drawings):
+    names = [text.get_text() for axes in drawings["ranking"].figure.axes for text in axes.get_yticklabels()]
+    assert "slider force: v^3, 1" in names and not any("[" in name or "discovered" in name for name in names)
 
 
 def test_a_model_that_nothing_was_added_to_has_no_after(tables):

@@ -217,8 +217,8 @@ def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
 def residuals(tables: Tables, verdict: Verdict) -> Drawing:
     """Residual by crank angle in standard deviations of noise and solver error: dots are samples, lines are means over
     5 deg. Before: no effect added, parameters re-fitted unless nominal ones suffice. After: with the effects of the
-    verdict. The grey band contains 95 % of the samples of a true model. For large residuals the scale is linear
-    inside the band and logarithmic outside.
+    verdict, or else the best candidate. The grey band contains 95 % of the samples of a true model. For large
+    residuals the scale is linear inside the band and logarithmic outside.
     """
     samples = tables["residuals"]
     whitened = {moment: (samples["measured"] - samples[model]) / samples["spread"] for moment, model in MODELS.items()}
@@ -279,6 +279,18 @@ _PLACES = {
 _APART = DEFAULT_SETTINGS.decision.min_delta_bic
 
 
+def _short_name(label: str) -> str:
+    """Label of an explanation: ``slider Coulomb friction + gravity``, ``slider force v^3 + 1`` of a force law."""
+    parts = label.split(" + ")
+    law = [one for one in parts if one.startswith("discovered_")]
+    terms = [one.partition("[")[2].removesuffix("]") for one in law]
+    named = [format_name(one) for one in parts if one not in law]
+    if law:
+        effect = law[0].partition("[")[0].removeprefix("discovered_")
+        named.append(f"{format_name(effect)}: {', '.join(terms)}")
+    return " + ".join(named)
+
+
 @figure(
     "ranking",
     "Candidates ranked",
@@ -299,7 +311,7 @@ def ranking(tables: Tables, verdict: Verdict) -> Drawing:
     fits = tables["ranking"].query("kind != 'base'").dropna(subset=["delta_bic"]).sort_values("delta_bic")[list(base)]
     best = fits.groupby(fits["kind"] == "single").tail(RANKED)
     best = pd.concat([best, pd.DataFrame([base])]).sort_values("delta_bic", ascending=False, kind="stable")
-    names = [format_name(label).replace(" + ", " +\n") for label in best["explanation"]]
+    names = [_short_name(label).replace(" + ", " +\n") for label in best["explanation"]]
     sheet = Sheet(1.35 + 0.31 * max(3, len(best)), 1, 2, width_ratios=(1.25, 1.0))
     shown = {
         Quantity("BIC minus that of the best", "1"): best["delta_bic"].max() - best["delta_bic"],
