@@ -66,7 +66,7 @@ def document(outcome, campaign=CAMPAIGN, **given):
     columns = ["run", "channel", "start_deg", "end_deg", "rms", "p_adjusted"]
     tables = {name: pd.DataFrame(columns=TABLES[name].names) for name in verdict_json.TABLES}
     tables |= {"gaps": given.pop("gaps", gaps()), "map_windows": pd.DataFrame(windows, columns=columns)}
-    tables["detectable"] = pd.DataFrame({"label": ["gravity"], "detectable": [False]})
+    tables["detectable"] = pd.DataFrame({"label": [given.pop("undetectable", "gravity")], "detectable": [False]})
     tables["confusability"] = pd.DataFrame({"first": ["a", "b"], "second": ["b", "a"], "merged": True})
     return verdict_json.document(outcome, tables, campaign, **given)
 
@@ -107,6 +107,25 @@ def test_where_no_held_out_sample_can_be_used_the_verdict_stands_with_a_gap_of_t
     assert content["gap"] == gap
     schema = json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
     validate(gap, schema | schema["properties"]["gap"] | {"required": ["identify", "confirm"]})
+
+
+def test_a_nuisance_whose_deviation_the_preflight_cannot_detect_has_no_interval():
+    def check(undetectable, name, has_interval):
+        base = fitted([], [0.5], nuisances=(Parameter(name, 0.5, -9.0, 9.0),))
+        stated = document(outcome_of(base), undetectable=undetectable)["nuisances"][name]
+        assert (stated["interval_90"] != [None, None]) == (stated["sd"] is not None) == has_interval
+        assert stated["value"] == 0.5 and stated.get("kept", False) != has_interval
+
+    each(
+        check,
+        [
+            ("common_pin_restitution", "restitution", False),
+            ("pin_restitution:crank_pin", "restitution_crank_pin", False),
+            ("pin_restitution:crank_pin", "restitution_piston_pin", True),
+            ("pin_restitution:crank_pin", "joint_friction", True),
+            ("gravity", "restitution", True),
+        ],
+    )
 
 
 def normal(value, sd, **tolerance):

@@ -12,6 +12,7 @@ from jointgap.identification.fit import (
     AT_BOUND,
     CHANGES_NOTHING,
     HALF_WIDTHS,
+    NOT_DETERMINED,
     NOT_ESTIMATED,
     BoundedNormal,
     Fit,
@@ -108,6 +109,16 @@ def test_a_nuisance_that_changes_nothing_is_reported_as_that_and_not_as_fitted()
     assert told["crank_length"]["sd"] > 0.0
 
 
+def test_a_nuisance_that_may_be_almost_anywhere_in_its_range_has_no_interval():
+    def told(error, value=0.5):
+        fit = fit_of(FORCE, value, 1.0, nuisances=(Parameter("restitution", 0.5, 0.3, 0.9),), covariance=error)
+        return nuisance_estimates(fit)[0][1]
+
+    assert told(np.diag([0.02, 0.1]) ** 2)["interval_90"][0] == pytest.approx(0.5 - 0.0329, abs=1e-4)
+    assert told(np.diag([9.0, 0.1]) ** 2) == {"value": 0.5, "sd": None, **NO_INTERVALS, "remark": NOT_DETERMINED}
+    assert told(np.diag([9.0, 0.1]) ** 2, 0.9)["remark"] == AT_BOUND
+
+
 # Of draws
 
 
@@ -128,7 +139,7 @@ def test_intervals_hold_the_value_their_share_and_those_of_lower_levels():
         found, inner = drawn(force, value, draws)["force_N"], [value, value]
         for level in (50, 90, 99):
             low, high = found[f"interval_{level}"]
-            assert low <= inner[0] <= inner[1] <= high
+            assert low <= inner[0] <= inner[1] <= high and low < value < high
             assert np.mean((low <= draws) & (draws <= high)) == pytest.approx(level / 100.0, abs=0.005)
             inner = [low, high]
 
@@ -136,8 +147,8 @@ def test_intervals_hold_the_value_their_share_and_those_of_lower_levels():
 
 
 def test_no_end_of_an_interval_is_infinite():
-    found = drawn(FORCE, 9.0, np.linspace(0.0, 1.0, 101))["force_N"]  # beyond all draws
-    assert found["interval_90"] == pytest.approx([0.1, 9.0])
+    found = drawn(FORCE, 9.0, np.linspace(0.0, 1.0, 101))["force_N"]  # beyond all draws: symmetric
+    assert found["interval_90"] == pytest.approx([0.1, 17.9])
     rod = stretch(0.0, 1.0, stiffness=lambda compliance: 1.0 / compliance if compliance else math.inf)
     found = drawn(rod, 1.0, [0.0] * 20 + [1.0] * 80)["stiffness"]
     assert (found["interval_90"], found["remark"]) == ([1.0, None], AT_BOUND)
@@ -157,5 +168,5 @@ def test_only_parameters_that_the_data_determine_are_taken_over():
     fit = fit_of(push, 0.447, 0.795, 0.12, 2.5, nuisances=(mass, restitution, friction), covariance=errors)
     values = {"slider_mass": 0.447, "push.force_N": 2.5, "restitution": 0.5, "joint_friction": 0.1}
     assert {key: determined_values(fit)[key] for key in values} == values
-    told = {p.name: is_taken_over(p, estimate) for p, estimate in nuisance_estimates(fit)}
+    told = {p.name: is_taken_over(estimate) for p, estimate in nuisance_estimates(fit)}
     assert told == {"slider_mass": True, "restitution": False, "joint_friction": False}

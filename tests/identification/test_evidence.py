@@ -76,6 +76,27 @@ def test_an_effect_is_not_there_without_a_size_or_whose_interval_holds_zero_or_t
     )
 
 
+def test_nor_one_whose_stated_size_is_at_its_bound_as_one_of_its_parts_is():
+    """Such as a spring that is stated as one between two at the farthest places of rest."""
+    parts = Parameter("out", 0.0, 0.0, step=0.1), Parameter("in", 0.0, 0.0, step=0.1)
+
+    def check(values, is_there, **states):
+        two = Candidate(
+            "two", "slider", parts, ("out", "in"), parameters=lambda v: {k: s(v) for k, s in states.items()}
+        )
+        found = objection(two, values=values)
+        assert (found == "") == is_there and (is_there or "bound of size" in found), found
+
+    def total(values):
+        return values["out"] + values["in"]
+
+    each(
+        lambda values, is_there: check(values, is_there, size=total, place=lambda v: v["out"]),
+        [([1.0, 1.0], True), ([1.0, 0.0], False), ([0.0, 1.0], False)],
+    )
+    check([1.0, 0.0], True, size=lambda v: v["out"], place=total)  # the size does not depend on that part
+
+
 def test_nor_one_that_swings_at_an_order_of_a_crank():
     swing = effect("swing", Parameter("frequency_Hz", 5.0), carrier="push")
     for order in ("order 1 of the crank in run slow", ""):

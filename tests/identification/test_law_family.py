@@ -8,7 +8,7 @@ import pytest
 
 from jointgap.core.candidates import LawFamily
 from jointgap.identification import law_family, model_selection
-from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.fit import effect_estimates, fit_hypothesis
 from jointgap.identification.law_family import (
     FamilyInterval,
     ShapeProfile,
@@ -150,6 +150,27 @@ def test_a_family_whose_fit_leaves_more_than_its_member_is_ignored(factor, named
     assert (decision.chosen.label, len(families)) == (named, count)
 
 
+def test_a_family_is_not_named_with_a_size_at_its_bound(monkeypatch):
+    model = toy(hidden=drag(0.05, 3.0), seed=5)
+
+    def up_to_its_bound(*args):
+        fit = fit_shape(*args)
+        ends = {"power_drag.force_N": fit.mapping["power_drag.force_N"]}
+        return replace(fit, parameters=tuple(replace(p, high=ends.get(p.key, p.high)) for p in fit.parameters))
+
+    monkeypatch.setattr(law_family, "fit_shape", up_to_its_bound)
+    decision, families = decided(model, "named", fitted_to(model, "quadratic"))
+    assert (decision.verdict, families, decision.best_known.hypothesis[0].label) == ("unexplained", (), "power_drag")
+    assert "bound of force_N" in decision.because and decision.chosen is decision.base
+
+
+def test_the_interval_of_a_shape_holds_those_that_are_stated_of_it_as_a_parameter():
+    decision, (family,) = asked(toy(hidden=drag(0.05, 3.0), seed=5))
+    stated = effect_estimates(decision.chosen, decision.chosen.hypothesis[0])["exponent"]
+    (low, high), (least, most) = stated["interval_99"], stated["interval_90"]
+    assert family.low <= low < least < family.value < most < high <= family.high
+
+
 @each(
     "verdict, labels",
     [
@@ -198,7 +219,9 @@ def test_of_several_laws_that_leave_noise_alone_the_best_is_named_and_equally_go
     monkeypatch.setattr(law_family, "_unproven", lambda *args: unproven)
     monkeypatch.setattr(law_family, "fit_shape", shaped)
     monkeypatch.setattr(law_family, "_asked", of_family)
-    monkeypatch.setattr(law_family, "_weighed", lambda *args: SimpleNamespace(passes=True, fit=args[2]))
+    monkeypatch.setattr(
+        law_family, "_weighed", lambda *args: SimpleNamespace(passes=True, admissible=True, fit=args[2])
+    )
     base = SimpleNamespace(bic=900.0, status="converged")
     decision = Decision("unexplained", base, base)
     problem = SimpleNamespace(limit=lambda step: SimpleNamespace(reached=lambda: False), settings=DEFAULT_SETTINGS)

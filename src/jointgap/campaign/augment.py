@@ -119,7 +119,7 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
     chosen = outcome.chosen
     lines = [f"Augmented mechanism of campaign {campaign.name}. Verdict: {outcome.verdict.replace('_', ' ')}."]
     for p, estimate in nuisances_as_read(chosen, clockwise(campaign)):
-        kept = "" if p.run or is_taken_over(p, estimate) else ": stated value kept"
+        kept = "" if p.run or is_taken_over(estimate) else ": stated value kept"
         name, *row = estimate_row(format_nuisance(p.key), estimate, p.unit)
         lines.append(f"{name}: {format_estimate(*row)}{kept}")
     for candidate in chosen.hypothesis:

@@ -1,7 +1,7 @@
 """verdict.json: the verdict for programs."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,8 +13,16 @@ from jointgap.config.campaign import Campaign
 from jointgap.core.candidates import Candidate
 from jointgap.core.errors import InputError
 from jointgap.core.results_folder import Frames
+from jointgap.effects import EFFECTS
 from jointgap.identification.confirmation import held_out_test
-from jointgap.identification.fit import Fit, coordinate_estimate, effect_estimates, is_taken_over
+from jointgap.identification.fit import (
+    NOT_DETERMINED,
+    Fit,
+    coordinate_estimate,
+    effect_estimates,
+    is_taken_over,
+    no_estimate,
+)
 from jointgap.identification.force_law import effect_of, law_of
 from jointgap.identification.problem import label_of
 
@@ -46,8 +54,8 @@ def document(
         "held_out_test": test and test.outcome,
         "doubted_channels": list(inconsistent),
         "nuisances": {
-            p.key: estimate | ({} if is_taken_over(p, estimate) else {"kept": True})
-            for p, estimate in nuisances_as_read(outcome.chosen, clockwise(campaign))
+            key: estimate | ({} if is_taken_over(estimate) else {"kept": True})
+            for key, estimate in _nuisances(outcome, tables["detectable"], campaign)
         },
         "where": [
             {
@@ -67,6 +75,19 @@ def document(
         },
         "false_alarm_rate": None,
     }
+
+
+def _nuisances(outcome: Outcome, detectable: pd.DataFrame, campaign: Campaign) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Estimates by key; without intervals where the preflight cannot detect any deviation, such as of a restitution."""
+    lost = set()
+    for label in undetectable(detectable):
+        name, _, site = label.partition(":")
+        nuisance = getattr(EFFECTS.get(name), "NUISANCE", None)
+        lost |= {nuisance, f"{nuisance}_{site}"}
+    for p, estimate in nuisances_as_read(outcome.chosen, clockwise(campaign)):
+        is_lost = p.name in lost and estimate["interval_90"] != [None, None]
+        remark = estimate.get("remark", NOT_DETERMINED)
+        yield p.key, no_estimate(estimate["value"], remark) if is_lost else estimate
 
 
 def text(verdict: Mapping[str, Any]) -> str:

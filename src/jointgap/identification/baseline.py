@@ -297,8 +297,9 @@ def with_intervals(problem: Problem, fit: Fit) -> Fit:
     """The fit with draws (chaotic motion) or shifts for its intervals.
 
     Shifts are the changes of the values between solver variants (including another start), projected onto the
-    parameters with the widths of their bounds. For chaotic motion the values are those of the regression; the residual
-    is kept. The fit is unchanged if this fails.
+    parameters with the widths of their bounds, and the changes of fits that begin at draws from the distribution of the
+    values: where the residual is no linear function of them, these end elsewhere. For chaotic motion the values are
+    those of the regression; the residual is kept. The fit is unchanged if this fails.
     """
     if fit.status == FAILED or fit.draws is not None or fit.in_windows:
         return fit
@@ -315,7 +316,22 @@ def with_intervals(problem: Problem, fit: Fit) -> Fit:
     scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     changes = np.hstack([changes, np.zeros((len(changes), scale.size))])
     least = problem.settings.intervals.least_singular_value
-    return replace(fit, shifts=np.linalg.lstsq(rows / scale, changes.T, rcond=least)[0].T / scale)
+    shifts = np.linalg.lstsq(rows / scale, changes.T, rcond=least)[0].T / scale
+    return replace(fit, shifts=np.vstack([shifts, _ends_from_draws(problem, fit)]))
+
+
+def _ends_from_draws(problem: Problem, fit: Fit) -> np.ndarray:
+    """Changes (m, k) [SI] of the values by fits from draws, over the root of their number: a mean square."""
+    count, generator = problem.settings.intervals.starts, np.random.default_rng(0)
+    starts = _ensemble_regression_drawn(fit.distribution, fit.values, bounds_of(fit.parameters), count, generator)
+    known = {p.key: column for p, column in zip(fit.parameters, fit.jacobian.T, strict=True)}
+    ends = []
+    for start in starts:
+        values = {p.key: float(value) for p, value in zip(fit.parameters, start, strict=True)}
+        end = fit_hypothesis(problem, fit.hypothesis, values, known, vary=fit.parameters)
+        if end.status != FAILED:
+            ends.append(end.values - fit.values)
+    return np.array(ends).reshape(-1, fit.values.size) / np.sqrt(max(len(ends), 1))
 
 
 def other_numerics(problem: Problem, base: Fit) -> np.ndarray:

@@ -90,12 +90,18 @@ def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_label
         sizes = [p for p in own if p.key.removeprefix(f"{candidate.label}.") in candidate.amplitudes]
         if not any(values[p.key] for p in sizes):
             return f"{candidate.label} was fitted with size 0"
+        stated = {p.key.removeprefix(f"{candidate.label}."): values[p.key] for p in own}
+        size, value = next(iter(candidate.parameters(stated).items()))
         for p in sizes:
             # the lower bound of a change of a known value is a valid size
-            at_low = values[p.key] <= p.low and not candidate.is_perturbation
-            if values[p.key] != 0.0 and (at_low or values[p.key] >= p.high):
+            at_low, at_high = values[p.key] <= p.low and not candidate.is_perturbation, values[p.key] >= p.high
+            if at_low or at_high:
                 key = p.key.removeprefix(f"{candidate.label}.")
-                return f"{candidate.label} is at the bound of {key}, so the cause is another one"
+                inside = stated | {key: values[p.key] + (p.step if at_low else -p.step)}
+                # one of several amplitudes may be zero, unless the size that is stated depends on it
+                if values[p.key] != 0.0 or candidate.parameters(inside)[size] != value:
+                    bound = key if values[p.key] != 0.0 else size
+                    return f"{candidate.label} is at the bound of {bound}, so the cause is another one"
         if _is_within_range(fit, candidate, bounds):
             replaced = " and ".join(candidate.replaces)
             return f"{candidate.label} is equivalent to {replaced} within its range: a parameter, no effect"

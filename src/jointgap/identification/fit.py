@@ -52,8 +52,8 @@ def bounded_normal(
         right = np.linalg.svd(jacobian[:, live] * unit)[2]
         singular_values = np.append(singular_values, np.zeros(unit.size - singular_values.size))
     singular_values = np.maximum(singular_values, settings.least_singular_value * max(singular_values[0], 1e-300))
-    # in the axes of chi2: variance `inflation` plus that of the shifts
-    changed = singular_values[:, None] * (right @ (shifts[:, live] / unit).T)
+    # in the axes of chi2: variance `inflation` plus that of the shifts, whose signs and correlations are unknown
+    changed = singular_values[:, None] * right * (np.sqrt(np.sum(shifts[:, live] ** 2, axis=0)) / unit)
     variance = inflation * np.eye(unit.size) + changed @ changed.T
     inverse = right.T / singular_values
     free = inverse @ variance @ inverse.T
@@ -660,14 +660,25 @@ NOT_ESTIMATED = "not estimated"
 CHANGES_NOTHING = "changes nothing in what was measured"
 """Remark (a value of ``verdict.json``): no measured value depends on it, such as a mass without a force channel."""
 
+NOT_DETERMINED = "not determined by the data"
+"""Remark: the data allow almost the whole range, so there is no interval."""
+
 
 def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
-    """Nuisances of a fit with their estimates as of `coordinate_estimate`."""
+    """Nuisances of a fit with their estimates as of `coordinate_estimate`, without intervals almost as wide as their
+    ranges.
+    """
     of_effects = {f"{c.label}.{p.key}" for c in fit.hypothesis for p in c.coordinates}
     active = fit.active
 
     def estimate(place: int) -> dict[str, Any]:
-        return coordinate_estimate(fit, place) if active[place] else _no_estimate(fit.values[place], CHANGES_NOTHING)
+        p, value = fit.parameters[place], fit.values[place]
+        if not active[place]:
+            return no_estimate(value, CHANGES_NOTHING)
+        found = coordinate_estimate(fit, place)
+        low, high = found["interval_90"]
+        is_wide = low is not None and high - low >= DEFAULT_SETTINGS.intervals.determined_share * (p.high - p.low)
+        return no_estimate(value, found.get("remark", NOT_DETERMINED)) if is_wide else found
 
     return [(p, estimate(i)) for i, p in enumerate(fit.parameters) if p.key not in of_effects]
 
@@ -675,41 +686,35 @@ def nuisance_estimates(fit: Fit) -> list[tuple[Parameter, dict[str, Any]]]:
 def determined_values(fit: Fit) -> dict[str, float]:
     """Values of a fit by key; nuisances that the data do not determine are nominal.
 
-    Those at a bound, without influence, or with an interval almost as wide as their range.
+    Those with a remark: at a bound, without influence, or not determined.
     """
     values = fit.mapping
     for p, estimate in nuisance_estimates(fit):
-        if not is_taken_over(p, estimate):
+        if not is_taken_over(estimate):
             values[p.key] = p.nominal
     return values
 
 
-def is_taken_over(parameter: Parameter, estimate: dict[str, Any]) -> bool:
-    """Whether the augmented mechanism uses the fitted value of a nuisance: if the data determine it, or if it has no
-    interval.
+def is_taken_over(estimate: dict[str, Any]) -> bool:
+    """Whether the augmented mechanism uses the fitted value of a nuisance: if the data determine it, or if it is not
+    varied.
     """
-    if "remark" in estimate:
-        return estimate["remark"] == NOT_ESTIMATED
-    low, high = estimate["interval_90"]
-    if low is None or high is None:
-        return False
-    width = parameter.high - parameter.low
-    return not np.isfinite(width) or high - low < DEFAULT_SETTINGS.intervals.determined_share * width
+    return estimate.get("remark", NOT_ESTIMATED) == NOT_ESTIMATED
 
 
 def coordinate_estimate(fit: Fit, place: int) -> dict[str, Any]:
     """Value, standard error and intervals (`LEVELS`) of the parameter with the index `place`.
 
-    Intervals truncated by bounds are those of the draws, one-sided if they would not contain the value. At a bound the
-    standard error is None, with a remark.
+    Intervals truncated by bounds are those of the draws. Only at a bound do they end at the value; there the standard
+    error is None, with a remark.
     """
     p, value, known = fit.parameters[place], float(fit.values[place]), fit.distribution
     if p.whole:
-        return _no_estimate(value, NOT_ESTIMATED)
+        return no_estimate(value, NOT_ESTIMATED)
     sd = float(np.sqrt(known.covariance[place, place]))
     if known.draws is None or not sd > 0.0:
         return estimate_with_interval(value, sd, p.low, p.high)
-    return _from_draws(value, known.draws[:, place], sd, not p.low < value < p.high)
+    return _from_draws(value, known.draws[:, place], sd, not p.low < value < p.high, p.low, p.high)
 
 
 def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]]:
@@ -746,7 +751,7 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
         error = float(np.sqrt(max(slopes[name] @ block @ slopes[name], 0.0)))
         at_bound = any(candidate.parameters(fitted | {p.key: nearby})[name] != value for p, nearby in inside)
         if at_bound and known.draws is None:
-            estimates[name] = _no_estimate(value, AT_BOUND)
+            estimates[name] = no_estimate(value, AT_BOUND)
         elif at_bound or (known.draws is not None and any(cut & (slopes[name] != 0.0))):
             mapped = _mapped_draws(fit, candidate, [p.key for p in own], columns, name)
             estimates[name] = _from_draws(float(value), mapped, error, at_bound)
@@ -772,21 +777,28 @@ def _mapped_draws(fit: Fit, candidate: Candidate, keys: Sequence[str], columns: 
     return np.array([candidate.parameters(dict(zip(keys, map(float, row), strict=True)))[name] for row in draws])
 
 
-def _from_draws(value: float, draws: np.ndarray, sd: float, at_bound: bool) -> dict[str, Any]:
-    """The estimate of a `value` from its `draws` (s,): equal-tailed intervals, or one-sided ones if these would not
-    contain the value.
+def _from_draws(
+    value: float, draws: np.ndarray, sd: float, at_bound: bool, low: float = -np.inf, high: float = np.inf
+) -> dict[str, Any]:
+    """The estimate of a `value` from its `draws` (s,), with intervals that hold their share of the draws.
+
+    They are equal-tailed, but the tail on one side is at most half of the draws on that side of the value, so that the
+    value is inside. If hardly a draw is there and the value is at no bound, they are symmetric about the value.
     """
     estimate: dict[str, Any] = {"value": value, "sd": None if at_bound else sd}
     below, above = float(np.mean(draws < value)), float(np.mean(draws > value))
+    one_sided = not at_bound and min(below, above) < 0.5 - 0.5 * max(LEVELS) / 100.0
     for level in LEVELS:
         share = level / 100.0
-        beyond = 0.5 * (1.0 - share)
+        least, most = min(0.5 - 0.5 * share, 0.5 * below), min(0.5 - 0.5 * share, 0.5 * above)
+        if most < least:
+            least = 1.0 - share - most
         with np.errstate(invalid="ignore"):  # some draws may be infinite
-            ends = np.quantile(draws, [beyond, 1.0 - beyond]).tolist()
-            if value < ends[0]:
-                ends = [value, float(np.quantile(draws, min(below + share, 1.0)))]
-            elif value > ends[1]:
-                ends = [float(np.quantile(draws, max(1.0 - above - share, 0.0))), value]
+            ends = np.quantile(draws, [least, min(least + share, 1.0)])
+            ends = [min(float(ends[0]), value), max(float(ends[1]), value)]
+            if one_sided:
+                half_width = float(np.quantile(np.abs(draws - value), share))
+                ends = [max(value - half_width, low), min(value + half_width, high)]
         # an infinite end, such as of the frequency of a rigid rod, is None
         estimate[f"interval_{level}"] = [end if np.isfinite(end) else None for end in ends]
     return estimate | {"remark": AT_BOUND} if at_bound else estimate
@@ -795,7 +807,7 @@ def _from_draws(value: float, draws: np.ndarray, sd: float, at_bound: bool) -> d
 def estimate_with_interval(value: float, sd: float, low: float, high: float) -> dict[str, Any]:
     """Value, standard error and intervals (`LEVELS`) within the bounds; without an error a remark."""
     if not sd > 0.0:
-        return _no_estimate(value, NOT_ESTIMATED if low < value < high else AT_BOUND)
+        return no_estimate(value, NOT_ESTIMATED if low < value < high else AT_BOUND)
     estimate: dict[str, Any] = {"value": float(value), "sd": float(sd)}
     for level in LEVELS:
         half_width = HALF_WIDTHS[level] * sd
@@ -804,6 +816,7 @@ def estimate_with_interval(value: float, sd: float, low: float, high: float) -> 
     return estimate
 
 
-def _no_estimate(value: float, remark: str) -> dict[str, Any]:
+def no_estimate(value: float, remark: str) -> dict[str, Any]:
+    """A value without standard error and intervals."""
     intervals = {f"interval_{level}": [None, None] for level in LEVELS}
     return {"value": float(value), "sd": None, **intervals, "remark": remark}

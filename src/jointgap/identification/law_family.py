@@ -15,7 +15,7 @@ from jointgap.core.candidates import Candidate, LawFamily
 from jointgap.core.errors import InputError, SimulationError
 from jointgap.identification.baseline import Baseline, with_intervals
 from jointgap.identification.evidence import reduced_chi2, weigh_fit
-from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit
+from jointgap.identification.fit import CONVERGED, FAILED, FiniteDifferences, Fit, coordinate_estimate
 from jointgap.identification.likelihood import fitted
 from jointgap.identification.problem import Hypothesis, Problem
 from jointgap.identification.screening import orthonormal
@@ -193,7 +193,8 @@ def with_families(
             if fit.bic > best or not _weighed(baseline, decision, fit, limits).passes:
                 continue
             fit, interval = _asked(baseline, member, family, fit, limits)
-            if interval is not None and not interval.fits:
+            is_named = _weighed(baseline, decision, fit, limits).admissible
+            if is_named and interval is not None and not interval.fits:
                 laws.append((fit, interval))
         laws.sort(key=lambda law: law[0].bic)
         laws = [law for law in laws if law[0].bic < laws[0][0].bic + settings.decision.min_delta_bic]
@@ -225,7 +226,7 @@ def with_families(
         intervals += [interval for _, interval in known]
     if (equal and intervals) or (not equal and found is not decision.chosen):
         decision = _named(baseline, decision, found, limits)
-    return decision, tuple(intervals)
+    return decision, tuple(intervals) if decision.verdict != UNEXPLAINED else ()
 
 
 def _plain_interval(baseline: Baseline, found: Fit, member: Candidate, family: LawFamily) -> FamilyInterval | None:
@@ -326,8 +327,8 @@ def _asked(
     """A fit with the law of a family and its shape interval (None if the profile failed); without effects that the law
     makes redundant, if it excludes the member.
 
-    The interval includes the changes between solver variants, the shapes of `rivals`, and, for chaotic motion, the
-    draws of the fit.
+    The interval includes the changes between solver variants, the shapes of `rivals`, and the 99 % interval that is
+    stated of the shape as a parameter, so that it holds all its intervals.
     """
     problem = baseline.problem
     profile = fit.status != FAILED and profile_shape(problem, fit, family, baseline.differences)
@@ -336,10 +337,8 @@ def _asked(
     fit, place = with_intervals(problem, fit), _place(fit, family)
     low, high = shape_interval(profile, family, problem.settings.family.level)
     shift = 0.0 if fit.shifts is None else float(np.abs(fit.shifts[:, place]).max(initial=0.0))
-    if fit.draws is not None:
-        level = problem.settings.family.level
-        drawn = np.quantile(fit.draws[:, place], [0.5 - 0.5 * level, 0.5 + 0.5 * level])
-        rivals = (*rivals, *map(float, drawn))
+    own = coordinate_estimate(fit, place)["interval_99"]
+    rivals = (*rivals, *(end for end in own if end is not None))
     p = fit.parameters[place]
     low, high = max(p.low, min(low - shift, *rivals, low)), min(p.high, max(high + shift, *rivals, high))
     fits = low <= family.own <= high
@@ -356,8 +355,11 @@ def _weighed(baseline: Baseline, decision: Decision, fit: Fit, limits: Threshold
 
 
 def _named(baseline: Baseline, decision: Decision, found: Fit, limits: Thresholds) -> Decision:
-    """The decision that names `found`."""
+    """The decision that names `found`, or leaves the misfit unexplained if that may not be named."""
     ranked = _weighed(baseline, decision, found, limits)
+    if not ranked.admissible:
+        base, because = decision.base, ranked.objection
+        return replace(decision, verdict=UNEXPLAINED, because=because, chosen=base, equivalent=[], best_known=found)
     verdict = NAMED if ranked.passes else NAMED_WITH_REMAINING_MISFIT
     because = "with it the residual is consistent with noise" if ranked.passes else "it is the best of its family"
     ranking = [ranked, *(each for each in decision.ranking if each.fit.label != found.label)]

@@ -287,6 +287,7 @@ class IntervalSettings:
     settling_sweeps: int = 15  # Dropped sweeps over all directions (axes of chi2 and of the distribution)
     sweeps: int = 30  # Kept sweeps; the standard error of an interval's end is about 0.03 standard deviations
     mapped_draws: int = 1000  # Draws for the interval of a derived parameter
+    starts: int = 2  # Fits from draws, whose other ends widen intervals (experience)
     least_singular_value: float = 1e-8  # [1, of the largest] Limits the uncertainty of inactive combinations
     # [1, of the range] Largest 90 % interval of a determined parameter; without information it is 0.9
     determined_share: float = 0.8
