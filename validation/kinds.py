@@ -23,12 +23,14 @@ CLEARANCES = tuple(f"{joint}_clearance" for joint in JOINTS)
 _NAMES = {"listed": LISTED, "off_list": OFF_LIST, "clearances": CLEARANCES, "damages": DAMAGES}
 _NAMES["exudyn"] = RECIPE["exudyn"]
 
-# How many trials of each kind a set has, and the share of them whose crank follows the angle read
+# How many trials of each kind a set has, the share of them whose crank follows the angle read, and the share of these
+# whose speed drifts slowly
 TrialSet = create_model(
     "TrialSet",
     __base__=ConfigModel,
     seed=(Seed, ...),
     measured_angle=(quantity("", ge=0, le=1), 0.0),
+    drift=(quantity("", ge=0, le=1), 0.0),
     **{key: (whole_number(ge=0, le=10_000), 0) for key in RECIPE["kinds"]},
 )
 
@@ -50,6 +52,7 @@ class Trial:
     damage: str = ""
     loose: str = ""  # A joint that has to be loose in the analyst's model; empty where it may be any
     measured_angle: bool = False
+    drift: bool = False  # Whether the speed of a measured crank drifts slowly
     shown: tuple[float, float] | None = None  # Between which the gap has to lie of a size that is drawn
     number: int = 0  # Its place in the set
     id: str = ""  # Says nothing about it
@@ -80,7 +83,10 @@ def plan_trials(chosen: Any, count: int | None = None) -> list[Trial]:
     steady = {name for name, effect in EFFECTS.items() if effect.DRIVE == "constant"}
     able = [trial.number for trial in shuffled if not trial.damage and not steady & set(trial.effects)]
     measured = set(rng.permutation(able)[: round(chosen.measured_angle * len(able))])
-    return [replace(trial, measured_angle=trial.number in measured) for trial in shuffled][:count]
+    drifting = set(rng.permutation(sorted(measured))[: round(chosen.drift * len(measured))])
+    return [
+        replace(trial, measured_angle=trial.number in measured, drift=trial.number in drifting) for trial in shuffled
+    ][:count]
 
 
 def _of_kind(chosen: Any, key: str, stream: int) -> list[Trial]:

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.interpolate import make_interp_spline
+from scipy.optimize import brentq
 
 from jointgap.config import EFFECTS, Mechanism, load_mechanism, read_yaml
 from jointgap.config.campaign import NUISANCES
@@ -18,6 +20,7 @@ from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Parameter
 from jointgap.core.joints import PINS
 from jointgap.dynamics.compile_mechanism import parameters
+from jointgap.dynamics.parameters import MEASURED, DriveParameters, Parameters, knots_record, record
 from jointgap.effects.base import FitContext, MotionScale
 from jointgap.rig.drives import options_of, prescribed_angles
 from jointgap.rig.model import physical_candidates
@@ -178,6 +181,7 @@ _CHAOTIC_ABOVE = 0.05
 
 _MOST_DRAWS = 200  # mechanisms, until one moves as its base asks at all three speeds
 
+_DRIFT_GRID = 240  # knots per revolution of a drifting crank: its angle between them is exact to 1e-11 rad
 _LAG_GRID = 2880  # samples per revolution on which a lag is applied: between them the signal is linear enough
 _LAGS_BEFORE = 5.0  # lags that are simulated before the first sample: what was before has decayed to 1 %
 
@@ -196,6 +200,20 @@ class Numerics:
 
 
 @dataclass(frozen=True)
+class Drift:
+    """A slow drift of the speed: a sum of sinusoids of time."""
+
+    sizes: np.ndarray  # Shares of the mean speed
+    rates: np.ndarray  # Angular frequencies [rad/s]
+    phases: np.ndarray  # [rad]
+
+    def ahead(self, times: np.ndarray) -> np.ndarray:
+        """Times [s] by which the crank is ahead of a steady one with which it agrees at time 0."""
+        phases = np.multiply.outer(times, self.rates) + self.phases
+        return (np.sin(phases) - np.sin(self.phases)) @ (self.sizes / self.rates)
+
+
+@dataclass(frozen=True)
 class Run:
     """How the crank turns in one run, and when it is sampled."""
 
@@ -205,6 +223,7 @@ class Run:
     start_angle: float = 0.0  # Crank angle at which the motion begins [rad], within a turn
     settling: int = 12  # Whole revolutions between the start and time 0
     nominal_speed: float = 0.0  # As the campaign file states it [rad/s]
+    drift: Drift | None = None
 
     @property
     def lead(self) -> float:
@@ -281,8 +300,23 @@ def simulate(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effect
     p = parameters(mechanism, options_of(mean, run.start_angle, numerics.tolerance))
     p.effects.slider_sign_speed *= numerics.sign_factor
     p.effects.crank_sign_speed *= numerics.sign_factor
-    angles = prescribed_angles(p, run.times + run.lead)
+    times = run.times + run.lead
+    if run.drift:
+        p, times = _drifting(p, run)
+    angles = prescribed_angles(p, times)
     return channels_at(p, angles, numerics.tolerance, perturbation) | {"crank_angle": angles - tau * run.settling}
+
+
+def _drifting(p: Parameters, run: Run) -> tuple[Parameters, np.ndarray]:
+    """The crank of a run with drift, from one without, and the times of the samples since its start [s]."""
+    begin = brentq(lambda t: t + run.drift.ahead(np.array([t]))[0] + run.lead, -2.0 * run.lead - 1.0, 0.0)
+    step = tau / run.speed / _DRIFT_GRID
+    knots = np.arange(begin, run.times[-1] + 8.0 * step, step)
+    smooth = make_interp_spline(knots, prescribed_angles(p, knots + run.drift.ahead(knots) + run.lead), k=5)
+    powers = [smooth(knots[:-1], k) / math.factorial(k) for k in range(5, -1, -1)]
+    table = np.column_stack([knots[:-1] - begin, *powers])
+    drive = DriveParameters(kind=MEASURED, speed=run.speed, start_angle=float(table[0, 6]))
+    return p._replace(drive=record(drive), knots=knots_record(table)), run.times - begin
 
 
 def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
@@ -385,6 +419,11 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
     if trial.measured_angle and trial.kind != "exudyn" and rng.random() < 0.3:
         swing = {"ratio": float(drawn("swing")), "order": 0.5, "phase_rad": float(rng.uniform(0, tau))}
         content["effects"] = [{"name": "speed_fluctuation", "parameters": swing}]
+    if trial.drift and trial.kind != "exudyn" and not chaotic:
+        for name, run in runs.items():
+            sizes, turns, phases = rng.uniform(0.3, 1.0, 3), drawn("drift_turns", 3), rng.uniform(0, tau, 3)
+            sizes *= drawn("drift") / sizes.sum()
+            runs[name] = replace(run, drift=Drift(sizes, run.speed / turns, phases))
     return Rig(
         base=trial.base,
         content=content,

@@ -94,6 +94,10 @@ class Calibrator:
             seen = readings[name]["crank_angle"]
             if self.rig.angle_noise and not self.chaotic and not np.allclose(seen, base[name]["crank_angle"]):
                 # the analyst's base turns as the encoder says: on the line through its readings
+                if run.drift:
+                    shift = float(np.mean(seen - base[name]["crank_angle"]))
+                    base[name] = self._read(replace(run, phase=run.phase + shift))
+                    continue
                 speed, phase = map(float, np.polyfit(run.times, seen, 1))
                 base[name] = self._read(replace(run, speed=speed, phase=phase))
         left, (moved, slopes, low, high) = self._seen(readings) - self._seen(base), self._slopes

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import BSpline, CubicSpline, PPoly, make_smoothing_spline, splrep
+from numpy.polynomial import Legendre
+from scipy.interpolate import BSpline, CubicSpline, PPoly, make_interp_spline, make_smoothing_spline, splrep
 from scipy.linalg import cho_solve_banded, cholesky_banded, eigh
 from scipy.optimize import brentq, minimize_scalar
-from scipy.sparse import sparray
+from scipy.sparse.linalg import LinearOperator
 
 from jointgap.config import Simulate
 from jointgap.core.errors import InputError, did_you_mean
@@ -96,9 +97,13 @@ _MIN_SAMPLES = 12  # samples required for a smooth angle
 _TURN = 2 * math.pi
 # Orders that repeat every two turns, as in four-stroke engines; higher ones (gears, joints) are left to the spline
 _ORDERS = np.arange(1, 9) / 2
-_DRIFT_TERMS = 12  # largest number of terms of the polynomial
+_DRIFT_TURNS = 12  # for more turns the polynomial has no more terms
 _NEAR = 1e-2  # [mean distance of samples] nearer ones make divided differences inaccurate
-_MIN_TURNS = 3  # with fewer, drift and orders are indistinguishable
+_SITES_A_TURN = 60  # of the interpolation of the orders between the knots of few pieces
+_END_TURNS = 6  # from which the rotation at an end of a record is estimated
+_MOST_GROWTH = 0.02  # [1/rad] of the speed beyond a record, relative: an eighth a turn
+_MIN_TURNS = 0.99  # with fewer, drift and orders are indistinguishable
+LONG_TURNS = 2.1  # with fewer, drift and half orders are indistinguishable
 
 
 def read_angle(options: Simulate) -> tuple[np.ndarray, np.ndarray]:
@@ -173,23 +178,70 @@ def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.
     for unsteady rotation. No orders with too few turns or samples.
     """
     turns = (angle[-1] - angle[0]) / _TURN
-    terms = int(min(turns, _DRIFT_TERMS)) + 1
+    terms = max(int(1.2 * min(turns, _DRIFT_TURNS)) + 1, 3)
     drift = np.polynomial.legendre.legvander(2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0, terms)
-    if turns < _MIN_TURNS or angle.size < 4 * (terms + 2 * _ORDERS.size):
+    repeated = _ORDERS if turns > LONG_TURNS else _ORDERS[1::2]
+    if turns < _MIN_TURNS or angle.size < 4 * (terms + 2 * repeated.size):
         return drift, np.empty((angle.size, 0))
     rotation = drift @ np.linalg.lstsq(drift, angle, rcond=None)[0]
     for _ in range(2):  # the second rotation is not distorted by the orders
-        phases = _ORDERS * rotation[:, None]
+        phases = repeated * rotation[:, None]
         orders = np.column_stack([np.cos(phases), np.sin(phases)])
         weights = np.linalg.lstsq(np.column_stack([drift, orders]), angle, rcond=None)[0]
         rotation = drift @ weights[: terms + 1]
     return drift, orders
 
 
-def repeated_part(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Deviation [rad] of a crank angle from a slowly drifting rotation in its first orders, (n,)."""
-    drift, orders = repeated_basis(time, angle)
-    return orders @ np.linalg.lstsq(np.hstack([drift, orders]), angle, rcond=None)[0][drift.shape[1] :]
+class SlowRotation:
+    """The slowly drifting rotation of a crank at one `end` of a record (0 or -1) and beyond it.
+
+    It is fitted as in `repeated_basis`; in records too short for orders it is the mean of the `cycle` [rad] at the
+    end. Beyond the end the speed changes by the same share per angle as at the end.
+    """
+
+    def __init__(self, time: np.ndarray, angle: np.ndarray, cycle: float, end: int):
+        near = np.flatnonzero(np.abs(angle - angle[end]) <= _END_TURNS * _TURN)
+        near = np.arange(near[0], near[-1] + 1)
+        drift, orders = repeated_basis(time[near], angle[near])
+        if orders.size:
+            weights = np.zeros((drift.shape[1], time.size))
+            weights[:, near] = np.linalg.pinv(np.hstack([drift, orders]))[: drift.shape[1]]
+            domain = time[near[[0, -1]]]
+        else:
+            domain = np.sort([time[end], np.interp(angle[end] + (cycle if end == 0 else -cycle), angle, time)])
+            values = np.array([_interpolation(time, each) for each in domain])
+            weights = np.array([[0.5, 0.5], [-0.5, 0.5]]) @ values
+        self.weights = weights  # (d, n) from readings to coefficients
+        self._end, self._domain = time[end], domain
+        self._series = Legendre(weights @ angle, domain)
+        mean = (angle[near[-1]] - angle[near[0]]) / (time[near[-1]] - time[near[0]])
+        self._speed = max(float(self._series.deriv(1)(self._end)), 0.1 * mean)
+        growth = float(self._series.deriv(2)(self._end)) / self._speed**2 if weights.shape[0] > 2 else 0.0
+        self._growth = min(max(growth, -_MOST_GROWTH), _MOST_GROWTH) or 1e-12
+        self.turned = np.full(time.size, np.nan)  # [rad] from the end, at the readings near it
+        self.turned[near] = self._series(time[near]) - self._series(self._end)
+
+    def time_at(self, turned: np.ndarray) -> np.ndarray:
+        """Times [s] beyond the end at which the rotation has `turned` [rad] from it (negative: before the record)."""
+        return self._end - np.expm1(-self._growth * turned) / (self._growth * self._speed)
+
+    def errors(self, time: np.ndarray) -> np.ndarray:
+        """Change (m, d) [rad] of the rotation at times (m,) [s] near the end or beyond it, by its coefficients."""
+        inside, beyond = (time >= self._domain[0]) & (time <= self._domain[1]), time - self._end
+        found = np.empty((time.size, len(self.weights)))
+        for i in range(len(self.weights)):
+            one = Legendre.basis(i, self._domain)
+            slope, bend = one.deriv(1)(self._end), one.deriv(2)(self._end)
+            found[:, i] = np.where(inside, one(time), one(self._end) + slope * beyond + 0.5 * bend * beyond**2)
+        return found
+
+
+def _interpolation(time: np.ndarray, moment: float) -> np.ndarray:
+    """Weights (n,) of linear interpolation at a moment [s]."""
+    after = min(max(int(np.searchsorted(time, moment)), 1), time.size - 1)
+    weights, share = np.zeros(time.size), (moment - time[after - 1]) / (time[after] - time[after - 1])
+    weights[after - 1 : after + 1] = 1.0 - share, share
+    return weights
 
 
 def smooth_angle(
@@ -197,21 +249,23 @@ def smooth_angle(
 ) -> PPoly:
     """Smooth spline through a measured angle.
 
-    With a known encoder step q: the quintic with few knots whose RMS deviation is q / sqrt(12), the rounding error,
-    plus three standard errors (the mean square of n rounding errors has the relative scatter sqrt(0.8 / n)), to avoid
-    fitting the rounding. Otherwise a cubic whose smoothness is cross-validated by its `own` samples, as the others
-    repeat them. Both are fitted to the deviation from a steady rotation, the cubic also without the part that repeats
-    every two turns, which it would flatten.
+    A slow rotation with its orders is fitted first (`repeated_basis`), a spline to the rest. With a known encoder step
+    q it is the quintic with few knots whose RMS deviation is q / sqrt(12), the rounding error, plus three standard
+    errors (the mean square of n rounding errors has the relative scatter sqrt(0.8 / n)), to avoid fitting the rounding.
+    Otherwise it is a cubic whose smoothness is cross-validated by its `own` samples, as the others repeat them.
 
-    At the ends the accelerations are about ten times less accurate, and zero for the cubic. Records should begin and
-    end some samples outside of the simulated motion.
+    At the ends the accelerations are about ten times less accurate, and the cubic's are those of the rotation. Records
+    should begin and end some samples outside of the simulated motion.
     """
     steady = np.polyfit(time, angle, 1)
     rest, scale = angle - np.polyval(steady, time), time[-1] / (time.size - 1)
+    columns = np.hstack(repeated_basis(time, angle))
+    repeated = columns @ np.linalg.lstsq(columns, rest, rcond=None)[0]
+    rest = rest - repeated
     if resolution is None:
-        repeated = repeated_part(time, angle)
-        smoothness = _validated_smoothness(time[own] / scale, (rest - repeated)[own])
-        spline = make_smoothing_spline(time / scale, rest - repeated, lam=smoothness)
+        smoothness = _validated_smoothness(time[own] / scale, rest[own])
+        spline = make_smoothing_spline(time / scale, rest, lam=smoothness)
+        repeated = CubicSpline(time, repeated)
     else:
         squares = time.size * resolution**2 / 12 * (1 + 3 * math.sqrt(0.8 / time.size))
         # compiled; make_splrep is 30 times slower for 8000 samples
@@ -221,16 +275,15 @@ def smooth_angle(
                 f"simulate.drive.resolution: no smooth angle is within {math.degrees(resolution):g} deg of the record; "
                 "give the step of the encoder, or null if it is unknown"
             )
-    found = PPoly.from_spline(spline)
-    inside = np.flatnonzero(np.diff(found.x) > 0)  # without repeated knots at the ends
-    degree = found.c.shape[0] - 1
-    powers = scale ** np.arange(degree, -1, -1)[:, None]
-    pieces = PPoly(found.c[:, inside] / powers, scale * found.x[np.append(inside, inside[-1] + 1)])
-    pieces.c[-1] += np.polyval(steady, pieces.x[:-1])
-    pieces.c[-2] += steady[0]
-    if resolution is None:
-        pieces.c += CubicSpline(pieces.x, repeated).c  # its knots are the samples
-    return pieces
+        apart = max(int(time.size / (_SITES_A_TURN * (angle[-1] - angle[0]) / _TURN)), 1)
+        sites = np.unique(np.append(np.arange(0, time.size, apart), time.size - 1))
+        repeated = PPoly.from_spline(make_interp_spline(time[sites], repeated[sites], k=5))
+    spline = PPoly.from_spline(spline)
+    knots = np.unique(np.concatenate([scale * spline.x, repeated.x]))
+    parts = [(spline(knots[:-1] / scale, k) / scale**k + repeated(knots[:-1], k)) / math.factorial(k) for k in range(6)]
+    parts[0] += np.polyval(steady, knots[:-1])
+    parts[1] += steady[0]
+    return PPoly(np.array(parts[::-1]), knots)
 
 
 def _validated_smoothness(time: np.ndarray, values: np.ndarray) -> float:
@@ -348,36 +401,39 @@ _MOST_ERRORS = 100
 
 
 class AngleErrors:
-    """Independent errors of a smooth angle, each of one standard deviation."""
+    """Independent errors of a smooth angle, each of one standard deviation.
+
+    The smoothing leaves a residual of at least `least` [rad].
+    """
 
     def __init__(
         self,
         time: np.ndarray,
         angle: np.ndarray,
         smooth: PPoly,
-        stepped: bool,
-        copies: sparray,
+        copies: LinearOperator,
         noise: float | None,
         common: np.ndarray | None = None,
+        least: float = 0.0,
     ):
-        degree = 5 if stepped else 3
-        inner = smooth.x[1:-1] if stepped else time[2 : -2 : math.ceil(time.size / _MOST_KNOTS)]
-        knots = np.concatenate([[time[0]] * (degree + 1), inner, [time[-1]] * (degree + 1)])
-        self._spline = BSpline(knots, np.eye(knots.size - degree - 1), degree)
-        drift, orders = (np.empty((time.size, 0)),) * 2 if stepped else repeated_basis(time, angle)
-        self._orders = CubicSpline(time, orders) if orders.size else None
-        projection = np.linalg.pinv(np.hstack([drift, orders]))[drift.shape[1] :]  # sizes of the orders, from angles
+        inner = time[2 : -2 : math.ceil(time.size / _MOST_KNOTS)]
+        knots = np.concatenate([[time[0]] * 4, inner, [time[-1]] * 4])
+        self._spline = BSpline(knots, np.eye(knots.size - 4), 3)
+        columns = np.hstack(repeated_basis(time, angle))
+        self._columns = CubicSpline(time, columns)
+        projection = np.linalg.pinv(columns)  # their sizes, from angles
         basis, left = self._spline(time), smooth(time) - angle
-        bending = None if stepped else self._bending()
-        kept, shapes = _shrinkage(basis, bending, angle - orders @ (projection @ angle), left)
+        squares = max(left @ left, time.size * least**2)
+        kept, shapes = _shrinkage(basis, self._bending(), angle - columns @ (projection @ angle), squares)
         spline = (shapes * kept) @ (basis @ shapes).T
         if noise is None:
-            noise = math.sqrt(left @ left / max(time.size - kept.sum() - orders.shape[1], 1.0))
-        sizes = (copies.T @ np.vstack([spline - (spline @ orders) @ projection, projection]).T).T  # from readings
+            both = np.sum((projection @ basis) * (spline @ columns).T)  # in the columns and in the spline
+            noise = math.sqrt(left @ left / max(time.size - kept.sum() - columns.shape[1] + both, 1.0))
+        sizes = copies.rmatmat(np.vstack([spline - (spline @ columns) @ projection, projection]).T).T  # from readings
         covariance = noise**2 * (sizes @ sizes.T)
         if common is not None:
             covariance += (sizes @ common) @ (sizes @ common).T
-        self._weights = self._independent(time, covariance, (angle[-1] - angle[0]) / (time[-1] - time[0]))
+        self._weights = self._independent(time, covariance)
 
     @property
     def count(self) -> int:
@@ -389,8 +445,7 @@ class AngleErrors:
         return self._basis(time, derivative) @ self._weights
 
     def _basis(self, time: np.ndarray, derivative: int) -> np.ndarray:
-        columns = self._spline(time, derivative)
-        return columns if self._orders is None else np.hstack([columns, self._orders(time, derivative)])
+        return np.hstack([self._spline(time, derivative), self._columns(time, derivative)])
 
     def _bending(self) -> np.ndarray:
         """Rows whose sum of squares is the integral of a spline's squared second derivative (two Gauss points)."""
@@ -399,9 +454,14 @@ class AngleErrors:
         points = np.concatenate([middle - half / math.sqrt(3), middle + half / math.sqrt(3)])
         return np.sqrt(np.tile(half, 2))[:, None] * self._spline(points, 2)
 
-    def _independent(self, time: np.ndarray, covariance: np.ndarray, speed: float) -> np.ndarray:
-        """Weights of the basis for each error, sorted by size in angle, speed and acceleration together."""
-        rows = [self._basis(time, derivative) / speed**derivative for derivative in range(3)]
+    def _independent(self, time: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """Weights of the basis for each error, sorted by their share of the variances of angle, speed and acceleration
+        at all times."""
+        rows = [self._basis(time, derivative) for derivative in range(3)]
+        variances = [np.sum(each @ covariance * each, axis=1, keepdims=True) for each in rows]
+        floors = [1e-12 * each.max() + 1e-300 for each in variances]
+        scaled = zip(rows, variances, floors, strict=True)
+        rows = [each / np.sqrt(np.maximum(variance, floor)) for each, variance, floor in scaled]
         squares, vectors = np.linalg.eigh(sum(each.T @ each for each in rows))
         root = (vectors * np.sqrt(np.maximum(squares, 0.0))) @ vectors.T
         squares, vectors = np.linalg.eigh(root @ covariance @ root)
@@ -410,21 +470,18 @@ class AngleErrors:
         return covariance @ root @ (vectors[:, chosen] / np.sqrt(squares[chosen]))
 
 
-def _shrinkage(basis, bending, angle, left) -> tuple[np.ndarray, np.ndarray]:
+def _shrinkage(basis, bending, angle, squares) -> tuple[np.ndarray, np.ndarray]:
     """Factors (k,) by which smoothing reduces the spline's independent modes, and the modes' weights (k, k) in the
     basis.
 
-    Without bending all are 1; otherwise the reduction gives the smoothing's residual.
+    The reduction leaves the `squares` of the smoothing's residual.
     """
     gram = basis.T @ basis
-    rough = np.zeros(gram.shape) if bending is None else bending.T @ bending
-    roughness, vectors = eigh(rough, gram)
-    if bending is None:
-        return np.ones(roughness.size), vectors
+    roughness, vectors = eigh(bending.T @ bending, gram)
     roughness[:2] = 0.0  # of straight lines
     sizes = vectors.T @ (basis.T @ angle)
     unreached = angle - basis @ (vectors @ sizes)
-    excess_alone = unreached @ unreached - left @ left
+    excess_alone = unreached @ unreached - squares
 
     def excess(log_smoothness: float) -> float:
         return float(excess_alone + np.sum(((1.0 - kept(log_smoothness)) * sizes) ** 2))

@@ -8,13 +8,22 @@ from math import tau
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.sparse import coo_array, csr_array, eye_array, sparray, vstack
+from scipy.sparse import eye_array
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from jointgap.config import Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
-from jointgap.dynamics.drive import AngleErrors, crank_motion, crank_times, smooth_angle, standstill_time
+from jointgap.dynamics.drive import (
+    LONG_TURNS,
+    AngleErrors,
+    SlowRotation,
+    crank_motion,
+    crank_times,
+    smooth_angle,
+    standstill_time,
+)
 from jointgap.dynamics.numba_cache import compiled
 from jointgap.dynamics.parameters import MEASURED, MOST_KNOTS, DriveParameters, Parameters, knots_record, record
 from jointgap.dynamics.simulation import integrate_to_angles, start_state
@@ -139,39 +148,36 @@ def constant_speed_run(
 
 def _led_in_and_out(
     time: np.ndarray, angle: np.ndarray, back: int
-) -> tuple[np.ndarray, np.ndarray, sparray, float, float]:
-    """A record (times [s] from 0, angles [rad]) extended at both ends, the matrix of its errors from those of the
-    record, and the duration of its first cycle and of a revolution in it [s].
+) -> tuple[np.ndarray, np.ndarray, LinearOperator, float, float]:
+    """A record (times [s] from 0, angles [rad]) extended at both ends, its errors from those of the record, and the
+    duration of its first cycle and of a revolution in it [s].
 
     Copies of its first cycle precede it for `back` + 1/2 revolutions; half a revolution, from a cycle before the end,
     follows (for a lagging encoder). A cycle has two revolutions (four-stroke engines), in records of up to 2.1
-    revolutions one.
+    revolutions one. Where the speed drifts, the copies are stretched in time so that it has no jump.
     """
-    turns = 2 if angle[-1] - angle[0] > 2.1 * tau else 1
+    turns = 2 if angle[-1] - angle[0] > LONG_TURNS * tau else 1
     cycle = float(np.interp(angle[0] + turns * tau, angle, time))
-    last = float(np.interp(angle[-1] - turns * tau, angle, time))
-    apart = 0.5 * time[-1] / (time.size - 1)  # nearer samples are duplicates at a joint of two cycles
-    first = time < cycle - apart
-    copies = range(math.ceil((back + 1) / turns), 0, -1)
-    lead = [(time[first] - k * cycle, angle[first] - k * turns * tau) for k in copies]
-    out = (time > last + apart) & (time < last + 0.5 * (time[-1] - last) / turns)
-    after = time[out] + time[-1] - last, angle[out] + turns * tau
-    own = eye_array(time.size, format="csr")
-    # a copied cycle is shifted by the errors of the readings at its ends
-    led_in, led_out = own[[0]] - _between(time, cycle), own[[time.size - 1]] - _between(time, last)
-    copied = [own[first] + csr_array(np.full((first.sum(), 1), k)) @ led_in for k in copies]
-    copied += [own, own[out] + csr_array(np.ones((out.sum(), 1))) @ led_out]
-    time, angle = (np.concatenate(parts) for parts in zip(*lead, (time, angle), after, strict=True))
     turn = cycle / turns
-    kept = time > -(back + 0.5) * turn  # half a revolution more than simulated, as the smooth angle is poor at its ends
-    return time[kept], angle[kept], vstack(copied, format="csr")[kept], cycle, turn
-
-
-def _between(time: np.ndarray, moment: float) -> sparray:
-    """Weights of linear interpolation at a moment [s]: a sparse (1, n) array."""
-    after = min(max(int(np.searchsorted(time, moment)), 1), time.size - 1)
-    weight = (moment - time[after - 1]) / (time[after] - time[after - 1])
-    return coo_array(([1.0 - weight, weight], ([0, 0], [after - 1, after])), shape=(1, time.size)).tocsr()
+    begin, end = (SlowRotation(time, angle, turns * tau, side) for side in (0, -1))
+    apart = 0.5 * (angle[-1] - angle[0]) / (time.size - 1)  # nearer samples are duplicates at a joint of two cycles
+    first = np.flatnonzero(begin.turned < turns * tau - apart)
+    last = np.flatnonzero(np.abs(end.turned + turns * tau - 0.25 * tau) < 0.25 * tau - apart)
+    copies = [(begin, first, -k * turns) for k in range(math.ceil((back + 1) / turns), 0, -1)]
+    weights, split = np.vstack([begin.weights, end.weights]), len(begin.weights)
+    parts = []
+    for rotation, rows, moved in [*copies, (None, np.arange(time.size), 0), (end, last, turns)]:
+        at, shifts = time[rows], np.zeros((rows.size, len(weights)))
+        if rotation is not None:  # a copy is shifted by the errors of the rotation
+            at = rotation.time_at(rotation.turned[rows] + moved * tau)
+            own = slice(split) if rotation is begin else slice(split, None)
+            shifts[:, own] = rotation.errors(at) - rotation.errors(time[rows])
+        parts.append((at, angle[rows] + moved * tau, rows, shifts))
+    at, angle, rows, shifts = (np.concatenate(each) for each in zip(*parts, strict=True))
+    kept = at > -(back + 0.5) * turn  # half a revolution more than simulated, as the smooth angle is poor at its ends
+    own = eye_array(time.size, format="csr")[rows[kept]]
+    errors = aslinearoperator(own) + aslinearoperator(shifts[kept]) @ aslinearoperator(weights)
+    return at[kept], angle[kept], errors, cycle, turn
 
 
 @dataclass(frozen=True)
@@ -228,7 +234,7 @@ def measured_drive(samples: SampleGrid, resolution: float, noise: float | None, 
             white = math.sqrt(max(scatter**2 - rounding**2, 0.0))
             common, share = _rounding(smooth(samples.elapsed[finite] - time[0]), resolution, white)
             own = math.hypot(white, math.sqrt(share) * rounding)
-        errors = AngleErrors(time - time[0], angle, smooth, stepped, copies, own, common)
+        errors = AngleErrors(time - time[0], angle, smooth, copies, own, common, scatter if stepped else 0.0)
         changes = [errors(table[:, 0] + begin, power) / math.factorial(power) for power in range(6)]
         tables = np.repeat(table[None], errors.count, axis=0)
         tables[:, :, 6:0:-1] += np.stack(changes).transpose(2, 1, 0)
