@@ -6,8 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.interpolate import CubicSpline
 
+from jointgap.dynamics.mechanism_warnings import odd_data
 from jointgap.dynamics.simulation import simulate
+from jointgap.effects.slider_force_table import MOST_ROWS
 from jointgap.rig.model import build_model
 from jointgap.rig.recording import Measurements
 from tests.catalogue import refused
@@ -117,7 +120,7 @@ def test_a_table_that_is_no_load_of_one_period_is_refused(table):
         (TURN, TURN, {}, "column F: not periodic ~ 358 N"),
         (1.5 * TURN, WAVE, {}, "span 537 deg ~ neither 360 nor 720 deg"),
         (TURN[::-1], WAVE, {}, "row 3: not increasing"),
-        (TURN[:5], WAVE[:5], {}, "5 rows; give 8 to 4096"),
+        (TURN[:5], WAVE[:5], {}, "5 rows; give 8 rows"),
         (TURN, WAVE, {"angle": {"column": "at", "unit": "mm"}}, "unit = 'mm' ~ requires rad"),
         (TURN, WAVE, {"period": 1.0}, "period is only for a table over time"),
         (TURN, WAVE, {"bore": 0.07}, "pressure and bore require each other"),
@@ -125,3 +128,76 @@ def test_a_table_that_is_no_load_of_one_period_is_refused(table):
         (TURN, WAVE, {"time": {"column": "t", "unit": "s"}}, "requires either angle or time"),
     ]
     refused(lambda place, load, more: listed(table(place, load, **more)), cases)
+
+
+def pressure(degrees):
+    """A four-stroke engine [bar]: flat strokes, a compression, and a pressure that rises fourfold within 3 deg."""
+    away = np.radians(degrees - 360.0)
+    burnt = 15.0 * (1.0 + np.tanh(degrees - 365.0)) * np.exp(-np.logaddexp(0.0, degrees - 365.0) / 40.0)
+    return 1.0 + 9.0 * np.exp(-((away / 0.5) ** 2)) + burnt
+
+
+BAR = {"kind": "pressure", "load_unit": "bar", "bore": "70 mm"}
+
+
+def remarks_of(entry):
+    return [text for text in odd_data(mechanism(entry)) if text.startswith("slider_force_table: ")]
+
+
+def test_a_spike_of_a_table_is_remarked_and_a_steep_rise_is_not(table):
+    for step in (0.5, 1.0, 2.0, 5.0):
+        degrees = np.arange(0.0, 720.0, step)
+        assert remarks_of(table(degrees, pressure(degrees), **BAR)) == []
+    one, two = pressure(np.arange(0.0, 720.0, 2.0)), pressure(np.arange(0.0, 720.0, 2.0))
+    one[60], two[[100, 101]] = 500.0, 300.0
+    for load, words in ((one, "row 62: 500 bar is far"), (two, "row 102 and 1 more: 300 bar is far")):
+        (remark,) = remarks_of(table(np.arange(0.0, 720.0, 2.0), load, **BAR))
+        assert "load.csv, column F" in remark and words in remark
+    noisy = pressure(DEGREES) + 0.3 * np.random.default_rng(0).standard_normal(DEGREES.size)
+    assert remarks_of(table(DEGREES, noisy, **BAR)) == []
+    for rows in (8, 12, 36):  # of a wave sampled coarsely
+        degrees = np.linspace(0.0, 360.0, rows, endpoint=False)
+        assert remarks_of(table(degrees, np.cos(np.radians(degrees)))) == []
+
+
+def test_a_long_table_is_thinned_to_the_curve_of_all_its_rows(table):
+    degrees = np.linspace(0.0, 720.0, 7201)
+    force = -1e5 * math.pi * 0.07**2 / 4 * pressure(degrees)
+    entry = table(degrees, force)
+    (remark,) = remarks_of(entry)
+    assert "7201 rows are thinned" in remark
+    exact = CubicSpline(np.radians(degrees), np.append(force[:-1], force[0]), bc_type="periodic")
+    records = {"effects": {}, "tables": {}}
+    mechanism(entry).effects[0].compile_into(records)
+    pieces = records["tables"]["slider_table"]
+    assert len(pieces) <= MOST_ROWS
+    places = np.radians(np.linspace(0.0, 719.99, 100_003))
+    row = np.searchsorted(pieces[:, 0], places, side="right") - 1
+    since, c = places - pieces[row, 0], pieces[row].T
+    thinned = ((c[1] * since + c[2]) * since + c[3]) * since + c[4]
+    error = np.abs(thinned - exact(places)).max()
+    assert error < 1e-4 * np.ptp(force)
+    stated = float(remark.partition("at most ")[2].partition(" N")[0])
+    assert error <= 1.1 * stated
+
+
+def test_a_repeated_row_counts_once_and_a_missing_one_is_bridged(table):
+    expected = torque(table(DEGREES, four_stroke(DEGREES)), revolutions=2)
+    joined = np.concatenate([np.arange(0.0, 361.0), np.arange(360.0, 721.0)])  # 360 deg ends one turn, begins the next
+    assert away(torque(table(joined, four_stroke(joined)), revolutions=2), expected) < 1e-9
+    gap = four_stroke(DEGREES)
+    gap[100] = np.nan
+    assert away(torque(table(DEGREES, gap), revolutions=2), expected) < 1e-6
+    assert away(torque(table(*np.delete([DEGREES, four_stroke(DEGREES)], 300, axis=1)), revolutions=2), expected) < 1e-6
+
+
+def test_a_row_of_units_that_says_another_unit_is_refused(table, tmp_path):
+    rows = "".join(f"{at:g};{load:g}\n" for at, load in zip(TURN, 100.0 + WAVE, strict=True))
+    keys = {"bore": "70 mm", "pressure": {"column": "F", "unit": "kPa"}, "force": None}
+    for unit, said in (("bar", "row below the headings says 'bar', but pressure.unit is 'kPa'"), ("kPa", None)):
+        entry = table(TURN, WAVE, **keys)
+        (tmp_path / "load.csv").write_text(f"at;F\ndeg;{unit}\n{rows}")
+        if said:
+            refused(lambda given: listed(given), [(entry, said)])
+        else:
+            listed(entry)

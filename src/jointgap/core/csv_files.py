@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.section import ConfigModel
+from jointgap.core.units import unit_factor
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 _BINARY = (b"PK\x03\x04", b"\x1f\x8b", b"\xd0\xcf\x11\xe0")  # first bytes of archives and spreadsheets
@@ -49,6 +50,15 @@ class Columns:
     units: dict[str, str]  # From a row of units below the headings, without brackets
     remarks: tuple[str, ...] = ()  # Skipped or converted content
     is_dated: bool = False  # Whether the times were dates, converted to seconds since the first
+
+    def other_unit(self, column: str, factor: float, unit: str) -> str | None:
+        """The unit of a column in the row of units, where its factor to the SI `unit` is not `factor`."""
+        written = self.units.get(column)
+        try:
+            own = unit_factor(written, unit) if written else factor
+        except Exception:  # unknown to pint
+            return None
+        return None if np.isclose(own, factor, rtol=1e-6) else written
 
 
 def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") -> Columns:

@@ -32,7 +32,7 @@ def odd_speed(mechanism: Mechanism, speed: float) -> list[str]:
 
 
 def odd_data(mechanism: Mechanism) -> list[str]:
-    """Warnings about unusual masses and clearances, such as ``slider.mass: ...``."""
+    """Warnings about unusual masses, clearances and loads, such as ``slider.mass: ...``."""
     applied = mechanism.applied()
     masses = {f"{body}.mass": getattr(applied, body).mass for body in ("crank", "rod", "slider")}
     light, heavy = min(masses, key=masses.get), max(masses, key=masses.get)
@@ -50,7 +50,8 @@ def odd_data(mechanism: Mechanism) -> list[str]:
                 f"journal_radius, {1e3 * radius:.3g} mm; worn joints have less than {100 * WIDE_CLEARANCE:g} %: check "
                 "both radii"
             )
-    return found
+    tables = (effect for effect in mechanism.effects if effect.name == "slider_force_table")
+    return [*found, *(f"{table.name}: {remark}" for table in tables for remark in table.remarks())]
 
 
 NEGLIGIBLE_DIFFERENCE = 0.005

@@ -3,7 +3,7 @@
 import math
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -14,7 +14,10 @@ from jointgap.core.section import ConfigModel
 from jointgap.core.units import Angle, PositiveLength, quantity, unit_factor
 from jointgap.effects.base import Effect, Records, register_effect
 
-#: Of a table (0.2 deg over 720 deg: 3600).
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline, PPoly
+
+#: Pieces of a table's spline (0.2 deg over 720 deg: 3600); longer tables are thinned.
 MOST_ROWS = 4096
 
 _LEAST_ROWS = 8
@@ -105,7 +108,7 @@ class SliderForceTable(Effect):
 
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
-        given, (pieces, begin, period) = self.parameters, _table(self.parameters)
+        given, (pieces, begin, period, _) = self.parameters, _table(self.parameters)
         sign, timed = -1.0 if given.reversed else 1.0, given.time is not None
         begin += 0.0 if timed else sign * given.zero
         stated = {"table_over": 2 if timed else 1, "table_sign": sign, "table_begin": begin, "table_period": period}
@@ -116,13 +119,20 @@ class SliderForceTable(Effect):
         there = Path(self.parameters.file).is_file()  # otherwise the simulation raises the error
         return float(np.abs(_table(self.parameters)[0][:, -1]).max()) if there else 0.0
 
+    def remarks(self) -> tuple[str, ...]:
+        """Outliers and thinning of the table."""
+        return _table(self.parameters)[3] if Path(self.parameters.file).is_file() else ()
+
     def mirrored(self) -> Effect:
         return self.with_parameters(reversed=not self.parameters.reversed, zero=-self.parameters.zero)
 
 
-def _table(given: ForceTableParameters) -> tuple[np.ndarray, float, float]:
-    """Pieces (k, 5) of the force [N] over one period (begin and cubic polynomial, highest power first), begin of the
-    first and period [rad or s]."""
+#: Pieces (k, 5) of the force [N] over one period (begin and cubic polynomial, highest power first), begin of the first
+#: and period [rad or s], remarks.
+_Table = tuple[np.ndarray, float, float, tuple[str, ...]]
+
+
+def _table(given: ForceTableParameters) -> _Table:
     try:
         changed = Path(given.file).stat().st_mtime_ns
     except OSError as error:
@@ -131,25 +141,38 @@ def _table(given: ForceTableParameters) -> tuple[np.ndarray, float, float]:
 
 
 @lru_cache(16)
-def _read_table(given: ForceTableParameters, _changed: int) -> tuple[np.ndarray, float, float]:
+def _read_table(given: ForceTableParameters, _changed: int) -> _Table:
     from scipy.interpolate import CubicSpline
+
+    from jointgap.core.outliers import spikes
 
     over, load = ("angle" if given.time is None else "time"), ("force" if given.pressure is None else "pressure")
     path, stated = Path(given.file), {key: getattr(given, key) for key in (over, load)}
     columns = read_columns(path, [stated[over].column, stated[load].column], Csv())
-    place, value = (
-        columns.values[stated[key].column] * unit_factor(stated[key].unit, _SI[key]) for key in (over, load)
-    )
-    kept = np.isfinite(place) & np.isfinite(value)
-    place, value, rows = place[kept], value[kept], columns.rows[kept]
 
     def wrong(key: str, text: str) -> InputError:
         return InputError(f"{path}, column {stated[key].column}{text}")
 
-    if not _LEAST_ROWS <= place.size <= MOST_ROWS:
-        raise wrong(over, f": {place.size} rows; give {_LEAST_ROWS} to {MOST_ROWS} rows of one period")
+    factors = {key: unit_factor(stated[key].unit, _SI[key]) for key in (over, load)}
+    for key, factor in factors.items():
+        if other := columns.other_unit(stated[key].column, factor, _SI[key]):
+            text = f"the row below the headings says '{other}', but {key}.unit is '{stated[key].unit}'"
+            raise wrong(key, f": {text}; correct one of them")
+    place, value = (columns.values[stated[key].column] * factor for key, factor in factors.items())
+    kept = np.isfinite(place) & np.isfinite(value)
+    place, value, rows = place[kept], value[kept], columns.rows[kept]
+    if place.size < _LEAST_ROWS:
+        raise wrong(over, f": {place.size} rows; give {_LEAST_ROWS} rows of one period or more")
+    again = np.flatnonzero((np.diff(place) == 0.0) & (np.abs(np.diff(value)) <= _CLOSED * np.ptp(value))) + 1
+    place, value, rows = (np.delete(each, again) for each in (place, value, rows))
     if (falls := np.flatnonzero(np.diff(place) <= 0.0)).size:
         raise wrong(over, f", row {rows[falls[0] + 1]}: not increasing; give one period in increasing order")
+    odd, remarks = spikes(value), ()
+    if odd.size:
+        shown = f"{value[odd[0]] / factors[load]:g} {stated[load].unit}"
+        others = f" and {odd.size - 1} more" if odd.size > 1 else ""
+        text = f"row {rows[odd[0]]}{others}: {shown} is far from its neighbours; if misread, leave the cell empty"
+        remarks += (f"{path}, column {stated[load].column}, {text}",)
     if load == "pressure":
         if given.ambient_pressure > 0.0 and (below := np.flatnonzero(value < 0.0)).size:
             text = "negative absolute pressure; give 'ambient_pressure: 0' for gauge pressures"
@@ -172,4 +195,30 @@ def _read_table(given: ForceTableParameters, _changed: int) -> tuple[np.ndarray,
     if repeats:
         place, value = place[:-1], value[:-1]
     spline = CubicSpline(np.append(place - place[0], period), np.append(value, value[0]), bc_type="periodic")
-    return np.column_stack([spline.x[:-1], spline.c.T]), float(place[0]), period
+    if place.size > MOST_ROWS:
+        spline, error = _thinned(spline, period)
+        remarks += (
+            f"{path}: {rows.size} rows are thinned to a spline of {spline.x.size - 1} pieces; it deviates from the "
+            f"spline through all rows by at most {error:.2g} N, {100.0 * error / np.ptp(value):.2g} % of the range",
+        )
+    return np.column_stack([spline.x[:-1], spline.c.T]), float(place[0]), period, remarks
+
+
+def _thinned(full: "CubicSpline", period: float) -> "tuple[PPoly, float]":
+    """The periodic spline with a knot at every n-th row, fitted to all rows by least squares; its largest difference
+    from the `full` one at and between the rows.
+    """
+    from scipy.interpolate import PPoly, make_lsq_spline
+
+    place, margin = full.x[:-1], 20  # knots before and after the period, beyond which the ends have no influence
+    stride = -(-place.size // MOST_ROWS)
+    knots = np.append(place[::stride], period)
+    outside = np.concatenate([knots[-margin - 1 : -1] - period, knots, knots[1 : margin + 1] + period])
+    rows = np.concatenate([place - period, place, place + period])
+    rows = rows[(rows >= outside[0]) & (rows <= outside[-1])]
+    fit = make_lsq_spline(rows, full(rows), np.concatenate([outside[:1].repeat(3), outside, outside[-1:].repeat(3)]))
+    pieces = PPoly.from_spline(fit)
+    first = int(np.searchsorted(pieces.x, 0.0, side="right")) - 1
+    spline = PPoly(pieces.c[:, first : first + knots.size - 1], knots)
+    between = np.concatenate([place, 0.5 * (full.x[:-1] + full.x[1:])])
+    return spline, float(np.abs(spline(between) - full(between)).max())

@@ -5,6 +5,7 @@ from math import pi, sqrt, tau
 import numpy as np
 
 from jointgap.config.campaign import Campaign
+from jointgap.core.outliers import off_the_line
 
 MIN_SAMPLES = 12  # Of a run and of each channel
 SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "motor": (0.2, 5.0)}
@@ -85,9 +86,7 @@ def outliers(values: np.ndarray) -> np.ndarray:
 def angle_outliers(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Indices of crank angles far from the line between their neighbours, compared with the scatter."""
     finite = np.flatnonzero(np.isfinite(angle))
-    before, here, after = finite[:-2], finite[1:-1], finite[2:]
-    share = (time[here] - time[before]) / (time[after] - time[before])
-    away = np.abs(angle[here] - (1.0 - share) * angle[before] - share * angle[after])
+    here, away = finite[1:-1], off_the_line(time[finite], angle[finite])
     usual = float(np.median(away)) if here.size else 0.0
     return here[away > max(ANGLE_OUTLIER, 15.0 * usual)]
 

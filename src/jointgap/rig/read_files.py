@@ -12,7 +12,7 @@ import pandas as pd
 from jointgap.config.campaign import CHANNELS, MOTOR_LINE, Campaign, CampaignRun, channel_factor
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
-from jointgap.core.units import split_share, unit_factor
+from jointgap.core.units import split_share
 from jointgap.core.words import number
 from jointgap.rig import checks
 from jointgap.rig.checks import MIN_SAMPLES, REPORTED_SPEED_ERROR, SPEED_RATIOS
@@ -201,13 +201,9 @@ def _held_out(file: RunFile, turned: np.ndarray) -> np.ndarray:
 def _check_units(file: RunFile, columns: Columns) -> None:
     """InputError if a row of units in the file contradicts the campaign file."""
     for name, channel in file.campaign.channels.items():
-        unit = columns.units.get(channel.column)
-        try:
-            factor = unit_factor(unit, CHANNELS[name]) if unit and channel.scale is None else None
-        except Exception:  # unknown to pint
-            continue
-        if factor is not None and not np.isclose(factor, file.campaign.factor(name), rtol=1e-6):
-            text = f"the row below the headings says '{unit}', but channels.{name}.unit is '{channel.unit}'"
+        other = columns.other_unit(channel.column, file.campaign.factor(name), CHANNELS[name])
+        if other and channel.scale is None:
+            text = f"the row below the headings says '{other}', but channels.{name}.unit is '{channel.unit}'"
             raise file.error(name, f"{text}; correct one of them")
     if columns.units:
         row = ", ".join(columns.units.values())
