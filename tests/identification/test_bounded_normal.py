@@ -15,6 +15,7 @@ from jointgap.identification.fit import (
     bounded_step,
     fit_hypothesis,
     nuisance_estimates,
+    prior_of_bounds,
 )
 from jointgap.identification.problem import Noise, Problem
 from tests.catalogue import each
@@ -194,3 +195,9 @@ def test_fits_from_draws_widen_the_intervals_of_what_a_curved_valley_leaves_open
             low, high = nuisance_estimates(one)[0][1]["interval_90"]
             held.append(low <= truth["x"] <= high)
     assert np.mean(plain) < 0.75 < 0.82 < np.mean(widened)
+
+
+def test_bounds_as_a_prior_have_the_standard_deviation_of_a_uniform_distribution():
+    low, high = np.array([0.9, 2.0, 0.0]), np.array([1.1, 2.0, np.inf])
+    drawn = np.random.default_rng(0).uniform(0.9, 1.1, 100_000)
+    assert prior_of_bounds(low, high) == pytest.approx([1.0 / np.std(drawn), 0.0, 0.0], rel=0.01)

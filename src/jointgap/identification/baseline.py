@@ -19,6 +19,7 @@ from jointgap.identification.fit import (
     bounded_step,
     bounds_of,
     fit_hypothesis,
+    prior_of_bounds,
 )
 from jointgap.identification.initial_fit import with_nuisances_of
 from jointgap.identification.noise import numerics_noise
@@ -310,9 +311,7 @@ def with_intervals(problem: Problem, fit: Fit) -> Fit:
         changes = other_numerics(problem, fit)
     except (InputError, SimulationError):
         return fit
-    low, high = bounds_of(fit.parameters)
-    widths = np.diag(np.where(np.isfinite(high - low), np.sqrt(12.0) / (high - low), 0.0))
-    rows = np.vstack([fit.jacobian, widths])
+    rows = np.vstack([fit.jacobian, np.diag(prior_of_bounds(*bounds_of(fit.parameters)))])
     scale = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     changes = np.hstack([changes, np.zeros((len(changes), scale.size))])
     least = problem.settings.intervals.least_singular_value

@@ -453,8 +453,7 @@ class Fit:
         covariance = np.zeros((self.values.size, self.values.size))
         if free.any():
             inflation = max(1.0, self.chi2 / max(self.residual.size - free.sum(), 1), self.gap_left**2)
-            bounded = np.isfinite(width) & (width > 0)
-            prior = np.diag(np.where(bounded, np.sqrt(12.0 * inflation) / np.where(bounded, width, 1.0), 0.0))
+            prior = np.diag(np.sqrt(inflation) * prior_of_bounds(low, high))
             rows = np.vstack([self.jacobian, prior])[:, free]
             scale = np.linalg.norm(rows, axis=0)
             _, singular_values, right = np.linalg.svd(rows / scale, full_matrices=False)
@@ -463,6 +462,14 @@ class Fit:
             inverse = right.T / np.maximum(singular_values, least)
             covariance[np.ix_(free, free)] = inflation * (inverse @ inverse.T) / np.outer(scale, scale)
         return covariance
+
+
+def prior_of_bounds(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Bounds as a prior: one over its standard deviations, (k,) [1/SI], which are those of uniform distributions; 0
+    without bounds."""
+    width = high - low
+    bounded = np.isfinite(width) & (width > 0.0)
+    return np.where(bounded, np.sqrt(12.0) / np.where(bounded, width, 1.0), 0.0)
 
 
 def bounds_of(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:

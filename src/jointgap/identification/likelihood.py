@@ -27,6 +27,7 @@ from jointgap.identification.fit import (
     bounded_step,
     bounds_of,
     fit_hypothesis,
+    prior_of_bounds,
 )
 from jointgap.identification.problem import Hypothesis, Problem, SearchLimit, label_of, values_in_run, whiten
 from jointgap.identification.screening import Sensitivities, Sensitivity, oscillating_shapes, steady_first
@@ -180,10 +181,7 @@ class Estimate:
         self._low, self._high = bounds_of(self.parameters)
         self.values = np.clip([self._fixed[p.key] for p in self.parameters], self._low, self._high)
         self._nominal = np.array([p.nominal for p in self.parameters])
-        width = self._high - self._low
-        finite = np.isfinite(width) & (width > 0.0)
-        # bounds as a normal prior: half their width is a standard deviation
-        self.prior = np.where(finite, 2.0 / np.where(finite, width, 1.0), 0.0)
+        self.prior = prior_of_bounds(self._low, self._high)
         self._steps = np.array([p.step for p in self.parameters])
         self.stages: list[Stage] = []
         self._runs: dict[str, _Run] = {}
