@@ -191,3 +191,12 @@ def test_describe_shows_what_stands_in_a_file_as_it_is(tmp_path, monkeypatch):
     pq.write_table(pa.table({"speed": [1.0]}), place, store_schema=False)
     place.write_bytes(place.read_bytes().replace(b"speed", b"sp\xff\xfed"))  # names that are no text
     assert "parquet: cannot be read as Parquet" in refusal("describe", place)
+
+
+def test_a_command_stopped_by_ctrl_c_says_so_and_ends_with_the_exit_code_of_an_interrupted_program(monkeypatch):
+    def stopped(**given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli.commands["effects"], "callback", stopped)
+    done = jointgap("effects")
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "jointgap: interrupted\n")

@@ -37,6 +37,20 @@ def moved(model: Pendulum, values=VALUES, run=RUN, **sizes) -> np.ndarray:
     return model.motion(run, values, [(known[label], at) for label, at in sizes.items()])
 
 
+def write_swings(folder: Path, truth: dict) -> Pendulum:
+    """The pendulum with noisy torques and rounded angles of swings in which the effects of `truth` act."""
+    torques = {
+        "ddp": (0.3 + 0.3 * TIME) * np.sin(4.1 * TIME),
+        "direct_collocation": 1.2 * np.sin(5.5 * TIME) + 0.6 * np.sin(2.0 * TIME),
+        "energy_shaping": 0.9 * np.sign(np.sin(4.0 * TIME)),
+        "sac": 0.8 * np.sign(np.sin(4.4 * TIME + 1.0)),
+    }
+    rng, made = np.random.default_rng(3), write(folder, torques)
+    position = {run: np.append(0.0, moved(made, run=run, **truth)[0]) for run in RUNS}
+    position = {run: ANGLE_STEP * np.round(angle / ANGLE_STEP) for run, angle in position.items()}
+    return write(folder, {run: of + rng.normal(0.0, 0.04, TIME.size) for run, of in torques.items()}, position)
+
+
 def test_a_small_swing_has_the_period_and_a_large_one_keeps_the_energy(tmp_path):
     angle = moved(write(tmp_path, 0.0, 0.01), FREE)[0]
     falls = np.flatnonzero((angle[:-1] > 0.0) & (angle[1:] <= 0.0))
@@ -130,16 +144,7 @@ def test_absent_or_foreign_data_is_refused_with_the_address_to_get_it(tmp_path, 
     ids=lambda truth: " and ".join(truth) or "nothing",
 )
 def test_effects_hidden_in_synthetic_files_are_named_with_their_sizes(tmp_path, truth):
-    torques = {
-        "ddp": (0.3 + 0.3 * TIME) * np.sin(4.1 * TIME),
-        "direct_collocation": 1.2 * np.sin(5.5 * TIME) + 0.6 * np.sin(2.0 * TIME),
-        "energy_shaping": 0.9 * np.sign(np.sin(4.0 * TIME)),
-        "sac": 0.8 * np.sign(np.sin(4.4 * TIME + 1.0)),
-    }
-    rng, made = np.random.default_rng(3), write(tmp_path, torques)
-    position = {run: np.append(0.0, moved(made, run=run, **truth)[0]) for run in RUNS}
-    position = {run: ANGLE_STEP * np.round(angle / ANGLE_STEP) for run, angle in position.items()}
-    model = write(tmp_path, {run: of + rng.normal(0.0, 0.04, TIME.size) for run, of in torques.items()}, position)
+    model = write_swings(tmp_path, truth)
     found = name(model)
     assert found.decision.verdict == ("named" if truth else "parameters_only"), found.decision.because
     assert set(found.names) == set(truth)

@@ -5,6 +5,7 @@ import select
 import shutil
 import signal
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,10 @@ from snakemake.cli import parse_config
 from benchmarks.project import ROOT, environment, run
 from tests.catalogue import each
 
-SCRIPT = ROOT / "scripts" / "run-workflow"
+SCRIPT, IN_VENV = ROOT / "scripts" / "run-workflow", ROOT / "scripts" / "in-venv"
+RULES = ROOT / "workflow" / "rules"
+BEFORE_ANY_JOB = f"include: {str(RULES / 'before_any_job.smk')!r}\n"
+TERMINAL = f"include: {str(RULES / 'terminal.smk')!r}\n"
 PATIENCE = 600  # seconds until something that has to happen is given up: a machine may be busy with other things
 
 
@@ -91,6 +95,55 @@ def test_snakemake_itself_takes_no_configuration_that_is_wrong_in_silence(tmp_pa
         assert f"{tmp_path / 'mine.yaml'}, line 1, column 25: 010 differs between YAML versions" in said
 
 
+SETPRIV = ("setpriv", "--clear-groups", "--inh-caps=+dac_read_search", "--ambient-caps=+dac_read_search")
+as_root = pytest.mark.skipif(os.geteuid() != 0 or shutil.which("setpriv") is None, reason="needs root and setpriv")
+
+
+def as_user(number: int, folder: Path, *command: str | Path, **environment: str) -> subprocess.CompletedProcess:
+    """Run a command as a user number without a name, which may read all but write only what is its own."""
+    own = {"HOME": "/", "PATH": os.environ["PATH"]} | environment
+    given = [*SETPRIV, f"--reuid={number}", "--regid=3000", *map(str, command)]
+    return subprocess.run(given, cwd=folder, env=own, capture_output=True, text=True, check=False)
+
+
+def test_a_module_systems_packages_are_no_packages_of_the_project_and_the_users_name_stays(tmp_path):
+    known = {"USER": "mine", "LOGNAME": "mine", "PYTHONPATH": str(tmp_path), "PYTHONHOME": str(tmp_path)}
+    done = subprocess.run([IN_VENV, "env"], env=os.environ | known, capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    assert {"USER=mine", "LOGNAME=mine"} <= set(lines)
+    assert not [line for line in lines if line.startswith(("PYTHONPATH=", "PYTHONHOME="))]
+
+
+@as_root
+def test_a_user_number_without_a_name_runs_snakemake(tmp_path):
+    (tmp_path / "Snakefile").write_text(
+        BEFORE_ANY_JOB + "rule one:\n    output: 'report.html'\n    shell: 'touch {output}'\n"
+    )
+    os.chown(tmp_path, 12345, 3000)
+    done = as_user(12345, tmp_path, IN_VENV, SCRIPT, "report.html", "--cores", "1")
+    assert done.returncode == 0 and "report: report.html" in done.stdout, done.stdout + done.stderr
+
+
+@as_root
+def test_in_the_clone_of_another_user_a_run_is_refused_with_whose_it_is_and_what_to_do(tmp_path):
+    stand_in(tmp_path / "bin/snakemake")
+    path = f"bin:{os.environ['PATH']}"
+    for place in (".", "results", ".cache", ".cache/run.lock"):
+        if place.endswith("lock"):
+            (tmp_path / place).touch()
+        else:
+            (tmp_path / place).mkdir(exist_ok=True)
+        os.chown(tmp_path / place, 12345, 3000)
+        done = as_user(12346, tmp_path, SCRIPT, "report.html", PATH=path)
+        (line,) = done.stderr.splitlines()
+        assert (done.returncode, done.stdout) == (2, "") and not (tmp_path / "asked.txt").exists()
+        assert line.startswith(f"jointgap: error: {tmp_path}") and line.endswith(
+            " belongs to user number 12345 and you cannot write there; work in a clone of your own"
+        )
+    assert as_user(12345, tmp_path, SCRIPT, "report.html", PATH=path).returncode == 0
+    assert (tmp_path / "asked.txt").exists()
+
+
 PATHS = [
     "our rig's.yaml",
     'a "b".yaml',
@@ -117,7 +170,6 @@ def test_the_path_of_a_campaign_reaches_the_configuration_as_it_is_written(tmp_p
     each(reaches, [(path, said_by) for path in PATHS for said_by in ("environment", "make")])
 
 
-BEFORE_ANY_JOB = f"include: {str(ROOT / 'workflow' / 'rules' / 'before_any_job.smk')!r}\n"
 BY_MAKE, BY_ITSELF = (str(SCRIPT), "report.html"), ("snakemake", "--nolock")
 
 
@@ -125,27 +177,45 @@ BY_MAKE, BY_ITSELF = (str(SCRIPT), "report.html"), ("snakemake", "--nolock")
 def slow_workflow(tmp_path) -> Path:
     """A folder with a workflow of one job that tells when it begins and ends, by pipes that wait for who reads them."""
     job = "echo begins > told; read line < go_on; echo ends >> noted; touch {output}"
-    (tmp_path / "Snakefile").write_text(BEFORE_ANY_JOB + f"rule slow:\n    output: 'report.html'\n    shell: {job!r}\n")
+    rule = f"rule slow:\n    output: 'report.html'\n    log: 'slow.log'\n    shell: {job!r}\n"
+    (tmp_path / "Snakefile").write_text(BEFORE_ANY_JOB + TERMINAL + rule)
     for name in ("told", "go_on"):
         os.mkfifo(tmp_path / name)
     return tmp_path
 
 
-def started(folder: Path, *command: str) -> subprocess.Popen:
+def started(folder: Path, *command: str, quiet: str = "all") -> subprocess.Popen:
     """A run in `folder`."""
     piped = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "start_new_session": True}
     return subprocess.Popen(
-        [*command, "--cores", "1", "--forceall", "--quiet", "all"], cwd=folder, env=environment(), **piped
+        [*command, "--cores", "1", "--forceall", "--quiet", quiet], cwd=folder, env=environment(), **piped
     )
+
+
+def begins(folder: Path) -> None:
+    """Wait until the job of a slow workflow begins."""
+    told = os.open(folder / "told", os.O_RDONLY | os.O_NONBLOCK)
+    assert select.select([told], [], [], PATIENCE)[0] and os.read(told, 99) == b"begins\n"
+    os.close(told)
+
+
+@pytest.mark.integration
+def test_a_run_stopped_by_ctrl_c_or_a_limit_says_so_in_one_line_before_it_ends(slow_workflow):
+    (slow_workflow / "slow.log").write_text("jointgap: compiling the simulation for this machine, once\n")
+    for stop, number in ((os.killpg, signal.SIGINT), (os.killpg, signal.SIGTERM), (os.kill, signal.SIGTERM)):
+        working = started(slow_workflow, *BY_MAKE, quiet="reason")
+        begins(slow_workflow)
+        time.sleep(2.0)  # while Snakemake starts a job it can fail to stop
+        stop(working.pid, number)
+        if stop is os.kill:  # Snakemake waits for jobs that nobody stops
+            (slow_workflow / "go_on").write_text("\n")
+        said = working.communicate(timeout=PATIENCE)[0]
+        assert working.returncode != 0 and said.count("interrupted; the same command resumes\n") == 1, said
+        assert "failed" not in said and "compiling" not in said and "report: " not in said
 
 
 @pytest.mark.integration
 def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_holds_up_no_other(slow_workflow):
-    def begins():
-        told = os.open(slow_workflow / "told", os.O_RDONLY | os.O_NONBLOCK)
-        assert select.select([told], [], [], PATIENCE)[0] and os.read(told, 99) == b"begins\n"
-        os.close(told)
-
     def goes_on(process):
         (slow_workflow / "go_on").write_text("\n")
         said = process.communicate(timeout=PATIENCE)[0]
@@ -154,7 +224,7 @@ def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_h
 
     for first in (BY_MAKE, BY_ITSELF):
         working = started(slow_workflow, *first)
-        begins()
+        begins(slow_workflow)
         refused = started(slow_workflow, *BY_ITSELF)
         said = refused.communicate(timeout=PATIENCE)[0]
         assert refused.returncode == 1 and "error: another run works in this folder" in said
@@ -165,12 +235,12 @@ def test_of_two_runs_in_a_folder_snakemake_refuses_make_waits_and_a_killed_one_h
     waiting = started(slow_workflow, *BY_MAKE)
     assert "waiting for the end of another run" in waiting.stdout.readline()
     goes_on(working)
-    begins()
+    begins(slow_workflow)
     os.killpg(waiting.pid, signal.SIGKILL)
     waiting.communicate(timeout=PATIENCE)
     assert (slow_workflow / "noted").read_text() == "ends\n"
     again = started(slow_workflow, *BY_MAKE)
-    begins()
+    begins(slow_workflow)
     assert "waiting" not in goes_on(again) and (slow_workflow / "report.html").exists()
 
 

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -85,6 +86,14 @@ class SectionedGroup(click.Group):
         if args and args[0] in self.removed:
             ctx.fail(f"{args[0]} was removed; {self.removed[args[0]]}.")
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the subcommand; Ctrl-C ends it with the exit code of an interrupted program."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            click.echo("jointgap: interrupted", err=True)
+            ctx.exit(128 + signal.SIGINT)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the subcommands of `ctx` with the `formatter`, a section for each heading."""

@@ -243,6 +243,14 @@ def check_store(address: str) -> None:
             pass
 
 
+def user_name() -> str:
+    """Name of the user, or the number of a user without a name."""
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return str(os.getuid())
+
+
 def publish_records(
     name: str, description: str, content: Sequence[Record], tracking_uri: str | None, results: Path
 ) -> dict:
@@ -257,7 +265,7 @@ def publish_records(
         "mlflow.source.name": "jointgap track",
         "mlflow.source.type": "LOCAL",
         "mlflow.source.git.commit": commit(),
-        "mlflow.user": getpass.getuser(),
+        "mlflow.user": user_name(),
         "mlflow.note.content": description,
     }
     done, deleted = {}, 0
