@@ -17,7 +17,7 @@ from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.region import FEASIBLE, geometric
 from jointgap.paper.printed import departures
-from jointgap.scenario.figures import FIGURES
+from jointgap.scenario.figures import described
 
 NEEDED = tuple(f"optimise_{name}" for name in ("optima", "floor", "resimulated", "worth", "loads"))
 """Tables required, besides `fit_errors` where networks were trained."""
@@ -303,7 +303,7 @@ def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
     )
     blocks: list[Block] = [
         Paragraph(details(outcome), strong=True),
-        _figure("animation"),
+        _figure("animation", scenario),
         *([Paragraph(scenario.description)] if scenario.description else []),
         *([Heading("Check before you use this"), Bullets(tuple(remarks))] if remarks else []),
         Heading("Lengths"),
@@ -316,15 +316,15 @@ def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
         Heading("Motion used by the search"),
         *_motions(outcome),
         Heading("Figures"),
-        *map(_figure, _FIGURES),
+        *(_figure(name, scenario) for name in _FIGURES),
         Heading("Files"),
         Bullets(links),
     ]
     return Page(headline(outcome), tuple(blocks), subject=f"Scenario {name}", width="60rem")
 
 
-def _figure(name: str) -> FigureBlock:
-    spec = FIGURES[name]
+def _figure(name: str, scenario: Scenario) -> FigureBlock:
+    spec = described(name, scenario)
     title = f"{spec.title}, original lengths" if spec.category == "Contact" else spec.title
     return FigureBlock(name, title, spec.caption, spec.moving)
 
