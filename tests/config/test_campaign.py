@@ -74,6 +74,12 @@ def test_a_campaign_file_becomes_sections_in_si(load, tmp_path):
     assert campaign.channels["time"].noise_of("fast") is None
 
 
+def test_runs_stand_by_speed_whatever_their_order_in_the_file(load):
+    for order in ((2, 0, 1), (1, 2, 0)):
+        campaign = load({"runs": [CAMPAIGN["runs"][place] for place in order]})
+        assert [run.id for run in campaign.runs] == ["slow", "mid", "fast"]
+
+
 def test_what_is_left_out_of_a_campaign_has_the_documented_meaning(load):
     campaign = load({"drive": None, "nuisance": None})
     assert (campaign.drive, campaign.nuisance) == ("constant_speed", {})

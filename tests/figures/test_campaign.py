@@ -148,6 +148,17 @@ def test_every_figure_has_its_data_in_a_table_names_its_axes_and_explains_itself
     assert len(shown) == len(drawings["confusability"].data)
 
 
+def test_runs_stand_by_speed_in_every_figure_also_where_the_slowest_or_the_fastest_is_held_out(tables):
+    for speeds in ({"check": 10.0, "slow": 20.0, "fast": 40.0}, {"slow": 20.0, "fast": 40.0, "check": 60.0}):
+        errors = tables["channel_errors"].assign(speed=tables["channel_errors"]["run"].map(speeds))
+        shown = tables | {"channel_errors": errors.sort_values("speed", kind="stable")}
+        for name in ("measured_against_model", "residuals"):
+            panels = FIGURES.draw(name, shown, VERDICT).figure.axes
+            panels.sort(key=lambda axes: axes.get_subplotspec().colspan.start)
+            titles = [run for axes in panels for run in speeds if run in axes.get_title(loc="left")]
+            assert list(dict.fromkeys(titles)) == list(speeds), name
+
+
 def test_a_figure_without_anything_to_show_says_so(tables):
     empty = {key: frame.head(0) for key, frame in tables.items()}
     force = {"missing_force": tables["missing_force"].assign(slider_force=0.0)}  # an effect that is no force

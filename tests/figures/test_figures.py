@@ -13,7 +13,8 @@ from jointgap.core import parquet, plot, schema
 from jointgap.core.errors import InputError
 from jointgap.core.plot import LINEAR_BAND
 from jointgap.dynamics.simulation import simulate
-from jointgap.scenario.figures import FIGURES, draw
+from jointgap.scenario.figures import FIGURES, described, draw
+from jointgap.scenario.stages import drawn
 from tests.catalogue import each
 from tests.figures import synthetic
 
@@ -144,3 +145,20 @@ def test_a_logarithmic_axis_has_at_least_three_labels_however_wide_or_narrow(rat
     plot.label_log_ticks(axes.xaxis, *axes.get_xlim())
     ticks = axes.xaxis.get_majorticklocs()
     assert np.sum((ticks >= 0.77) & (ticks <= 0.77 * ratio)) >= 3
+
+
+def test_captions_of_an_own_mechanism_say_nothing_of_the_paper_or_of_networks_that_did_not_run(scenario):
+    own = scenario.model_copy(update={"paper": False, "networks": False})
+    shown = {name: described(name, own) for name in drawn(networks=False)}
+    told = {name: f"{spec.title}. {spec.caption}" for name, spec in shown.items()}
+    assert {name for name, text in told.items() if re.search(r"paper|network|\[|determines|  | \.", text)} == set()
+    assert all("of the simulation" in told["valley"] and text.endswith(".") for text in told.values())
+    assert "(the paper's figure 9)" in described("figure_09", own.model_copy(update={"paper": True})).title
+
+
+def test_the_settled_orbit_shows_the_factor_that_its_caption_speaks_of_also_where_it_is_one(
+    tables, scenario, monkeypatch
+):
+    monkeypatch.setattr("jointgap.scenario.figures.round_number", lambda value: 1.0)
+    texts = [text.get_text() for axes in draw("orbits", tables, scenario).figure.axes for text in axes.texts]
+    assert texts == ["depth ×1", "depth ×1"]

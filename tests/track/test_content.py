@@ -14,7 +14,7 @@ from jointgap.core.joints import OUTPUTS
 from jointgap.core.publish import thinned
 from jointgap.networks.clearance import ClearanceNetwork
 from jointgap.scenario.mlflow_runs import scenario_records
-from tests.track.conftest import client_of, runs_of
+from tests.track.conftest import client_of, publish, runs_of
 from tests.track.synthetic import ITERATIONS, SECTIONS, fit, numbers, scenario
 
 
@@ -180,3 +180,21 @@ def test_a_box_without_an_optimum_has_the_reason_and_no_lengths_or_gain(tmp_path
     (record,) = scenario_records(scenario(), SECTIONS, files, tmp_path)
     assert (record.stage, record.output, record.notes["status"]) == ("optimise", "", status)
     assert not record.metrics
+
+
+def test_without_networks_the_run_of_the_optimum_has_the_lengths_of_the_page(results):
+    point = ["simulation_paper_genetic", "simulation_paper_local"]
+    optima = {"point": point, "source": "simulation", "box": "paper", "method": ["genetic", "local"]}
+    again = {"point": point * 2, "stretch": ["settled"] * 2 + ["window"] * 2, "measure": "rms", "error": [2.0, 1.0] * 2}
+    frames = {
+        "optimise_optima": numbers(schema.OPTIMISE_OPTIMA, 2, crank_length=[0.148, 0.149], **optima),
+        "optimise_resimulated": numbers(schema.OPTIMISE_RESIMULATED, 4, **again),
+        "optimise_loads": numbers(schema.OPTIMISE_LOADS, 2, point=point, joint="crank_pin", peak_force=100.0),
+    }
+    files = {name: results / f"{name}.parquet" for name in frames}
+    for name, frame in frames.items():
+        parquet.write(schema.TABLES[name], frame, files[name])
+    publish(results, files)
+    run = runs_of(client_of(results))["jointgap-optimise/made_up"]
+    assert run.data.metrics["crank_length_mm"] == pytest.approx(149.0)
+    assert run.data.tags["jointgap.point"] == point[1]

@@ -8,11 +8,13 @@ import subprocess
 import sys
 import time
 import urllib.request
+from pathlib import Path
 
 import pytest
 
-from jointgap.app.dashboard import dashboard, free_port
+from jointgap.app.dashboard import addresses, dashboard, free_port
 from jointgap.core.errors import InputError
+from jointgap.core.publish import Record, publish_records
 from tests.track import synthetic
 from tests.track.conftest import client_of, publish
 
@@ -25,6 +27,11 @@ from pathlib import Path
 from jointgap.app.dashboard import dashboard
 dashboard(Path(sys.argv[1]), int(sys.argv[2]), say=lambda line: print(line, flush=True))
 """
+VERDICT = Record(
+    "campaign",
+    metrics={"gap/confirm_before": 8.7, "gap/confirm_after": 1.05},
+    notes={"verdict": "named", "effects": "slider_coulomb_friction:slider"},
+)
 
 
 class Serving:
@@ -42,7 +49,7 @@ class Serving:
                 break
             what, _, address = line.strip().partition(": ")
             self.addresses[what] = address
-        self.base = self.addresses["dashboard"]
+        self.base = self.addresses["dashboard"].partition("/#")[0]
         self.wait_until_it_answers()
 
     def wait_until_it_answers(self) -> None:
@@ -79,17 +86,21 @@ def serving(new_results, monkeypatch):
         server.end()
 
 
+def words_of(page: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", page))
+
+
 def test_a_dashboard_shows_optima_and_curves_keeps_what_is_published_and_ends_with_its_workers(
     serving, page_text, new_results
 ):
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+", serving.base)
     shown = {
-        "optima of all scenarios": ["crank_length_mm", "Comparing 2 Runs", "mechanism.contacts.steel.exponent"],
+        "optima of all scenarios": ["gain_revolution_percent", "crank_length_mm", "rod_length_mm"],
         "MSE curves of all scenarios": ["log10_mse/gamma2", "log10_mse/r2"],
     }
     for what, words in shown.items():
         assert serving.addresses[what].startswith(f"{serving.base}/#/")
-        page = re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", page_text(serving.addresses[what], until=words[0])))
+        page = words_of(page_text(serving.addresses[what], until=words[0]))
         assert [word for word in (*words, "paper", "frictionless") if word not in page] == []
     other = new_results()
     files = synthetic.simulated(other / "made_up")
@@ -101,6 +112,21 @@ def test_a_dashboard_shows_optima_and_curves_keeps_what_is_published_and_ends_wi
     assert len(serving.children()) >= 2
     serving.end()
     assert serving.children() == []
+
+
+def test_every_address_opens_the_runs_not_traces_and_their_table_has_lengths_gains_and_verdicts(serving, page_text):
+    publish_records("rig", "made up", [VERDICT], serving.base, Path())
+    links = addresses(serving.base, serving.base)
+    assert len(links) == 3 and [link for link in links.values() if "workflowType=machine_learning" not in link] == []
+    assert "workflowType=machine_learning" in serving.addresses["dashboard"]
+    lengths, gains = ("crank_length_mm", "rod_length_mm"), ("gain_revolution_percent", "gain_window_percent")
+    for what, columns in {
+        "optima of all scenarios": [f"metrics.`{name}`" for name in (*lengths, *gains)],
+        "verdicts of all campaigns": ["tags.`jointgap.verdict`", "metrics.`gap/confirm_after`"],
+    }.items():
+        page = page_text(links[what], until=columns[0])
+        assert set(columns) <= set(re.findall('col-id="([^"]*)"', page))
+        assert "Judges" not in page and "Created" in page  # of language models; of the table of runs
 
 
 def test_where_nothing_can_be_shown_it_is_reported_what_to_do_and_a_port_in_use_is_passed_over(

@@ -61,7 +61,7 @@ def test_sets_are_runs_of_one_experiment_and_a_new_score_supersedes_the_old(fold
     found = [client.get_run(run["run_id"]) for run in runs.values()]
     assert [run.data.metrics["right name/all"] for run in found] == [0.75, 0.75]
     (experiment,) = {run.info.experiment_id for run in found}
-    assert f"experiments=%5B%22{experiment}%22%5D" in addresses(store, "http://here")["scores of all blind trials"]
+    assert f"/experiments/{experiment}/runs?" in addresses(store, "http://here")["scores of all blind trials"]
     table = own / "rates.csv"
     table.write_text(table.read_text().replace("0.75", "0.5"))
     assert published("small")[1] == 1

@@ -5,25 +5,49 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from jointgap.core.errors import InputError
 from jointgap.core.publish import EXPERIMENT, OUTPUT, artifact_folder, opened, sqlite_file, store_address
 
+if TYPE_CHECKING:  # slow imports
+    from mlflow.entities import Experiment
+    from mlflow.tracking import MlflowClient
+
 HOST = "127.0.0.1"
 _PORTS = 100  # ports to try
 _MOST_COMPARED = 50  # runs per link
 
-_COMPARED = {
-    "optimise": "optima of all scenarios",
-    "surrogate": "MSE curves of all scenarios",
-    "sweep": "all sweeps",
-    "campaign": "verdicts of all campaigns",
-    "blind": "scores of all blind trials",
+_COMPARED: dict[str, tuple[str, tuple[str, ...]]] = {
+    "optimise": (
+        "optima of all scenarios",
+        (
+            "metrics.crank_length_mm",
+            "metrics.rod_length_mm",
+            "metrics.gain_revolution_percent",
+            "metrics.gain_window_percent",
+        ),
+    ),
+    "surrogate": ("MSE curves of all scenarios", ()),
+    "sweep": ("all sweeps", ("metrics.designs", "metrics.failed_percent", "metrics.angle_error_rms_mdeg/median")),
+    "campaign": (
+        "verdicts of all campaigns",
+        ("tags.jointgap.verdict", "tags.jointgap.effects", "metrics.gap/confirm_before", "metrics.gap/confirm_after"),
+    ),
+    "blind": ("scores of all blind trials", ("metrics.right name/all", "metrics.wrong name/all")),
 }
-"""Stages whose runs are compared, with the link's title."""
+"""Stages whose runs are compared: the link's title, and the columns of the table of runs."""
+
+_TRAINING = "workflowType=machine_learning"
+"""Without it MLflow's pages look for traces of language models."""
+
+_VIEW = "jointgap"
+"""Name of the view, stored in a tag of the experiment, that has the columns."""
+
+_WIDTH, _MARGIN, _WIDEST = 8, 40, 240  # [px] of a character, of a column's margins, of the column of names
 
 _WAIT_AND_OPEN = """
 import sys, time, urllib.request, webbrowser
@@ -47,7 +71,7 @@ def dashboard(results: Path, port: int = 5000, say: Callable[[str], object] = pr
         raise InputError(f"{file}: no such store; run `make run` (or `jointgap track`) first")
     base = address.rstrip("/") if remote else f"http://{HOST}:{free_port(port)}"
     links = addresses(address, base)
-    for title, link in {"dashboard": base, **links}.items():
+    for title, link in {"dashboard": f"{base}/#/experiments?{_TRAINING}", **links}.items():
         say(f"{title}: {link}")
     if not links:
         say("nothing published yet")
@@ -90,24 +114,35 @@ def free_port(first: int) -> int:
 
 
 def addresses(store: str, base: str) -> dict[str, str]:
-    """Links by title: comparisons of runs with all parameters and metrics, sorted by name."""
+    """Links by title: tables of runs, or training curves."""
     links = {}
     with opened(store) as client:
-        for stage, title in _COMPARED.items():
+        for stage, (title, columns) in _COMPARED.items():
             experiment = client.get_experiment_by_name(EXPERIMENT + stage)
             if experiment is None or experiment.lifecycle_stage == "deleted":
                 continue
-            wanted = f"tags.`{OUTPUT}` = '' and attributes.status = 'FINISHED'"
+            wanted, number = f"tags.`{OUTPUT}` = '' and attributes.status = 'FINISHED'", experiment.experiment_id
             order = ["attributes.run_name"]
-            runs = client.search_runs([experiment.experiment_id], wanted, max_results=_MOST_COMPARED, order_by=order)
+            runs = client.search_runs([number], wanted, max_results=_MOST_COMPARED, order_by=order)
             curves = sorted({name for run in runs for name in run.data.metrics if name.startswith("log10_mse/")})
-            asked = {
-                "runs": [run.info.run_id for run in runs],
-                "experiments": [experiment.experiment_id],
-                **({"metric": curves[0], "plot_metric_keys": curves} if curves else {}),
-            }
-            query = "&".join(f"{key}={quote(json.dumps(value))}" for key, value in asked.items())
-            page = f"metric?{query}&x_axis=step" if curves else f"compare-runs?{query}"
-            if runs:
-                links[title] = f"{base}/#/{page}"
+            if columns and runs:
+                _set_columns(client, experiment, columns)
+                links[title] = f"{base}/#/experiments/{number}/runs?{_TRAINING}&viewStateShareKey={_VIEW}"
+            elif curves:
+                asked = {"runs": [run.info.run_id for run in runs], "experiments": [number]}
+                asked |= {"metric": curves[0], "plot_metric_keys": curves}
+                query = "&".join(f"{key}={quote(json.dumps(value))}" for key, value in asked.items())
+                links[title] = f"{base}/#/metric?{query}&x_axis=step&{_TRAINING}"
     return links
+
+
+def _set_columns(client: "MlflowClient", experiment: "Experiment", columns: Sequence[str]) -> None:
+    """Store a view of the table of runs with these `columns`, each as wide as its name."""
+    shown = {"attributes.`Run Name`": _WIDEST}
+    for column in columns:
+        kind, _, name = column.partition(".")
+        shown[f"{kind}.`{name}`"] = _WIDTH * len(name) + _MARGIN
+    view = {"selectedColumns": list(shown)[1:], "columnOrder": list(shown), "columnWidths": shown}
+    tag, content = f"mlflow.sharedViewState.{_VIEW}", json.dumps(view)
+    if experiment.tags.get(tag) != content:
+        client.set_experiment_tag(experiment.experiment_id, tag, content)

@@ -1,8 +1,11 @@
 """The report on scenarios and campaigns, and the lines printed at the end of a run."""
 
+import html
 import json
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +22,9 @@ from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.page import Block, Bullets, FigureBlock, Heading, Link, Page, Paragraph, TableBlock
 from jointgap.core.plot import FigureSpec
-from jointgap.core.words import format_falls, format_name, format_range, joined
+from jointgap.core.words import format_day, format_falls, format_name, format_range, joined
 from jointgap.scenario import overview
-from jointgap.scenario.figures import FIGURES
+from jointgap.scenario.figures import FIGURES, described
 from jointgap.scenario.results import ScenarioResults
 
 MOST_BYTES = 6_000_000
@@ -84,8 +87,10 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
     whole = sum(path.stat().st_size for path in pictures) <= MOST_BYTES
     blocks: list[Block] = []
     if parts:
-        key, specs = ("animation", FIGURES) if scenarios else ("measured_against_model", CAMPAIGN_FIGURES)
-        blocks.append(parts[0].figure(key, specs[key], several))
+        key, spec = "measured_against_model", CAMPAIGN_FIGURES["measured_against_model"]
+        if scenarios:
+            key, spec = "animation", described("animation", next(iter(scenarios.values())).scenario)
+        blocks.append(parts[0].figure(key, spec, several))
     first = blocks[0].stem if blocks else ""
     if len(summaries) > 1:
         blocks.append(TableBlock.of((_row(name, known) for name, known in summaries.items()), "lrrrrrrrr"))
@@ -103,8 +108,23 @@ def page(scenarios: Mapping[str, ScenarioResults], campaigns: Sequence[str], fol
         linked = {key: spec for part in parts for key, spec in part.specs.items() if key not in part.key_figures}
         rows = tuple((spec.title, spec.caption) for spec in linked.values())
         blocks += [Heading("Contents of the linked figures"), TableBlock(("figure", "content"), rows)]
+    of_run = (*scenarios, *(f"campaigns/{name}" for name in campaigns))
+    blocks += _others(folder, {f"{place}/{SUMMARY_PAGE}" for place in of_run})
     footer = f"{pages.written_today()} Runs and their files: `jointgap dashboard`. Stages: docs/workflow.md."
     return Page(_headline(summaries, parts), tuple(blocks), subject="Results of this run", footer=footer)
+
+
+def _others(folder: Path, shown: Collection[str]) -> list[Block]:
+    """Links to the pages of other runs in the `folder` of results, all except those `shown`; the newest first."""
+    found = (path for pattern in ("*", "*/*") for path in folder.glob(f"{pattern}/{SUMMARY_PAGE}"))
+    written = [path for path in found if path.relative_to(folder).as_posix() not in shown]
+    links = []
+    for path in sorted(written, key=lambda path: path.stat().st_mtime, reverse=True):
+        title = re.search("<title>(.*?)</title>", path.read_text(encoding="utf-8"), re.DOTALL)
+        day = format_day(date.fromtimestamp(path.stat().st_mtime))
+        words = html.unescape(title[1]) if title else path.parent.name
+        links.append(Link(words, path.relative_to(folder).as_posix(), f", written on {day}"))
+    return [Heading("Other results in this folder"), Bullets(tuple(links))] if links else []
 
 
 def _row(name: str, known: Mapping[str, Any]) -> dict[str, str | Link]:
@@ -168,7 +188,8 @@ def _scenario(own: ScenarioResults, summary: Mapping[str, Any] | None) -> _Part:
         "comparison.html": "comparison with the paper",
     }
     links = tuple(Link(words, f"{name}/{path}") for path, words in pages.items() if (own.path / path).is_file())
-    specs = {key: FIGURES[key] for key in FIGURES.still if _shows(own.path / f"figures/{key}.png")}
+    shown = [key for key in FIGURES.still if _shows(own.path / f"figures/{key}.png")]
+    specs = {key: described(key, own.scenario) for key in shown}
     texts = tuple(filter(None, (own.scenario.description, f"{result}." if result else "")))
     return _Part(name, f"Scenario {name}", result, texts, links, f"{name}/figures/", specs, _KEY_FIGURES)
 

@@ -67,9 +67,9 @@ def _band(panel: Panel, x: np.ndarray, half: np.ndarray, label: str) -> None:
 def measured_against_model(tables: Tables, verdict: Verdict) -> Drawing:
     """One revolution of each channel in the unit of its column: measured, and predicted before and after adding the
     effects. Below: the residual; the title gives its root mean square over the run. Grey band: two standard
-    deviations of the noise. At most three runs, held-out ones first; channels by size of the residual. Table
-    channel_errors has all numbers. A crank angle is shown as deviation from steady rotation. If nothing was
-    identified, "after" shows the best candidate, if any.
+    deviations of the noise. At most three runs, by speed; held-out ones have priority. Channels by size of the
+    residual. Table channel_errors has all numbers. A crank angle is shown as deviation from steady rotation. If
+    nothing was identified, "after" shows the best candidate, if any.
     """
     return _runs_against_model(tables, MOST_RUNS, WIDTH)
 
@@ -87,6 +87,7 @@ def _runs_against_model(tables: Tables, most_runs: int, least_width: float) -> D
     samples, errors = tables["residuals"], tables["channel_errors"]
     moments = _moments(samples["base"], samples["augmented"])
     runs = errors.sort_values("held_out", ascending=False, kind="stable").drop_duplicates("run").head(most_runs)
+    runs = runs.sort_values("speed", kind="stable")
     missed = (errors["before"] / errors["noise"]).groupby(errors["channel"]).max()
     channels = list(missed.sort_values(ascending=False, kind="stable").index)
     shares, width = [1.7, 1.0] * len(channels), max(least_width, 3.1 * len(runs))
@@ -211,7 +212,7 @@ def _outline(panel: Panel, place: int, run: str, windows: pd.DataFrame) -> None:
     "residuals",
     "Residuals before and after",
     _WHERE,
-    ("residuals",),
+    ("residuals", "channel_errors"),
     nothing="no sample to compare with the model",
 )
 def residuals(tables: Tables, verdict: Verdict) -> Drawing:
@@ -223,7 +224,7 @@ def residuals(tables: Tables, verdict: Verdict) -> Drawing:
     samples = tables["residuals"]
     whitened = {moment: (samples["measured"] - samples[model]) / samples["spread"] for moment, model in MODELS.items()}
     moments, samples = _moments(*whitened.values()), samples.assign(**whitened)
-    runs, channels = list(samples["run"].unique()), list(samples["channel"].unique())
+    runs, channels = list(tables["channel_errors"]["run"].unique()), list(samples["channel"].unique())
     sheet = Sheet(0.8 + 1.75 * len(channels), len(channels), len(runs), width=max(WIDTH, 2.9 * len(runs)))
     largest = samples[moments].abs().max(axis=1).groupby(samples["channel"]).max()
     last = samples.groupby("run")["channel"].last()

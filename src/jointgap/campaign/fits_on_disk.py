@@ -346,7 +346,7 @@ def family_frame(families: Sequence[FamilyInterval]) -> pd.DataFrame:
 
 
 def channel_errors(residuals: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
-    """Table `CHANNEL_ERRORS`: root mean square errors by run, channel and whether held out."""
+    """Table `CHANNEL_ERRORS`: root mean square errors by run, channel and whether held out; runs by speed."""
     speeds, rows = {run.id: run.speed for run in campaign.runs}, []
     for (run, name, held_out), own in residuals.groupby(["run", "channel", "held_out"], sort=False):
         channel = name.partition(" ")[0]  # the name of a statistic begins with its channel
@@ -357,4 +357,5 @@ def channel_errors(residuals: pd.DataFrame, campaign: Campaign) -> pd.DataFrame:
         errors["after"] = own["measured"] - own["augmented"]
         rms = {when: float(np.sqrt(np.mean(error.to_numpy(float) ** 2))) / factor for when, error in errors.items()}
         rows.append(row | {"unit": unit, "si_per_unit": factor} | rms)
-    return pd.DataFrame(rows, columns=schema.CHANNEL_ERRORS.names)
+    table = pd.DataFrame(rows, columns=schema.CHANNEL_ERRORS.names)
+    return table.sort_values("speed", kind="stable", ignore_index=True)

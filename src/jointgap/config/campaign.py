@@ -377,6 +377,12 @@ class Campaign(ConfigModel):
     csv: Csv = Field(Csv(), description="format of text files")
     folder: Path = Field(Path(), description="folder of the runs' files, relative to the campaign file's")
 
+    @field_validator("runs")
+    @classmethod
+    def _by_speed(cls, runs: tuple[CampaignRun, ...]) -> tuple[CampaignRun, ...]:
+        """Every table, figure and page lists the runs in this order."""
+        return tuple(sorted(runs, key=lambda run: run.speed))
+
     @field_validator("channels")
     @classmethod
     def _fit_their_columns(cls, channels: dict[str, Channel]) -> dict[str, Channel]:

@@ -1,9 +1,10 @@
 """Style, output and registry of all figures; matplotlib is imported on first use."""
 
+import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -164,6 +165,9 @@ def save(drawing: Drawing, stem: Path | str) -> tuple[Path, ...]:
     return (*paths, data)
 
 
+_PART = re.compile(r"\[(not )?(\w+):([^\]]*)\]")
+
+
 @dataclass(frozen=True)
 class FigureSpec:
     """One figure of a scenario or a campaign."""
@@ -176,6 +180,16 @@ class FigureSpec:
     function: Callable[[Mapping[str, pd.DataFrame], Any], Drawing]
     call: str  # Name for `plot` in Python
     moving: bool = False  # An animation, saved as GIF
+    template: tuple[str, str] = ("", "")  # Title and caption with conditional parts
+
+    def where(self, **conditions: bool) -> "FigureSpec":
+        """The figure with the parts ``[name:words]`` or ``[not name:words]`` whose condition holds."""
+
+        def kept(part: re.Match) -> str:
+            return part[3] if conditions.get(part[2], True) != bool(part[1]) else ""
+
+        title, caption = (_PART.sub(kept, text) for text in self.template)
+        return replace(self, title=title, caption=caption)
 
 
 class Figures(dict[str, FigureSpec]):
@@ -185,13 +199,16 @@ class Figures(dict[str, FigureSpec]):
         self, name: str, title: str, category: str, tables: Iterable[str], caption: str = "", nothing: str = "", **more
     ) -> Callable[[Callable], Callable]:
         """A decorator for functions from tables and a scenario (or a verdict) to a `Drawing`; the docstring is the
-        default caption.
+        default caption. Title and caption of the registry have every conditional part, see `FigureSpec.where`.
         """
 
         def register(function: Callable) -> Callable:
             given = {"call": getattr(function, "__name__", name)} | more
-            words = caption or " ".join(function.__doc__.split())
-            self[name] = FigureSpec(title, category, tuple(tables), words, nothing, function, **given)
+            template = title, caption or " ".join(function.__doc__.split())
+            spec = FigureSpec(
+                title, category, tuple(tables), template[1], nothing, function, template=template, **given
+            )
+            self[name] = spec.where()
             return function
 
         return register

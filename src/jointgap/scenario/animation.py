@@ -162,6 +162,7 @@ def _bearing(
     radius, circle = 1e3 * joint.clearance, np.linspace(0.0, 2.0 * np.pi, 181)
     panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit", linewidth=0.8)
     panel.square(1.2 * radius)
+    panel.axes.locator_params(nbins=3)  # labels of a small clearance are long
     panel.axes.set_title(words, color=COLOURS[words])  # the key to the curves of the forces
     way = 1e3 * eccentricity(first, name, joint)
     centre = 1e3 * np.nan_to_num(eccentricity(samples, name, joint))

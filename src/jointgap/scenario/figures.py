@@ -30,6 +30,12 @@ figure, draw = FIGURES.figure, FIGURES.draw
 DEGREES = 180.0 / np.pi
 
 
+def described(name: str, scenario: Scenario) -> plot.FigureSpec:
+    """A figure with the title and caption that hold for the `scenario`."""
+    loose = bool(scenario.mechanism.applied().loose)
+    return FIGURES[name].where(paper=scenario.paper, networks=scenario.networks, loose=loose)
+
+
 def by_source(tables: Tables) -> dict[str, pd.DataFrame]:
     """The table kinematics by source."""
     return dict(list(tables["kinematics"].groupby("source")))
@@ -98,26 +104,42 @@ def _compare(
 
 
 for _number, _body, _order, _about in (
-    (9, "rod", "position", "The deviation stays within about one clearance."),
-    (10, "rod", "velocity", "Steps are impacts. The paper's equations do not describe the free flight at the start."),
-    (11, "rod", "acceleration", "Spikes are impacts; in free flight the rod has almost no acceleration."),
-    (12, "piston", "position", "At load reversal the clearances align with the rod and add up."),
-    (13, "piston", "velocity", "Deviations are largest in the free flight at the start and at load reversals."),
-    (14, "piston", "acceleration", "Zero: free flight. Spikes: impacts. In contact the journal oscillates."),
+    (9, "rod", "position", "[paper: The deviation stays within about one clearance.]"),
+    (
+        10,
+        "rod",
+        "velocity",
+        " Steps are impacts.[networks: The paper's equations do not describe the free flight at the start.]",
+    ),
+    (11, "rod", "acceleration", " Spikes are impacts[paper:; in free flight the rod has almost no acceleration]."),
+    (12, "piston", "position", "[paper: At load reversal the clearances align with the rod and add up.]"),
+    (
+        13,
+        "piston",
+        "velocity",
+        "[paper: Deviations are largest in the free flight at the start and at load reversals.]",
+    ),
+    (
+        14,
+        "piston",
+        "acceleration",
+        "[paper: Zero: free flight.] Spikes: impacts.[paper: In contact the journal oscillates.]",
+    ),
 ):
     _columns = {f"rod_{_order}_{axis}": f"rod's mass centre, {axis}" for axis in "xy"}
     figure(
         f"figure_{_number:02}",
-        f"{_order.capitalize()} of the {_body} (the paper's figure {_number})",
+        f"{_order.capitalize()} of the {_body}[paper: (the paper's figure {_number})]",
         "Motion",
         ("kinematics",),
-        "First revolution. Top: without clearance (desired, dashed), simulated with clearance, and from the paper's "
-        f"equations with the networks. Bottom: deviation from the desired {_order}. {_about}",
+        "First revolution. Top: without clearance (desired, dashed)[networks:,][not networks: and] simulated with "
+        "clearance[networks:, and from the paper's equations with the networks]. Bottom: deviation from the desired "
+        f"{_order}.{_about}",
         call=f"{_body}_{_order}",
     )(partial(_compare, _columns if _body == "rod" else {f"slider_{_order}": "piston"}, _order, *_ORDERS[_order]))
 
 
-@figure("figure_15", "Transmission angle (the paper's figure 15)", "Motion", ("kinematics",))
+@figure("figure_15", "Transmission angle[paper: (the paper's figure 15)]", "Motion", ("kinematics",))
 def transmission_angles(tables: Tables, scenario: Scenario) -> Drawing:
     """First revolution. Top: angle between the rod and the normal to the slide. Bottom: actual minus desired angle, the
     error that the optimisation minimises. It is small compared with the variation of the angle itself."""
@@ -136,7 +158,7 @@ CONSTANT = 1e-4  # [1] relative variation below which a speed is constant
 @figure("orbits", "Orbits of the journals", "Contact", ("trajectory",))
 def orbits(tables: Tables, scenario: Scenario) -> Drawing:
     """Left: path of the journal's centre in the first revolution; the circle is the clearance. Middle: settled
-    revolution, with the penetration into the wall magnified by the factor in the panel. Right: distance of the
+    revolution, with the penetration into the wall scaled by the factor in the panel. Right: distance of the
     centres minus the clearance. Negative values are flight; a settled curve above zero means permanent contact."""
     mechanism, drawn = scenario.mechanism.applied(), loose_joints(scenario)
     sheet = Sheet(2.9 * len(drawn), len(drawn), 3, width_ratios=[1.0, 1.0, 1.25])
@@ -157,7 +179,7 @@ def orbits(tables: Tables, scenario: Scenario) -> Drawing:
             panel.line("clearance circle", radius * np.cos(circle), radius * np.sin(circle), "limit")
             panel.line(series, *centre, colour)
             panel.square(1.4 * radius)
-            if magnified != 1.0:
+            if colour == "settled":
                 panel.axes.text(0, 0, f"depth ×{magnified:g}", ha="center", va="center", color=COLOURS["limit"])
             angle = degrees(samples["crank_angle"])
             depth.line(series, angle, 1e6 * (distance - joint.clearance), colour)
@@ -258,10 +280,10 @@ def drive_and_guide(tables: Tables, scenario: Scenario) -> Drawing:
 
 @figure("animation", "The mechanism in motion", "Contact", ("trajectory",), moving=True)
 def animation(tables: Tables, scenario: Scenario) -> Drawing:
-    """First revolution. Top: the mechanism with its clearances magnified by the factor in the title. Rings: bearings;
-    dots: journals, grey in flight. Arrows: forces on the journals, 30 mm longer per factor of ten above 1 N. Bottom:
-    path of each loose joint's journal in its true clearance circle, and the normal forces. The first 60 deg, with
-    flight and impacts, take half of the frames."""
+    """First revolution. Top: the mechanism[loose: with its clearances magnified by the factor in the title. Rings:
+    bearings; dots: journals, grey in flight]. Arrows: forces on the journals, 30 mm longer per factor of ten above 1 N.
+    Bottom: [loose:path of each loose joint's journal in its true clearance circle, and the normal forces][not loose:the
+    forces in the joints].[loose: The first 60 deg, with flight and impacts, take half of the frames.]"""
     return moving.animation(tables["trajectory"], scenario)
 
 
@@ -320,7 +342,7 @@ for _number, _title, _kinds, _about in (
 ):
     figure(
         f"figure_{_number:02}",
-        f"{_title.capitalize()} (the paper's figure {_number})",
+        f"{_title.capitalize()}[paper: (the paper's figure {_number})]",
         "Networks",
         ("trajectory", "predictions"),
         f"First revolution, simulation and network. Top: {_about}. Bottom: network minus simulation, at the training "
@@ -335,12 +357,15 @@ ITERATION, ERROR = Quantity("iteration", "1"), Quantity("MSE over squared range"
 
 
 @figure(
-    "figure_08", "Mean square error over the training (the paper's figure 8)", "Networks", ("fit_history", "fit_errors")
+    "figure_08",
+    "Mean square error over the training[paper: (the paper's figure 8)]",
+    "Networks",
+    ("fit_history", "fit_errors"),
 )
 def mse_curves(tables: Tables, scenario: Scenario) -> Drawing:
     """Mean square error at the training points over the squared range of the output, after each Levenberg-Marquardt
-    iteration. Thick: default start; thin: other starts. Diamonds: printed in the paper, after 20 000 iterations.
-    A curve that ends below its diamond reaches the paper's training error."""
+    iteration. Thick: default start; thin: other starts.[paper: Diamonds: printed in the paper, after 20 000
+    iterations. A curve that ends below its diamond reaches the paper's training error.]"""
     history, default = tables["fit_history"].query("model == 'network' and iteration > 0"), scenario.surrogate.seeds[0]
     paper = tables["fit_errors"].drop_duplicates("output").set_index("output")["paper_mse"]
     learned = outputs(scenario.mechanism.applied().loose)
@@ -389,9 +414,9 @@ _MARKS = (  # series, model and column of the table fit_errors, shift, colour, m
 def held_out(tables: Tables, scenario: Scenario) -> Drawing:
     """Mean square error over the squared range of each output, for the first revolution and for its part past 60 deg.
     Training points and held-out samples of the paper's networks, the regularised networks and the second surrogate,
-    with splines through the same points. Horizontal marks: training errors printed in the paper. Marks: default
-    start; bars: range over all starts. A circle far above its square shows overfitting. A triangle below a circle
-    means that a spline is more accurate than the network."""
+    with splines through the same points.[paper: Horizontal marks: training errors printed in the paper.] Marks:
+    default start; bars: range over all starts. A circle far above its square shows overfitting. A triangle below a
+    circle means that a spline is more accurate than the network."""
     learned, sheet, above = list(outputs(scenario.mechanism.applied().loose)), Sheet(6.6, 2, 1), None
     for row, (region, title) in enumerate((("all", "first revolution"), ("past_60_deg", "its part past 60 deg"))):
         panel = sheet.panel((row, 0), title, Quantity("output", ""), ERROR, below=above)
@@ -487,7 +512,7 @@ LENGTHS = {  # labels of printed points, and of the sources searched by the gene
 
 @figure(
     "figure_16",
-    "Errors of the transmission angle (the paper's figure 16)",
+    "Errors of the transmission angle[paper: (the paper's figure 16)]",
     "Optimum",
     ("trajectory", "predictions", "optimise_optima"),
 )
@@ -554,12 +579,12 @@ def _without_optimum(name: str, optima: pd.DataFrame, scenario: Scenario) -> Dra
     ("optimise_valley", "optimise_floor", "optimise_paths", "optimise_population", "optimise_optima"),
 )
 def valley(tables: Tables, scenario: Scenario) -> Drawing:
-    """Frozen joint motion from the networks. Left: RMS error over both lengths in the main box, with bounds,
-    constraint, starts and paths of the local optimiser, the best of each generation of the genetic algorithm, both
-    optima and, for the paper's mechanism, its three points. The error depends almost only on the ratio of the
-    lengths: one flat valley, not many minima. Right: reduction of the error along the valley's floor, for each
-    measure at its best crank length. It rises with the rod length, so the bound on the rod length determines the
-    optimum."""
+    """Frozen joint motion from [networks:the networks][not networks:a settled revolution of the simulation]. Left: RMS
+    error over both lengths in the main box, with bounds, constraint, starts and paths of the local optimiser, the best
+    of each generation of the genetic algorithm, [not paper:and ]both
+    optima[paper: and the paper's three points]. The error depends
+    almost only on the ratio of the lengths: one flat valley, not many minima. Right: reduction of the error along the
+    valley's floor, for each measure at its best crank length."""
     if (lacking := _without_optimum("valley", tables["optimise_optima"], scenario)) is not None:
         return lacking
     box, sources = next(iter(scenario.optimise.boxes)), set(tables["optimise_optima"]["source"])
@@ -638,10 +663,10 @@ def _points(panel: Panel, optima: pd.DataFrame, x: str, y: str) -> None:
 
 @figure("resimulation", "Reductions, frozen and simulated again", "Optimum", ("optimise_resimulated",))
 def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
-    """Reduction of the error of the transmission angle for the lengths listed on the left (from the paper, and from the
-    genetic algorithm on each source). Open diamonds: estimate with unchanged joint motion (frozen). Dots: simulated
-    again, median of an ensemble of perturbed starts; bars: 5 to 95 %. Left: window of the first revolution. Right: a
-    settled revolution. A bar that crosses zero means no significant gain."""
+    """Reduction of the error of the transmission angle for the lengths listed on the left ([paper:from the paper, and
+    ]from the genetic algorithm on each source). Open diamonds: estimate with unchanged joint motion (frozen). Dots:
+    simulated again, median of an ensemble of perturbed starts; bars: 5 to 95 %. Left: window of the first revolution.
+    Right: a settled revolution. A bar that crosses zero means no significant gain."""
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
     if (lacking := _without_optimum("resimulation", table, scenario)) is not None:
         return lacking

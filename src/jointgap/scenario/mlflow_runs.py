@@ -18,6 +18,7 @@ from jointgap.core.publish import Dataset, Record, configuration, costs, numbers
 from jointgap.core.schema import OPTIMISE_OPTIMA, OPTIMISE_WORTH
 from jointgap.lengths.region import LEAST_FORCE
 from jointgap.networks.network import Network, clearance_to_files, to_files
+from jointgap.scenario import outcome
 from jointgap.scenario.figure_data import MODES
 
 MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
@@ -185,7 +186,7 @@ def _kinematics(finished: _Finished) -> list[Record]:
 
 
 def _optimise(finished: _Finished) -> list[Record]:
-    """The run of the stage repeats the paper's optimum (networks, first box, genetic), else the first optimum; in a
+    """The run of the stage repeats the paper's optimum (networks, first box, genetic), without networks the page's; in a
     main box without an optimum it has the reason instead.
     """
     points, box = finished.read("optimise_optima"), next(iter(finished.options.optimise.boxes))
@@ -200,6 +201,9 @@ def _optimise(finished: _Finished) -> list[Record]:
     nested = [_optimum(finished, row, own.params) for row in optima.to_dict("records")]
     if len(unmet):
         return [replace(own, notes={"box": box, "status": unmet["status"].iloc[0]}), *nested]
+    if not wanted.any():
+        frames = {table: finished.read(table) for table in outcome.NEEDED}
+        wanted = optima["point"] == outcome.outcome(frames, finished.options).chosen["point"]
     main = nested[int(np.argmax(wanted.to_numpy()))]
     return [replace(own, metrics=main.metrics, curves=main.curves, notes=main.notes), *nested]
 

@@ -17,7 +17,7 @@ from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.lengths.region import FEASIBLE, FORCE_TOLERANCE, LEAST_FORCE, Constraint, geometric, regions
 from jointgap.paper.printed import departures
-from jointgap.scenario.figures import FIGURES
+from jointgap.scenario.figures import FIGURES, described
 
 NEEDED = tuple(f"optimise_{name}" for name in ("optima", "floor", "resimulated", "worth", "loads"))
 """Tables required, besides `fit_errors` where networks were trained."""
@@ -351,20 +351,20 @@ def page(outcome: Outcome, name: str, remarks: Sequence[str]) -> Page:
     )
     blocks: list[Block] = [
         Paragraph(details(outcome), strong=True),
-        _figure("animation"),
+        _figure("animation", scenario),
         *([Paragraph(scenario.description)] if scenario.description else []),
         *([Heading(checks), Bullets(tuple(remarks))] if remarks else []),
         *result,
         Heading("Figures"),
-        *(_figure(name) for name in _FIGURES if is_found or FIGURES[name].category != "Optimum"),
+        *(_figure(name, scenario) for name in _FIGURES if is_found or FIGURES[name].category != "Optimum"),
         Heading("Files"),
         Bullets(links),
     ]
     return Page(headline(outcome), tuple(blocks), subject=f"Scenario {name}", width="60rem")
 
 
-def _figure(name: str) -> FigureBlock:
-    spec = FIGURES[name]
+def _figure(name: str, scenario: Scenario) -> FigureBlock:
+    spec = described(name, scenario)
     title = f"{spec.title}, original lengths" if spec.category == "Contact" else spec.title
     return FigureBlock(name, title, spec.caption, spec.moving)
 
