@@ -20,7 +20,7 @@ from jointgap.identification.disagreement import (
 from jointgap.identification.problem import Noise, Problem, unwhiten, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS
 from tests.catalogue import each
-from tests.draws import check_rate
+from tests.draws import check_rate, check_uniform
 from tests.identification.toy import coloured, stated_noise, toy
 from tests.rows import each as of_each
 
@@ -168,14 +168,31 @@ def test_correlations_of_bins_are_those_of_means_over_as_many_samples():
 # Tests of a channel
 
 
-def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory():
-    p = []
-    for seed in range(200):
-        rng = np.random.default_rng(seed)
-        index = np.flatnonzero(rng.random(300) < 0.8)
-        p.append(ljung_box(rng.standard_normal(index.size), index))
-    assert np.mean(np.array(p) < 0.1) == pytest.approx(0.1, abs=0.06)
+@of_each("samples, kept", [(60, 1.0), (300, 0.8)])
+def test_ljung_box_is_flat_for_independent_numbers_with_gaps_and_sees_memory(samples, kept):
+    random, p = np.random.default_rng(samples), []
+    for _ in range(600):
+        index = np.flatnonzero(random.random(samples) < kept)
+        p.append(ljung_box(random.standard_normal(index.size), index))
+    check_rate(np.array(p) < 0.1, 0.09, 0.11)
+    check_rate(np.array(p) < 0.01, 0.01, 0.02)
     assert ljung_box(coloured(300, 0.5, np.random.default_rng(0)), np.arange(300)) < 1e-6
+
+
+@of_each("memory, turns", [((), 2), ((0.8,), 4)])
+def test_probabilities_of_noise_alone_are_as_rare_as_they_say(memory, turns):
+    """Of runs, of the bins of the crank angle (two tests each, the smaller one doubled) and of orders."""
+    random, angle = np.random.default_rng(turns), 2 * np.pi * np.arange(120 * turns) / 120.0
+    problem = problem_of(*((run, angle, angle) for run in ("slow", "mid", "fast")))
+    for part in problem.parts:
+        part.noise, part.series.key = Noise(np.ones(angle.size), memory), (part.series.run, "torque")
+    maps = [map_disagreement(problem, random.standard_normal(3 * angle.size)) for _ in range(60)]
+    check_uniform([one.p for one in maps])
+    check_uniform(np.concatenate([one.tests["p_chi2"] for one in maps]))
+    check_rate(np.concatenate([one.bins["p"] for one in maps]) < 0.05, 0.03, 0.05)
+    check_rate(np.concatenate([one.orders["p"] for one in maps]) < 0.05, 0.045, 0.055)
+    check_rate([len(one.windows) > 0 for one in maps], 0.0, 0.01)
+    check_rate([len(one.standout) > 0 for one in maps], 0.0, 0.03)  # of three channels
 
 
 def test_whitened_residuals_are_turned_back_exactly():

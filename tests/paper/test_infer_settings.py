@@ -18,6 +18,7 @@ from jointgap.designs.infer_settings import (
 )
 from jointgap.designs.sampling import designs_of
 from jointgap.designs.stages import infer_settings, sweep
+from tests.draws import check_rate
 from tests.dynamics.cases import mechanism, options
 from tests.rows import each
 
@@ -66,6 +67,16 @@ def test_a_setting_on_which_the_numbers_depend_is_informative_and_the_others_are
     assert known.settings.groupby("setting")[["drawn", "accepted"]].sum().to_numpy() == pytest.approx(1.0)
     text = to_markdown(page(known))
     assert text.count("| not informative |") == 3 and text.count("| informative |") == 1
+
+
+def test_a_setting_without_influence_is_informative_once_in_a_hundred():
+    """The departures are drawn; a list has fewer probabilities than a range, whose p is at most as small as stated."""
+    random = np.random.default_rng(1)
+    p = [found(lambda frame: random.random(len(frame)), number=512, within=0.1).settings for _ in range(100)]
+    for setting, at_least in (("friction", 0.05), ("error_measure", 0.0)):
+        own = np.array([one.loc[one["setting"] == setting, "p_value"].iloc[0] for one in p])
+        check_rate(own < 0.1, at_least, 0.1)
+        check_rate(own < 0.01, 0.0, 0.01)
 
 
 @each(

@@ -260,7 +260,7 @@ def test_f1_of_map_and_names_is_that_of_all_trials_and_a_law_off_the_list_cannot
     assert names == pytest.approx([6 / 7, 6 / 9, 12 / 16])
     row = found.loc[("map: F1 of the bins", "all")]
     assert (row["count"], row["value"]) == (2, pytest.approx(60 / 80))
-    assert 40 / 60 <= row["low"] <= row["value"] <= row["high"] <= 1.0
+    assert 0.0 < row["low"] < 40 / 60 < row["value"] < row["high"] <= 1.0  # two trials say little
     for effects, names, counts in (
         ([DRAG], [DRAG], (1, 0, 0)),
         ([DRAG], [SPRING], (0, 1, 1)),

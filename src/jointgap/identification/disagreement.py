@@ -218,8 +218,8 @@ def ljung_box(
         products = spaced[lag:] * spaced[:-lag]
         products = products[np.isfinite(products)]
         if products.size:
-            statistic += (products.size + 2 * lag) / products.size * products.sum() ** 2 / (products.size * variance**2)
-    return float(chdtrc(lags, statistic))
+            statistic += products.sum() ** 2 / (products.size * variance**2)
+    return float(chdtrc(lags, (1.0 + 2.0 / residual.size) * statistic))
 
 
 def _bins(part: Part, residual: np.ndarray, count: int) -> list[dict]:
