@@ -1,5 +1,6 @@
 """Noise is found from what cycles do not repeat, and nothing that moves is taken for noise."""
 
+import math
 from dataclasses import replace
 from itertools import product
 
@@ -47,6 +48,14 @@ def over_seeds(count: int, **options) -> tuple[np.ndarray, list[float], list]:
 
 def changed(model: Toy, change) -> Toy:
     return replace(model, series=[change(series) for series in model.series])
+
+
+def test_noise_is_found_with_an_encoder_that_is_read_three_times_as_fast_as_it_counts():
+    step = 3.0 * math.tau / 72
+    model = toy(seed=3, stated=False)
+    coarse = changed(model, lambda series: replace(series, angle=step * np.floor(series.angle / step)))
+    for (series, found), (_, exact) in zip(estimates(coarse, residuals(model)), estimates(model), strict=True):
+        assert found.estimated_sd == pytest.approx(exact.estimated_sd, rel=0.1), series.key
 
 
 @of_each("memory, samples", product([0.0, 0.7], [72, 71.37]))

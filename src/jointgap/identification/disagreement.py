@@ -9,7 +9,7 @@ from scipy.special import chdtrc
 from scipy.stats import false_discovery_control
 
 from jointgap.identification.line import fit_line
-from jointgap.identification.problem import Noise, Part, Problem, autoregression, unwhiten, whiten
+from jointgap.identification.problem import Noise, Part, Problem, autoregression, unwhiten, usual_step, whiten
 from jointgap.identification.settings import DEFAULT_SETTINGS, DisagreementSettings
 
 
@@ -22,7 +22,7 @@ def order_spectrum(problem: Problem, residual: np.ndarray) -> pd.DataFrame:
             continue
         turns = np.ptp(angle) / (2 * np.pi)
         step = 1.0 / max(1, round(turns))
-        highest = min(problem.settings.disagreement.highest_order, np.pi / np.median(np.abs(np.diff(angle))))
+        highest = min(problem.settings.disagreement.highest_order, np.pi / usual_step(np.abs(np.diff(angle))))
         count = int(highest / step + 1e-9)
         order = step * np.arange(1, count + 1)
         rotation, rotated, sums = np.exp(-1j * step * angle), white - white.mean(), []

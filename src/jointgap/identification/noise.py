@@ -12,7 +12,7 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.words import format_size
 from jointgap.identification.confirmation import fit_run_parameters
 from jointgap.identification.fit import FAILED, fit_hypothesis
-from jointgap.identification.problem import Noise, Problem, autoregression
+from jointgap.identification.problem import Noise, Problem, autoregression, usual_step
 from jointgap.identification.settings import DEFAULT_SETTINGS, IdentificationSettings, NoiseSettings
 
 # Lag-one correlations [1] of the candidate first-order background processes.
@@ -39,7 +39,7 @@ def scatter_between_cycles(
         return None
     difference, share = compared.difference, compared.share
     finite = np.isfinite(difference)
-    per_cycle = int(2 * np.pi / np.median(np.diff(angle[np.isfinite(angle)])))
+    per_cycle = int(2 * np.pi / usual_step(np.diff(angle[np.isfinite(angle)])))
     difference = _without_drift(difference, per_cycle, settings)
     # neighbouring differences share a cycle, so covariances near a lag of one cycle are biased
     lags = min(finite.size // 4, per_cycle // 2)

@@ -54,6 +54,12 @@ class SharedErrors:
         return residual - self._directions @ (self._excess * (self._directions.T @ residual))
 
 
+def usual_step(steps: np.ndarray) -> float:
+    """Usual step [rad] of the crank angle between samples: the median, or the mean if an encoder is read faster than it
+    counts, so that readings repeat."""
+    return float(np.median(steps) if steps.all() else np.mean(steps))
+
+
 def autoregression(autocorrelation: Sequence[float]) -> list[tuple[np.ndarray, float]]:
     """Prediction weights (order,) and remaining standard deviation for the orders 0, 1, ..., p (Levinson).
 

@@ -186,8 +186,8 @@ def _kinematics(finished: _Finished) -> list[Record]:
 
 
 def _optimise(finished: _Finished) -> list[Record]:
-    """The run of the stage repeats the paper's optimum (networks, first box, genetic), without networks the page's; in a
-    main box without an optimum it has the reason instead.
+    """The run of the stage repeats the paper's optimum (networks, first box, genetic), without networks that of the
+    page; in a main box without an optimum it has the reason instead.
     """
     points, box = finished.read("optimise_optima"), next(iter(finished.options.optimise.boxes))
     optima = points[points["point"] == points["source"] + "_" + points["box"] + "_" + points["method"]]
