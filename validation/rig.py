@@ -419,12 +419,7 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
     if trial.measured_angle and trial.kind != "exudyn" and rng.random() < 0.3:
         swing = {"ratio": float(drawn("swing")), "order": 0.5, "phase_rad": float(rng.uniform(0, tau))}
         content["effects"] = [{"name": "speed_fluctuation", "parameters": swing}]
-    if trial.drift and trial.kind != "exudyn" and not chaotic:
-        for name, run in runs.items():
-            sizes, turns, phases = rng.uniform(0.3, 1.0, 3), drawn("drift_turns", 3), rng.uniform(0, tau, 3)
-            sizes *= drawn("drift") / sizes.sum()
-            runs[name] = replace(run, drift=Drift(sizes, run.speed / turns, phases))
-    return Rig(
+    rig = Rig(
         base=trial.base,
         content=content,
         bounds=bounds,
@@ -438,6 +433,11 @@ def draw_rig(rng: np.random.Generator, trial: Any) -> Rig:
         angle_step=step,
         drive="measured_angle" if trial.measured_angle else "constant_speed",
     )
+    for name, run in runs.items() if trial.drift and trial.kind != "exudyn" and not chaotic else ():
+        sizes, turns, phases = rng.uniform(0.3, 1.0, 3), drawn("drift_turns", 3), rng.uniform(0, tau, 3)
+        sizes *= drawn("drift") / sizes.sum()
+        runs[name] = replace(run, drift=Drift(sizes, run.speed / turns, phases))
+    return rig
 
 
 def _draw_mechanism(rng: np.random.Generator, drawn: Callable[..., Any], trial: Any) -> dict:

@@ -14,7 +14,7 @@ from jointgap.core.joints import PINS
 from jointgap.rig.read_files import read_measurements
 from tests.catalogue import each, refused
 from validation.kinds import CLEARANCES, Trial, TrialSet, plan_trials
-from validation.rig import LISTED, OFF_LIST, RECIPE, draw_effect, draw_rig, read
+from validation.rig import LISTED, OFF_LIST, RECIPE, draw_effect, draw_rig, read, simulate
 from validation.trial import (
     GAP_TOLERANCE,
     Calibrator,
@@ -182,6 +182,33 @@ def test_an_encoder_that_is_late_reads_what_was_true_earlier():
         behind = np.mean(clean[name]["crank_angle"] - own["crank_angle"])
         spread = rig.angle_noise / math.sqrt(own["crank_angle"].size)
         assert behind == pytest.approx(rig.values["encoder_lag"] * rig.runs[name].speed, abs=4 * spread)
+
+
+def test_a_share_of_the_measured_cranks_drifts_and_everything_else_is_drawn_as_before():
+    plain = plan_trials(SET.model_copy(update={"measured_angle": 0.33}))
+    more = plan_trials(SET.model_copy(update={"measured_angle": 0.33, "drift": 0.5}))
+    assert [replace(trial, drift=False) for trial in more] == plain
+    drifting, measured = (sum(getattr(trial, key) for trial in more) for key in ("drift", "measured_angle"))
+    assert drifting == round(0.5 * measured)
+    assert all(trial.measured_angle for trial in more if trial.drift)
+
+
+def test_the_speed_of_a_drifting_crank_wanders_by_some_percent_and_the_forces_are_those_of_that_motion():
+    for seed in range(2):
+        trial = Trial("nothing", "ideal", measured_angle=True)
+        steady, rig = (draw_rig(np.random.default_rng(seed), replace(trial, drift=drift)) for drift in (False, True))
+        assert replace(rig, runs=steady.runs) == steady
+        run = next(iter(rig.runs.values()))
+        assert 0.01 <= run.drift.sizes.sum() <= 0.05
+        fine = replace(run, times=np.arange(run.times[-1] * 2000) / 2000)
+        found, even = (simulate(rig.true, one, rig.numerics) for one in (fine, replace(fine, drift=None)))
+        assert found["crank_angle"][0] == pytest.approx(run.phase, abs=1e-6)
+        ahead = run.speed * run.drift.ahead(fine.times)
+        assert np.allclose(found["crank_angle"] - even["crank_angle"], ahead, atol=0.03 * np.abs(ahead).max() + 1e-7)
+        velocity = np.gradient(found["slider_position"], fine.times, edge_order=2)
+        acceleration = np.gradient(found["slider_velocity"], fine.times, edge_order=2)
+        assert np.abs(velocity - found["slider_velocity"])[2:-2].max() < 2e-3 * np.ptp(velocity)
+        assert np.abs(acceleration - found["slider_acceleration"])[2:-2].max() < 2e-3 * np.ptp(acceleration)
 
 
 def test_where_a_hidden_effect_shows_adds_up_to_its_gap(ideal):
