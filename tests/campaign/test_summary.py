@@ -146,7 +146,7 @@ def test_effects_that_the_fits_distinguish_are_not_called_indistinguishable():
     rows += [("sensor_delay:crank_torque + slider_spring", 104.0)]
     ranking = pd.DataFrame(rows, columns=["explanation", "bic"])
     said = markdown(verdict, {"ranking": ranking})
-    assert said.count("Not distinguished by these data") == 1
+    assert said.count("Distinguished neither by the preflight nor by the fits") == 1
     assert "the weight of the bodies, a linear spring on the slider and an offset of the slide" in said  # not fitted
     near = ranking.assign(bic=[100.0, 109.0, 104.0])
     assert "a delay of the sensor of crank torque and a lag of the" in markdown(verdict, {"ranking": near})

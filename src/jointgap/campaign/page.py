@@ -227,7 +227,7 @@ def _limits(verdict: Verdict, effects: pd.DataFrame | None, ranking: pd.DataFram
     rate = percent(verdict["false_alarm_rate"])
     lines = [f"False alarms: thresholds that {rate} of simulated campaigns without a missing effect exceed."]
     for group in not_distinguished(preflight["merged"], ranking):
-        lines.append(f"Not distinguished by these data: {joined(map(say.format_label, group))}.")
+        lines.append(f"Distinguished neither by the preflight nor by the fits: {joined(map(say.format_label, group))}.")
     explanations = [verdict["effects"], *verdict["equivalent"], (verdict["best_known"] or {}).get("effects", ())]
     shown = {(effect["name"], effect["site"]) for explanation in explanations for effect in explanation}
     seen = {label for name, site in shown for label in (name, f"{name}:{site}")}
