@@ -302,16 +302,21 @@ def test_a_leading_effect_is_linearised_with_those_partners_alone_that_rank_firs
     assert len(partners - {first.label}) == 2 and TWO.keys() <= partners
 
 
-def test_pairs_with_the_leading_effects_are_fitted_before_a_family_whose_law_suffices_ends_the_search():
+@each("families, ends", [(True, True), (False, False)])
+def test_pairs_with_the_leading_effects_are_fitted_before_a_family_whose_law_suffices_ends_the_search(families, ends):
     """The exponent of a drag is none of those listed."""
     base, sensitivities, limits = analysed(toy(hidden=lambda x, v, *_: -0.05 * np.abs(v) ** 3 * np.sign(v), seed=5))
     alone, _ = fit_singles(base, sensitivities, limits)
-    bare = [tuple(replace(one, families=()) for one in fit.hypothesis) for fit in alone]
-    bare = [replace(fit, hypothesis=hypothesis) for fit, hypothesis in zip(alone, bare, strict=True)]
-    ended, whole = (
-        {labels_of(fit.hypothesis) for fit in fit_pairs(base, sensitivities, limits, one)[0]} for one in (alone, bare)
-    )
-    assert any(len(pair) == 2 for pair in ended) and ended < whole
+    if not families:
+        bare = [tuple(replace(one, families=()) for one in fit.hypothesis) for fit in alone]
+        alone = [replace(fit, hypothesis=hypothesis) for fit, hypothesis in zip(alone, bare, strict=True)]
+    swapped = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hypothesis_fits, "_is_sufficient", lambda *_: False)  # no pair ends it
+        patch.setattr(hypothesis_fits, "_insufficient", lambda *_: True)
+        patch.setattr(hypothesis_fits, "swap_one_effect", lambda *_: swapped.append(True) or [])
+        fits, _ = fit_pairs(base, sensitivities, limits, alone)
+    assert any(len(fit.hypothesis) == 2 for fit in fits) and (not swapped) == ends
 
 
 STIFFER = {"spring": {"size": 0.3, "damping": 0.0}}
