@@ -194,3 +194,12 @@ def test_fits_from_draws_widen_the_intervals_of_what_a_curved_valley_leaves_open
             low, high = nuisance_estimates(one)[0][1]["interval_90"]
             held.append(low <= truth["x"] <= high)
     assert np.mean(plain) < 0.75 < 0.82 < np.mean(widened)
+
+
+def test_a_fit_without_parameters_and_one_of_a_linear_residual_keep_their_intervals():
+    model = Valley({"x": 0.5, "w": 0.3}, np.random.default_rng(23))
+    problem = Problem(model, {series.key: Noise(series.stated_noise) for series in model.series})
+    none, linear = (fit_hypothesis(problem, refresh=True, vary=model.nuisances[:count]) for count in (0, 1))
+    assert with_intervals(problem, none) is none
+    sd = np.sqrt(np.diag(linear.distribution.covariance))
+    assert np.all(np.abs(with_intervals(problem, linear).shifts) < 0.01 * sd)
