@@ -302,7 +302,7 @@ def with_intervals(problem: Problem, fit: Fit) -> Fit:
     values: where the residual is no linear function of them, these end elsewhere. For chaotic motion the values are
     those of the regression; the residual is kept. The fit is unchanged if this fails.
     """
-    if fit.status == FAILED or fit.draws is not None or fit.in_windows:
+    if fit.status == FAILED or fit.draws is not None or fit.in_windows or not fit.values.size:
         return fit
     if problem.has_statistics:
         # explanations were compared by this residual
