@@ -4,13 +4,16 @@ from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from jointgap.core.candidates import Candidate, Parameter, Series
-from jointgap.identification.confirmation import confirm, fit_run_parameters
+from jointgap.identification.confirmation import _gap, _squares, confirm, fit_run_parameters
 from jointgap.identification.fit import Fit
 from jointgap.identification.likelihood import fitted
 from jointgap.identification.problem import Noise, Problem
+from jointgap.identification.settings import DEFAULT_SETTINGS
+from tests.draws import check_rate
 from tests.identification.oscillator import SD, SPRING, linear, noise_of
 
 SAMPLES = 40
@@ -127,6 +130,16 @@ def test_intervals_hold_the_gap_are_repeated_by_the_same_seed_and_as_wide_as_ind
     pairs = (wild**2).reshape(20, 2).mean(axis=1)  # twenty stretches of two samples
     error = np.std(pairs) / np.sqrt(20) / (2 * found["before"])
     assert found["before_high"] - found["before_low"] == pytest.approx(2 * 1.645 * error, rel=0.1)
+
+
+def test_nine_of_ten_intervals_of_a_gap_hold_that_of_noise():
+    inside, settings = [], DEFAULT_SETTINGS.confirmation
+    for seed in range(400):
+        random = np.random.default_rng([31, seed])
+        noise = random.standard_normal(200)
+        gap = _gap([_squares(pd.DataFrame({"whitened_base": noise, "whitened_augmented": noise}), random, settings)])
+        inside.append(gap["before_low"] <= 1.0 <= gap["before_high"])
+    check_rate(inside, 0.88, 0.92)
 
 
 def test_an_effect_that_is_not_there_lets_the_held_out_gap_rise_and_one_half_as_steep_lets_it_stay(case):

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from jointgap.core.candidates import Model, Parameter
 from jointgap.identification.fit import Fit, fit_hypothesis
@@ -206,6 +207,7 @@ class _Squares(NamedTuple):
     mean: np.ndarray  # Before, after, and of their difference
     drawn: np.ndarray  # Before and after, for bootstrap samples (draws, 2)
     samples: int
+    blocks: int
 
 
 def _squares(series: pd.DataFrame, random: np.random.Generator, settings: ConfirmationSettings) -> _Squares:
@@ -215,13 +217,22 @@ def _squares(series: pd.DataFrame, random: np.random.Generator, settings: Confir
     means, sizes = np.array([block.mean(axis=0) for block in blocks]), np.array([len(block) for block in blocks])
     chosen = random.integers(len(blocks), size=(settings.draws, len(blocks)))
     weights = sizes[chosen][..., None]
-    return _Squares(squared.mean(axis=0), (means[chosen] * weights).sum(axis=1) / weights.sum(axis=1), len(squared))
+    return _Squares(
+        squared.mean(axis=0), (means[chosen] * weights).sum(axis=1) / weights.sum(axis=1), len(squared), len(blocks)
+    )
 
 
 def _gap(parts: Sequence[_Squares]) -> dict[str, float]:
-    """Columns of the table gaps for several series together."""
+    """Columns of the table gaps for several series together.
+
+    Few blocks scatter less in a bootstrap than the mean does: deviations are widened as by Student's distribution.
+    """
     before, after, between = np.mean([part.mean for part in parts], axis=0) ** [0.5, 0.5, 1.0]
-    drawn = np.mean([part.drawn for part in parts], axis=0)
+    drawn, mean = np.mean([part.drawn for part in parts], axis=0), np.mean([part.mean[:2] for part in parts], axis=0)
+    blocks, free = sum(part.blocks for part in parts), sum(part.blocks - 1 for part in parts)
+    if free:
+        widening = np.sqrt(blocks / free) * stats.t.ppf(_ENDS[1], free) / stats.norm.ppf(_ENDS[1])
+        drawn = np.maximum(mean + widening * (drawn - mean), 0.0)
     names = [f"{name}_{end}" for end in ("low", "high") for name in ("before", "after", "fall")]
     ends = np.quantile(np.column_stack([np.sqrt(drawn), drawn[:, 0] - drawn[:, 1]]), _ENDS, axis=0)
     found = {"samples": sum(part.samples for part in parts), "before": before, "after": after}
