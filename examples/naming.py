@@ -65,6 +65,8 @@ def report(found: Named) -> None:
     """Print the verdict, the best explanations and the estimates."""
     print(f"verdict: {found.decision.verdict} ({found.decision.because})")
     print(f"effects: {' + '.join(found.names) or 'none'}")
+    if found.decision.certain:
+        print(f"certain, of those tried: {' + '.join(found.decision.certain)}")
     print(f"gap on the held-out data: {found.confirmed.test.summary}")
     for ranked in found.decision.ranking[:5]:
         print(f"  {ranked.fit.label}: delta BIC {ranked.delta_bic:.0f}, explained share {ranked.share:.3f}")

@@ -411,3 +411,12 @@ def test_the_share_closed_is_of_squares_beyond_noise():
     told = [share_closed(*both) for both in ((3.0, 2.0), (3.0, 1.0), (1.5, 2.0), (1.0, 1.0))]
     assert told == pytest.approx([1 - 3 / 8, 1.0, 1 - 3 / 1.25, np.nan], nan_ok=True)
     assert np.isfinite(share_closed(1.001, 1.0))
+
+
+def test_a_name_with_a_remaining_misfit_that_held_out_data_refute_leaves_what_is_certain():
+    rows = left(0.036, "coulomb", "force", similarity=0.9), left(0.066, "coulomb", "spring")
+    by_fits = decided(WHOLE, *rows)
+    assert (by_fits.verdict, by_fits.certain) == (REST, ("coulomb",))
+    shown = HeldOut(a_test(), gap=1.0, fitted=(4.7, "force"))
+    said = verdict(Evidence(row(WHOLE), row(WHOLE), rows, LIMITS, by_fits=by_fits, held_out=shown))
+    assert (said.verdict, said.certain) == ("unexplained", ("coulomb",))

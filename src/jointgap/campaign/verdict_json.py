@@ -140,7 +140,7 @@ def _best_known(outcome: Outcome, gains: Mapping[str, float]) -> dict[str, Any] 
 
 def _certain(outcome: Outcome, gains: Mapping[str, float]) -> list[dict[str, Any]]:
     """Effects that all near explanations share, with the values of the first explanation that contains them."""
-    shared = set(outcome.certain)
+    shared = set() if outcome.named else set(outcome.certain)
     for fit in outcome.explanations if shared else ():
         if shared <= {candidate.label for candidate in fit.hypothesis}:
             return effects(fit, gains, shared)

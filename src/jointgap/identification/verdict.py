@@ -271,7 +271,8 @@ class Case:
         fits = {"chosen": chosen.fit, "base": self.base.fit, "equivalent": [row.fit for row in equal]}
         fits["best_known"] = known.fit if known else None
         fits["twins"] = [row.fit for row in self.twins] if rule.verdict in _NAMES else []
-        certain = self.certain if rule.verdict in (AMBIGUOUS, UNEXPLAINED) else ()
+        # held-out data may leave a name with a remaining misfit unexplained
+        certain = self.certain if rule.verdict in (AMBIGUOUS, UNEXPLAINED, NAMED_WITH_REMAINING_MISFIT) else ()
         # One effect of a pair may suffice; effects confusable with the best were not fitted from its nuisances.
         first = (row for row in self.ranking[:1] if row.delta_bic > 0.0)
         pairs = [row for row in (chosen, *equal, *first) if len(row.effects) > 1]
