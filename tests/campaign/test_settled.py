@@ -4,6 +4,7 @@ it.
 
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 
 from benchmarks.project import ROOT
@@ -42,6 +43,7 @@ def decided(chain, better, tmp_path, monkeypatch):
         if verdict:
             decision = Decision(verdict, better, better)
             monkeypatch.setattr(model_selection, "select_hypothesis", lambda *_: decision)
+            found.folder.write("not_searched", pd.DataFrame({"step": ["pairs"]}), "pair/0")
             stages.decide(found)
         return found
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import PPoly
 
+from jointgap.dynamics.drive import SlowRotation
 from jointgap.identification.noise import numerics_noise
 from jointgap.identification.problem import Noise, Problem
 from jointgap.rig.drives import measured_drive
@@ -105,3 +106,13 @@ def test_where_the_speed_drifts_the_errors_of_the_drive_hold_up_to_both_ends_of_
         squares.append(np.linalg.solve(root, residual) ** 2)
     first, last = np.mean(squares, axis=0)[:15].mean(), np.mean(squares, axis=0)[-15:].mean()
     assert max(abs(first - 1.0), abs(last - 1.0)) < 0.2
+
+
+@each("swing", [0.1, 0.3, 0.6])
+def test_beyond_a_record_a_crank_that_swings_turns_at_its_slow_speed(swing):
+    time = np.linspace(0.0, 2.0, 400)
+    angle = 20.0 * time + swing * np.sin(20.0 * time)
+    for end, away in ((0, -1.0), (-1, 1.0)):
+        slow = SlowRotation(time, angle, 4.0 * np.pi, end)
+        turned = away * 2.0 * np.pi * np.arange(1.0, 3.0)
+        assert slow.time_at(turned) == pytest.approx(time[end] + turned / 20.0, abs=2e-3)

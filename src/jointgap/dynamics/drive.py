@@ -103,6 +103,7 @@ _SITES_A_TURN = 60  # of the interpolation of the orders between the knots of fe
 _END_TURNS = 6  # from which the rotation at an end of a record is estimated
 _MOST_GROWTH = 0.02  # [1/rad] of the speed beyond a record, relative: an eighth a turn
 _MIN_TURNS = 0.99  # with fewer, drift and orders are indistinguishable
+_MOST_ROTATIONS, _SETTLED_ROTATION = 20, 1e-4  # [1], [rad] of the iteration for the rotation
 LONG_TURNS = 2.1  # with fewer, drift and half orders are indistinguishable
 
 
@@ -184,11 +185,13 @@ def repeated_basis(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.
     if turns < _MIN_TURNS or angle.size < 4 * (terms + 2 * repeated.size):
         return drift, np.empty((angle.size, 0))
     rotation = drift @ np.linalg.lstsq(drift, angle, rcond=None)[0]
-    for _ in range(2):  # the second rotation is not distorted by the orders
-        phases = repeated * rotation[:, None]
+    for _ in range(_MOST_ROTATIONS):  # the first ones are distorted by the orders, the more the deeper they are
+        before, phases = rotation, repeated * rotation[:, None]
         orders = np.column_stack([np.cos(phases), np.sin(phases)])
         weights = np.linalg.lstsq(np.column_stack([drift, orders]), angle, rcond=None)[0]
         rotation = drift @ weights[: terms + 1]
+        if np.abs(rotation - before).max() < _SETTLED_ROTATION:
+            break
     return drift, orders
 
 
