@@ -259,6 +259,19 @@ def test_a_formula_that_is_not_named_is_best_known_where_it_is_better_than_every
     each(known, [(50.0, 60.0, "law"), (70.0, 60.0, "effect"), (880.0, None, "law"), (890.0, None, None)])
 
 
+def test_a_listed_effect_that_a_formula_found_again_has_one_row_in_the_ranking():
+    """Its earlier fit ended in another minimum."""
+    before, again = (fitted([FRICTION], [1.5, 20.0], chi2) for chi2 in (800.0, 70.0))
+    limits = Thresholds(0.01, 1.05, 12.0)
+    found = Outcome("unexplained", BASE, BASE, [], ranking_frame([weigh_fit(BASE, before, limits)]), because="poor")
+    proposed = ForceLawResult(again, True, "", ranking=[weigh_fit(BASE, again, limits)])
+    named = outcome_with_law(found, proposed)
+    assert (named.verdict, len(named.ranking)) == ("named", 1)
+    refuted = replace(named, verdict="unexplained", chosen=BASE, best_known=again)
+    content = json.loads(verdict_json.text(document(refuted)))
+    assert content["best_known"]["explained_share"] == pytest.approx((900 - 70) / (900 - SAMPLES + 1))
+
+
 def test_the_gap_after_is_that_of_the_best_candidate_as_the_page_and_the_terminal_say():
     best = fitted([FRICTION], [1.5, 20.0], 400.0)
     ranking = pd.DataFrame(

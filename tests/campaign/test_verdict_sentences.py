@@ -204,6 +204,19 @@ def test_what_is_certain_is_said_for_every_verdict_that_has_it_with_the_rest_tha
     assert "Certain is Coulomb friction of the slider (21.30 N), of those tried." in answer(alone)
 
 
+def test_nothing_is_certain_if_channels_are_inconsistent_or_the_held_out_data_refute_it():
+    best = unproven(effects=[COULOMB, BIAS]) | {"certain": [COULOMB]}
+    rising = {"identify": {"before": 9.0, "after": 1.5}, "confirm": {"before": 5.5, "after": 12.3}}
+    for verdict in (best | {"doubted_channels": ["crank_torque"]}, best | {"held_out_test": "rises", "gap": rising}):
+        assert "ertain is" not in f"{title(verdict)} {answer(verdict)}"
+
+
+def test_inconsistent_channels_do_not_replace_the_title_of_a_verdict_that_they_do_not_change():
+    doubted = {"doubted_channels": ["crank_torque"]}
+    for kind in ("no_disagreement", "parameters_only", "ambiguous"):
+        assert title(VERDICTS[kind] | doubted) == title(VERDICTS[kind])
+
+
 def test_steps_that_were_not_searched_are_said():
     (said,) = left_out_summary(VERDICTS["unexplained"] | {"not_searched": ["pairs of effects", "slider_spring alone"]})
     assert "limit of simulations" in said and "pairs of effects and a linear spring on the slider alone" in said

@@ -315,8 +315,11 @@ def outcome_of(decision: Decision, seconds: Mapping[str, float]) -> Outcome:
 
 def outcome_with_law(outcome: Outcome, proposed: ForceLawResult) -> Outcome:
     """The outcome with the force law named if it is accepted and has no rival; else with the law as best known
-    explanation if it is better."""
-    ranking = pd.concat([outcome.ranking, ranking_frame(proposed.ranking)], ignore_index=True)
+    explanation if it is better. A listed effect that was found by a formula replaces its earlier fit in the ranking.
+    """
+    found = ranking_frame(proposed.ranking)
+    earlier = outcome.ranking[~outcome.ranking["explanation"].isin(found["explanation"])]
+    ranking = pd.concat([earlier, found], ignore_index=True)
     law, known = proposed.fit, outcome.best_known
     if proposed.named:
         decided = {"verdict": proposed.verdict, "because": proposed.reason, "chosen": law, "best_known": None}

@@ -61,7 +61,7 @@ def title(verdict: Verdict) -> str:
     if verdict["effects"]:
         text = say.headline(verdict["effects"]) + wider
         return text[:1].upper() + text[1:]
-    if verdict["doubted_channels"]:
+    if verdict["doubted_channels"] and verdict["verdict"] == "unexplained":
         return "Channels are inconsistent, so no effect can be identified"
     certain = f"certain is {say.headline(verdict['certain'])}{wider}" if verdict["certain"] else ""
     if (best := verdict["best_known"]) and not say.is_refuted(verdict):

@@ -273,7 +273,8 @@ def _explained(verdict: Mapping[str, Any]) -> str:
 def certain_summary(verdict: Mapping[str, Any]) -> str:
     """What all near explanations share, and in what they differ; empty if they share nothing."""
     certain, best = verdict["certain"], verdict["best_known"]
-    if not certain:
+    is_doubted = verdict["verdict"] == "unexplained" and bool(verdict["doubted_channels"])
+    if not certain or is_doubted or is_refuted(verdict):
         return ""
     shared = {label_of(effect) for effect in certain}
     explanations = [[label_of(effect) for effect in effects] for effects in verdict["equivalent"]]

@@ -200,7 +200,8 @@ def with_families(
         laws = [law for law in laws if law[0].bic < laws[0][0].bic + settings.decision.min_delta_bic]
         if len({fit.label for fit, _ in laws}) > 1:
             because, equivalent = "several explanations fit the data equally well", [fit for fit, _ in laws]
-            decision = replace(decision, verdict=AMBIGUOUS, because=because, equivalent=equivalent, best_known=None)
+            others = {"best_known": None, "twins": [], "certain": ()}
+            decision = replace(decision, verdict=AMBIGUOUS, because=because, equivalent=equivalent, **others)
             return decision, tuple(interval for _, interval in laws)
         if laws:
             fit, interval = laws[0]
@@ -357,6 +358,7 @@ def _weighed(baseline: Baseline, decision: Decision, fit: Fit, limits: Threshold
 def _named(baseline: Baseline, decision: Decision, found: Fit, limits: Thresholds) -> Decision:
     """The decision that names `found`, or leaves the misfit unexplained if that may not be named."""
     ranked = _weighed(baseline, decision, found, limits)
+    decision = replace(decision, twins=[], certain=())  # of the earlier explanations
     if not ranked.admissible:
         base, because = decision.base, ranked.objection
         return replace(decision, verdict=UNEXPLAINED, because=because, chosen=base, equivalent=[], best_known=found)
