@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from jointgap.campaign.campaign_files import (
+    COSTS,
     FIT_TABLES,
     MECHANISM,
     NOISE_TABLES,
@@ -345,7 +346,13 @@ def run_stage(stage: Stage, state: "CampaignState", optional: bool = False, **op
     """Run a stage and note its costs; if an `optional` one fails, note the error and write empty tables."""
     if stage.name == "conclude":  # it notes its parts itself, as verdict.json contains the costs
         return stage.function(state, **options)
-    part = f"-{options['part']}" if options.get("parts", 1) > 1 and "part" in options else ""
+    parts, part = options.get("parts", 1), ""
+    if "part" in options:  # of another number of parts nothing is left
+        own = {f"{stage.name}-{i}" for i in range(parts)} if parts > 1 else {stage.name}
+        for place in (state.folder.path / COSTS).glob(f"{stage.name}*.json"):
+            if place.stem not in own:
+                place.unlink(missing_ok=True)
+        part = f"-{options['part']}" if parts > 1 else ""
     with costs_noted(state.folder, f"{stage.name}{part}"):
         return _run_if_possible(stage, state, **options) if optional else stage.function(state, **options)
 

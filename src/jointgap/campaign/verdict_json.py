@@ -53,10 +53,7 @@ def document(
         "interval_factor": (outcome.proposed or outcome.chosen).scale,
         "held_out_test": test and test.outcome,
         "doubted_channels": list(inconsistent),
-        "nuisances": {
-            key: estimate | ({} if is_taken_over(estimate) else {"kept": True})
-            for key, estimate in _nuisances(outcome, tables["detectable"], campaign)
-        },
+        "nuisances": dict(_nuisances(outcome, tables["detectable"], campaign)),
         "where": [
             {
                 "run": row.run,
@@ -78,16 +75,24 @@ def document(
 
 
 def _nuisances(outcome: Outcome, detectable: pd.DataFrame, campaign: Campaign) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Estimates by key; without intervals where the preflight cannot detect any deviation, such as of a restitution."""
-    lost = set()
-    for label in undetectable(detectable):
-        name, _, site = label.partition(":")
-        nuisance = getattr(EFFECTS.get(name), "NUISANCE", None)
-        lost |= {nuisance, f"{nuisance}_{site}"}
+    """Estimates by key, with whether the mechanism file keeps the stated value.
+
+    No interval where the preflight cannot detect any deviation, such as of a restitution; of a nuisance that both pins
+    share at neither of them.
+    """
+    lost, found = set(undetectable(detectable)), set()
+    by_nuisance: dict[str, set[str]] = {}
+    for label in detectable["label"]:
+        if nuisance := getattr(EFFECTS.get(label.partition(":")[0]), "NUISANCE", None):
+            by_nuisance.setdefault(nuisance, set()).add(label)
+    for nuisance, labels in by_nuisance.items():
+        found |= {f"{nuisance}_{label.partition(':')[2]}" for label in labels & lost}
+        found |= {nuisance} if labels <= lost else set()
     for p, estimate in nuisances_as_read(outcome.chosen, clockwise(campaign)):
-        is_lost = p.name in lost and estimate["interval_90"] != [None, None]
-        remark = estimate.get("remark", NOT_DETERMINED)
-        yield p.key, no_estimate(estimate["value"], remark) if is_lost else estimate
+        kept = {} if is_taken_over(estimate) else {"kept": True}
+        if p.name in found and estimate["interval_90"] != [None, None]:
+            estimate = no_estimate(estimate["value"], estimate.get("remark", NOT_DETERMINED))
+        yield p.key, estimate | kept
 
 
 def text(verdict: Mapping[str, Any]) -> str:

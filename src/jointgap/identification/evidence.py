@@ -75,7 +75,8 @@ def final_verdict(
     leaving = {id(fit) for fit in (found.proposed or found.chosen, *found.equivalent)}
     fits = {name: getattr(found, name) for name in ("chosen", "best_known")}
     fits = {name: replace(fit, gap_left=gap) if id(fit) in leaving else fit for name, fit in fits.items()}
-    return replace(found, equivalent=[replace(fit, gap_left=gap) for fit in found.equivalent], **fits)
+    others = {name: [replace(fit, gap_left=gap) for fit in getattr(found, name)] for name in ("equivalent", "twins")}
+    return replace(found, **others, **fits)
 
 
 def _objection(fit: Fit, bounds: Bounds, settings: DecisionSettings, order_label: Callable[[float], str]) -> str:

@@ -154,8 +154,9 @@ def find_force_law(
     accepted, because = _gate(base, best, cost[best.label], limits, problem.settings)
     others = [fit for fit in rest if fit not in rivals]
     if accepted and (listed := _listed(problem, base, best, limits, differences)):
-        best, rivals, others = listed, [], [best, *rivals, *others]
-        accepted, because = _gate(base, best, best.bic, limits, problem.settings)
+        others = [best, *rivals, *others]
+        best, rivals = listed[0], [fit for fit in listed[1:] if fit.bic < listed[0].bic + min_delta_bic]
+        _, because = _gate(base, best, best.bic, limits, problem.settings)
     best = fit_hypothesis(problem, best.hypothesis, best.mapping, differences=differences, refresh=True)
     best = with_intervals(problem, best)
     ranking = [weigh_fit(base, fit, limits) for fit in (best, *rivals, *others)]
@@ -214,11 +215,9 @@ def _pairs(
     return chosen if sufficient else chosen + [pair for pair in pairs[: settings.max_singles] if pair not in chosen]
 
 
-def _listed(
-    problem: Problem, base: Fit, formula: Fit, limits: Thresholds, differences: FiniteDifferences
-) -> Fit | None:
-    """The fit of listed effects, as many as the formula has terms, that explains as much from its nuisances; None if
-    there is none."""
+def _listed(problem: Problem, base: Fit, formula: Fit, limits: Thresholds, differences: FiniteDifferences) -> list[Fit]:
+    """Fits of listed effects, as many as the formula has terms, that explain as much from its nuisances and are
+    accepted, best first."""
     without = without_other_effects(problem, formula, ())
     without = replace(without, residual=problem.residual(without.mapping))
     about = simulate_sensitivities(problem, without, differences)
@@ -228,8 +227,9 @@ def _listed(
     fits = [fit_screened(problem, differences, about, screened, formula.chi2) for screened in chosen]
     bounds = {p.name: (p.nominal, p.low, p.high) for p in problem.nuisances}
     most = formula.bic + problem.settings.decision.min_delta_bic
-    equal = (fit for fit in fits if fit.bic < most and weigh_fit(base, fit, limits, bounds).admissible)
-    return min(equal, key=lambda fit: fit.bic, default=None)
+    equal = [fit for fit in fits if fit.bic < most and weigh_fit(base, fit, limits, bounds).admissible]
+    accepted = [fit for fit in equal if _gate(base, fit, fit.bic, limits, problem.settings)[0]]
+    return sorted(accepted, key=lambda fit: fit.bic)
 
 
 def _differs(fit: Fit, best: Fit, base: Fit) -> bool:

@@ -145,8 +145,9 @@ def _search(
             if fit.status != FAILED and not fit.in_windows and fit.label not in partnered:
                 leading.setdefault(fit.hypothesis[0].exclusion_group, fit)
         chosen = list(leading.values())[: problem.settings.selection.partners]
-        partnered.update(fit.label for fit in chosen)
-        return _pairs_of_leading(baseline, sensitivities, chosen, singles(), limits, limit)
+        found = _pairs_of_leading(baseline, sensitivities, chosen, singles(), limits, limit)
+        partnered.update(fit.label for fit in found if len(fit.hypothesis) == 1)
+        return found
 
     def sums(limit: SearchLimit) -> list[Fit]:
         return _fit_sums_first(baseline, sensitivities, limits, limit)

@@ -261,8 +261,7 @@ class Case:
         """The decision by a rule."""
         because, best, said = rule.because.format(c=self), self.best, self.said
         if said and rule.verdict == UNEXPLAINED:
-            sure = () if self.evidence.inconsistent or self.test.outcome == RISES else said.certain
-            said = replace(said, chosen=said.base, equivalent=[], twins=[], best_known=best.fit, certain=sure)
+            said = replace(said, chosen=said.base, equivalent=[], twins=[], best_known=best.fit)
         if said:
             return replace(said, verdict=rule.verdict, because=because) if rule.verdict else said
         equal = [best, *self.rivals] if rule.verdict == AMBIGUOUS else []
@@ -419,6 +418,8 @@ def verdict(evidence: Evidence, settings: DecisionSettings = DEFAULT_SETTINGS.de
         if asked and (said is None or said.verdict in (*_NAMES, AMBIGUOUS)):
             case = Case(evidence, settings, said)
             said = case.decided(next(rule for rule in rules if rule.holds(case)))
+    if evidence.inconsistent or (evidence.held_out and evidence.held_out.test.outcome == RISES):
+        said = replace(said, certain=())
     return said
 
 
