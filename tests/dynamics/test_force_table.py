@@ -179,6 +179,8 @@ def test_a_long_table_is_thinned_to_the_curve_of_all_its_rows(table):
     assert error < 1e-4 * np.ptp(force)
     stated = float(remark.partition("at most ")[2].partition(" N")[0])
     assert error <= 1.1 * stated
+    (remark,) = remarks_of(table(degrees, np.zeros(degrees.size)))
+    assert "at most 0 N, 0 % of the range" in remark
 
 
 def test_a_repeated_row_counts_once_and_a_missing_one_is_bridged(table):

@@ -1,4 +1,5 @@
 from dataclasses import fields
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths import optimise as stage
 from jointgap.lengths.optimise import objectives, optimise
-from jointgap.lengths.region import PinForce
+from jointgap.lengths.region import PinForce, Region
+from jointgap.lengths.search import Point
 from jointgap.scenario.figures import draw
 from jointgap.scenario.outcome import headline, outcome
 
@@ -161,3 +163,14 @@ def test_lengths_are_searched_where_their_simulated_force_keeps_a_limit_that_the
         optimise(mechanism, SIMULATE, below(2.0 * peak), POINTS, trajectory, {})
     force = found.value.args[0]["paper"].constraints[-1]
     assert force.value((0.147, 0.56)) == pytest.approx(1.5 * peak) and force.high == 2.0 * peak
+
+
+def test_lengths_of_a_search_that_keep_the_limit_are_kept_though_the_next_round_finds_none(mechanism, monkeypatch):
+    limit, region = 100.0, Region.of(OPTIMISE.boxes["paper"], None)
+    forces = {(0.1475, 0.56): limit, (0.1476, 0.56): 1.1 * limit}  # all others: 101 N
+    search = SimpleNamespace(found=[(Point("one", "genetic", lengths), None) for lengths in forces])
+    monkeypatch.setattr(stage, "pin_force", grid_of(lambda crank, rod: limit * crank / 0.15 + 0.0 * rod))
+    monkeypatch.setattr(stage, "peak_pin_force", lambda point: forces.get(point.lengths, 101.0))
+    monkeypatch.setattr(stage, "search_all", lambda *_: [search])
+    given = (mechanism, SIMULATE, below(limit), {}, lambda point: point)
+    assert stage._search_under_force(*given, ("paper", region)) == [search]

@@ -153,19 +153,32 @@ def test_a_largest_force_that_no_lengths_keep_comes_first_with_the_smallest_forc
     assert set(known["reduction_percent"].values()) == {None}
 
 
-def test_lengths_that_keep_the_force_without_a_converged_search_are_no_optimum():
-    tables = frames(force=(400.0, 440.0))
+def least_force(newtons):
+    """The outcome where the lengths with the smallest force, `newtons`, are all that is there; 450 N are allowed."""
+    tables = frames(force=(400.0, newtons))
     for table in tables.values():
         if "point" in table:
             table["point"] = table["point"].replace("simulation_settled_within_local", "least_force_within")
     tables["optimise_optima"] = tables["optimise_optima"].query("point in ('original', 'least_force_within')")
     tables["optimise_optima"].loc[lambda own: own["point"] == "least_force_within", "method"] = "least_force"
     tables["optimise_floor"] = tables["optimise_floor"].iloc[:0]
-    least = outcome(tables, scenario(constraints={"largest_pin_force": "450 N"}))
+    return outcome(tables, scenario(constraints={"largest_pin_force": "450 N"}))
+
+
+def test_lengths_that_keep_the_force_without_a_converged_search_are_no_optimum():
+    least = least_force(440.0)
     assert any("did not converge under the force limit" in remark for remark in remarks(least))
     known = document(least, "mine", ())
     assert (known["status"], known["found_on"]) == ("not converged", None)
-    assert "Motion used by the search" not in to_markdown(page(least, "mine", ()))
+    text = to_markdown(page(least, "mine", ()))
+    assert "Motion used by the search" not in text and "No bound is active" not in text
+
+
+def test_a_smallest_force_just_above_the_limit_is_infeasible_and_no_search_that_did_not_converge():
+    least = least_force(451.0)  # within the tolerance of the force
+    assert document(least, "mine", ())["status"] == "infeasible" and "least: 451 N" in headline(least)
+    assert "did not converge" not in " ".join(remarks(least))
+    assert "| largest force in a pin | 450 N at most | 400 N | 451 N | no |" in to_markdown(page(least, "mine", ()))
 
 
 def test_the_page_tells_lengths_gain_price_and_what_was_asked():

@@ -637,7 +637,7 @@ def page(found: RobustOptimum, scenario: Scenario, name: str) -> Page:
     cranks, rods = region.searched
     method = (
         f"{len(tried)} pairs of lengths (searched in mm: crank {cranks}, rod {rods}), each simulated in the same "
-        f" {options.draws} samples (scrambled Sobol sequence, seed {options.seed}). Search: a grid, then "
+        f"{options.draws} samples (scrambled Sobol sequence, seed {options.seed}). Search: a grid, then "
         f"differential evolution for the error, then NSGA-II for the front. Active limits: {active}. All numbers are "
         "in the Parquet files next to this page; `jointgap describe FILE` explains their columns."
     )

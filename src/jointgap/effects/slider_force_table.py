@@ -199,7 +199,8 @@ def _read_table(given: ForceTableParameters, _changed: int) -> _Table:
         spline, error = _thinned(spline, period)
         remarks += (
             f"{path}: {rows.size} rows are thinned to a spline of {spline.x.size - 1} pieces; it deviates from the "
-            f"spline through all rows by at most {error:.2g} N, {100.0 * error / np.ptp(value):.2g} % of the range",
+            f"spline through all rows by at most {error:.2g} N, {100.0 * error / (np.ptp(value) or 1.0):.2g} % of the "
+            "range",
         )
     return np.column_stack([spline.x[:-1], spline.c.T]), float(place[0]), period, remarks
 

@@ -141,7 +141,7 @@ def _search_under_force(
     Where re-simulated lengths have another force than the surface, the surface is scaled to it and the search repeated.
     """
     (box, region), most = where, options.constraints.largest_pin_force
-    surface = pin_force(mechanism, simulate, options, region)
+    surface, within = pin_force(mechanism, simulate, options, region), []
     for _ in range(FORCE_ROUNDS):
         forces = surface.value(region.samples)
         crank, rod = map(float, region.samples[np.argmin(forces)])
@@ -150,16 +150,18 @@ def _search_under_force(
             force = peak_pin_force(again(nearest))
             if force > most:
                 status = f"no lengths within the bounds keep the pin force below {number(most)} N"
-                return replace(nearest, status=status)
+                return within or replace(nearest, status=status)
             surface = replace(surface, factor=surface.factor * force / least)
         limited = replace(region, constraints=(*region.constraints, surface.limited(most)))
         searches = search_all(by_source, {box: limited}, options)
         peaks = [peak_pin_force(again(point)) for search in searches for point, _ in search.found]
         if max(peaks) <= (1.0 + FORCE_SLACK) * most:
             return searches
+        if min(peaks) <= FORCE_TOLERANCE * most:  # `outcome` chooses among those
+            within = searches
         surface = replace(surface, factor=surface.factor * max(peaks) / most)
-    if min(peaks) <= FORCE_TOLERANCE * most:  # `outcome` chooses among those
-        return searches
+    if within:
+        return within
     status = f"the search found no lengths that keep the pin force below {number(most)} N in {FORCE_ROUNDS} rounds"
     return replace(nearest, status=status)
 

@@ -568,7 +568,8 @@ def _without_optimum(name: str, optima: pd.DataFrame, scenario: Scenario) -> Dra
     from jointgap.lengths.region import LEAST_FORCE  # loads scipy
 
     if (optima["point"] == f"{LEAST_FORCE}_{next(iter(scenario.optimise.boxes))}").any():
-        return plot.message_sheet(FIGURES[name].title, "no optimum: no lengths found that keep the largest pin force")
+        sentence = "no optimum: no lengths found that keep the largest pin force"
+        return plot.message_sheet(described(name, scenario).title, sentence)
     return None
 
 

@@ -106,9 +106,10 @@ class Outcome:
     @property
     def status(self) -> str:
         """``optimal``, ``infeasible``, or ``not converged``; without an optimum the lengths have the smallest force."""
-        if not self.within_force_limit():
-            return "infeasible"
-        return "not converged" if self.chosen["method"] == LEAST_FORCE else "optimal"
+        if self.chosen["method"] == LEAST_FORCE:
+            most = self.scenario.optimise.constraints.largest_pin_force
+            return "infeasible" if self.peak_force[1] > most else "not converged"
+        return "optimal" if self.within_force_limit() else "infeasible"
 
 
 def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
@@ -440,7 +441,7 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
         _change("crank over rod [1]", crank / rod, new_crank / new_rod, 5) | {searched: limit},
     )
     yield TableBlock.of(rows, "lrrrrr")
-    if not outcome.bounds and outcome.within_force_limit():
+    if outcome.found and not outcome.bounds and outcome.within_force_limit():
         by_default = cranks == "fixed" and outcome.box == "own"  # without boxes in the configuration
         kept = " The crank keeps its length; `optimise.boxes` lets both vary." if by_default else ""
         yield Paragraph(f"No bound is active.{kept}")
@@ -531,7 +532,7 @@ def _constraints(outcome: Outcome) -> Iterator[Block]:
     ]
     if (most := options.largest_pin_force) is not None:
         forces = (f"{number(force)} N" for force in outcome.peak_force)
-        rows.append(("largest force in a pin", f"{number(most)} N at most", *forces, outcome.within_force_limit()))
+        rows.append(("largest force in a pin", f"{number(most)} N at most", *forces, outcome.status != "infeasible"))
     if rows:
         yield Heading("Constraints")
         shown = tuple((*words, Cell("yes", "good") if met else Cell("no", "bad")) for *words, met in rows)

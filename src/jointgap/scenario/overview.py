@@ -88,6 +88,8 @@ def overview_page(table: pd.DataFrame) -> Page:
 
 
 def side_by_side(table: pd.DataFrame) -> list[Block]:
+    if table.empty:
+        return []
     rows = map(_cells, table.itertuples(index=False))
     return [Paragraph(_TEXT), TableBlock.of(rows, "lrrllrrrrrrrrrr"), *_by_count(table)]
 
