@@ -12,7 +12,7 @@ from jointgap.config import Mechanism, Simulate
 from jointgap.dynamics.simulation import simulate
 
 PER_TURN, FINE, DROPPED, KEPT = 200, 20, 12, 5
-SPEEDS = {"slow": 150.0, "mid": 280.0, "fast": 400.0}  # rpm
+SPEEDS = {"slow": 150.0, "mid": 215.0, "fast": 280.0}  # rpm; mid is held out
 PIN = {"journal": "crank", "journal_radius": 7e-3, "bearing_radius": 7.8e-3, "contact": "steel"}
 MODEL = {
     "crank": {"length": 0.15, "mass": 0.3704, "inertia": 1.458e-3, "mass_centre": 0.075},
@@ -50,7 +50,7 @@ def measured(folder: Path, hidden: dict, delay: float, seed: int) -> Path:
             "crank_torque": torque + noise[2],
         }
         pd.DataFrame(table).to_csv(folder / f"{run}.csv", index=False)
-        role = "confirm" if run == "fast" else "identify"
+        role = "confirm" if run == "mid" else "identify"
         listed.append({"id": run, "file": f"{run}.csv", "speed": speed, "role": role})
     units = {"time": "s", "crank_angle": "rad", "slider_position": "m", "crank_torque": "N*m"}
     channels = {name: {"column": name, "unit": unit} for name, unit in units.items()}
