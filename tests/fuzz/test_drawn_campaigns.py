@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 COUNT = 40
 SECONDS = 15.0  # CPU time of a command; the draw of a slower one is undecided
 SCHEMA = json.loads((ROOT / "workflow/schemas/verdict.schema.json").read_text(encoding="utf-8"))
-SELECTION = {"max_singles": 3, "leading_singles": 2, "partners": 1, "linearised_partners": 3}
+SELECTION = {"max_singles": 3, "partners": 1, "linearised_partners": 3}
 SELECTION |= {"max_simulations": 200, "max_simulations_of_statistics": 60}
 SHORT = replace(
     DEFAULT_SETTINGS,
