@@ -184,13 +184,14 @@ fast: null => none is for validation ~ confirm (or split
 {slow: null, mid: null} => none is for fitting ~ identify (or split
 mid: {id: slow} => two have the id 'slow' ~ give each its own
 mid: {file: slow.csv} => 'slow' and 'mid' both read slow.csv ~ role split
-mid: {speed: 400 Hz} => runs.1.speed = '400 Hz' ~ rpm, turn/s or rad/s
-mid: {speed: -150 rpm} => runs.1: speed -15.708 rad/s must be greater than 0 ~ 'direction: clockwise'
-mid: {start: warm} => runs.1.start ~ 'warm' ~ settled, at_rest ~ {angle: 40 deg
-mid: {start: {}} => runs.1.start ~ is empty; give angle, turned or ran
-mid: {start: {turned: 6.3, ran: 1 s}} => runs.1.start ~ turned and ran ~ remove one
-mid: {start: {angle: 3 mm}} => runs.1.start ~ angle ~ mm
-mid: {stat: settled} => unknown key 'runs.1.stat' ~ did you mean 'start'
+mid: {speed: 400 Hz} => runs.mid.speed = '400 Hz' ~ rpm, turn/s or rad/s
+mid: {speed: -150 rpm} => runs.mid: speed -15.708 rad/s must be greater than 0 ~ 'direction: clockwise'
+mid: {start: warm} => runs.mid.start ~ 'warm' ~ settled, at_rest ~ {angle: 40 deg
+mid: {start: {}} => runs.mid.start ~ is empty; give angle, turned or ran
+mid: {start: {turned: 6.3, ran: 1 s}} => runs.mid.start ~ turned and ran ~ remove one
+mid: {start: {angle: 3 mm}} => runs.mid.start ~ angle ~ mm
+mid: {stat: settled} => unknown key 'runs.mid.stat' ~ did you mean 'start'
+mid: {role: fit} => runs.mid.role = 'fit' ~ identify
 mid: {first_angle: 10 deg} => 'mid' has first_angle ~ remove first_angle
 """
 
@@ -198,6 +199,8 @@ mid: {first_angle: 10 deg} => 'mid' has first_angle ~ remove first_angle
 def test_a_mistake_in_a_campaign_is_named_with_file_key_value_and_mend(load, tmp_path):
     cases = [*written(MISTAKES), *(({"runs": runs(**changes)}, words) for changes, words in written(RUNS))]
     cases += [({"mechanism": IDEAL | {"crank": {}}}, "key 'mechanism.crank.length' is missing")]
+    unnamed = [{key: value for key, value in run.items() if key != "id"} for run in CAMPAIGN["runs"]]
+    cases += [({"runs": unnamed}, "key 'runs.0.id' is missing ~ 'runs.2.id'")]
     refused(load, cases, starts=f"{tmp_path / 'rig.yaml'}: ")
 
 
@@ -219,10 +222,10 @@ def test_a_value_of_the_wrong_kind_is_stated_in_words_and_nothing_is_said_that_i
     good = CAMPAIGN | {"mechanism": read_yaml(PAPER), "runs": [RUN], "nuisance": {}, "channels": channels}
     assert validate(Campaign, good, "rig.yaml").runs[0].id == "slow"
     cases = written(KINDS)
-    speed = "runs.0.speed = '3 m': has the unit 'meter' and requires rad/s or a unit that converts to it"
+    speed = "runs.slow.speed = '3 m': has the unit 'meter' and requires rad/s or a unit that converts to it"
     cases += [({"runs": [RUN | {"speed": "3 m"}]}, speed)]  # the only run is not called absent
-    other = "runs.0: id '{}' is a reserved name of results; choose another id"
-    cases += [({"runs": [RUN | {"id": name}]}, other.format(name)) for name in RESERVED_IDS]
+    other = "runs.{}: id '{}' is a reserved name of results; choose another id"
+    cases += [({"runs": [RUN | {"id": name}]}, other.format(name, name)) for name in RESERVED_IDS]
 
     def told(over, words):
         with pytest.raises(InputError) as caught:

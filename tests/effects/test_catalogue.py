@@ -70,7 +70,11 @@ def test_an_effect_that_makes_no_sense_is_refused():
     cases = [
         ([effect("slidr_spring")], "effects.0.name = 'slidr_spring' ~ no such effect ~ did you mean 'slider_spring'"),
         ([{"parameters": {}}], "effects.0.name' is missing"),
-        ([effect("gravity", acceleration=9)], "parameters.acceleration' ~ did you mean 'acceleration_m_s2'"),
+        (
+            [effect("gravity", acceleration=9)],
+            "'effects.gravity.parameters.acceleration' ~ did you mean 'acceleration_m_s2'",
+        ),
+        ([RUBBING, RUBBING | {"site": "piston_pin", "parameters": {"coefficient": 7}}], "pin_friction@piston_pin.par"),
         ([effect("pin_friction", coefficient=0.1)], "site' is missing"),
         (
             [effect("pin_friction", "crank_pivot", coefficient=0.1)],
@@ -109,6 +113,16 @@ def test_a_rod_bends_as_a_uniform_beam_only_where_its_mass_centre_is_near_the_mi
         with pytest.raises(InputError, match=r"rod_flexibility .*uniform beam.*rod\.mass_centre .*rod\.inertia"):
             bending(mass_centre=rod.length / 2 + side * 1.001 * farthest)
     assert mechanism(rod={"mass_centre": 0.1}).rod.mass_centre == 0.1  # a rigid one may have it anywhere
+
+
+MEANT = {"gas_force": "gas_pressure", "cylinder_pressure": "gas_pressure", "drag": "slider_quadratic_drag"}
+MEANT |= {"spring": "slider_spring", "friction": "slider_coulomb_friction", "cogging": "crank_periodic_torque"}
+MEANT |= {"imbalance": "crank_unbalance", "stiction": "slider_stribeck_friction", "oil_film": "lubricated_joint"}
+MEANT |= {"damper": "slider_viscous_friction", "indicator_diagram": "slider_force_table", "bending": "rod_flexibility"}
+
+
+def test_an_effect_under_another_word_is_suggested_by_its_meaning():
+    refused(lambda name: mechanism(effect(name)), [(w, f"did you mean ~ '{n}'") for w, n in MEANT.items()])
 
 
 def test_mass_offset_and_lengths_become_data():

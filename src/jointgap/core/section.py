@@ -68,7 +68,7 @@ class ConfigModel(BaseModel, metaclass=_Called):
     def _keys_are_known(cls, data: Any) -> Any:
         fields = cls.__pydantic_fields__  # model_fields takes a tenth of the time of a sweep's design
         if isinstance(data, dict) and not fields.keys() >= data.keys():
-            known = [field.alias or name for name, field in fields.items()]
+            known = {field.alias or name: field.description or "" for name, field in fields.items()}
             words = {}  # by key: text before and after its path
             for key in data:
                 if instead := cls.removed.get(key):
@@ -135,19 +135,35 @@ def _unquoted(words: str) -> list[str]:
 
 
 def _found(location: tuple, data: object) -> tuple[str, object]:
-    """The path of a key as in the file, and its value there."""
+    """The path of a key as in the file, with the ids or names of the entries of lists, and its value there."""
     steps = []
-    for step in location:
-        if (isinstance(data, Mapping) and step in data) or (
-            isinstance(data, list | tuple) and isinstance(step, int) and step < len(data)
-        ):
+    for place, step in enumerate(location):
+        if isinstance(data, Mapping) and step in data:
             data = data[step]
+        elif isinstance(data, list | tuple) and isinstance(step, int) and step < len(data):
+            step, data = _called(data, step, location[place + 1 :]), data[step]
         elif step in _IMPLICIT:
             continue
         elif not (isinstance(data, Mapping) and step in data.values()):  # the name of an effect, or a kind of drive
             data = None
+        elif str(step) == steps[-1].partition("@")[0]:  # an effect that is called so
+            continue
         steps.append(str(step))
     return ".".join(steps), data
+
+
+def _called(entries: list | tuple, place: int, following: tuple) -> str:
+    """The id of an entry of a list, or the name of an effect (with its site if it is not the only one); else `place`."""
+
+    def label(entry: Any, *keys: str) -> str:
+        return "@".join(str(entry[key]) for key in keys) if isinstance(entry, Mapping) and {*keys} <= {*entry} else ""
+
+    is_effect = label(entries[place], "name") in following[:1]
+    for keys in (("id",), *((("name",), ("name", "site")) if is_effect else ())):
+        labels = [label(entry, *keys) for entry in entries]
+        if labels[place] and labels.count(labels[place]) == 1:
+            return labels[place]
+    return str(place)
 
 
 def _message(item: Mapping) -> str:

@@ -140,7 +140,7 @@ class CrankPeriodicTorque(PeriodicEffect):
 
 @register_effect(order=130)
 class CrankUnbalance(CrankEffect):
-    """An additional mass on the crank, at the distance crank.length from the pivot.
+    """An additional mass (imbalance) on the crank, at the distance crank.length from the pivot.
 
     Its mass is U / crank.length, its inertia U crank.length. Frame forces, gravity and a motor drive show it.
     """

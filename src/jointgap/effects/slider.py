@@ -90,7 +90,7 @@ class SliderPowerDrag(SliderEffect):
 
 @register_effect(order=25)
 class SliderStribeckFriction(SliderEffect):
-    """Dry friction of the slider that decreases with speed: a family of Coulomb friction.
+    """Dry friction of the slider that decreases with speed (stiction): a family of Coulomb friction.
 
     Not a candidate itself: the share is fitted once Coulomb friction is found.
     """
@@ -146,7 +146,7 @@ class SliderPositionFriction(SliderEffect):
 
 @register_effect(order=30)
 class SliderViscousFriction(SliderEffect):
-    """Viscous friction of the slider."""
+    """Viscous friction of the slider, such as of a damper."""
 
     LAW = "F = -c v"
     REFERENCE = FRICTION_SURVEY
