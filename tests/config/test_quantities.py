@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from jointgap.core.units import scaled_unit_factor, to_si, unit_factor
+from jointgap.core.units import respelled, scaled_unit_factor, to_si, unit_factor
 from tests.catalogue import each, refused
 
 SI = {
@@ -28,6 +28,13 @@ NO_NUMBERS += ["nan", "inf m", "turn/0", "turn/3600/2", "9" * 5000, "5 mm" * 100
 NO_NUMBERS += ["7,5 mm", "7,5", "1,5e-3 m", "1 500 mm", "1 500", "1'500 mm", "1\N{NARROW NO-BREAK SPACE}500 mm"]
 NO_NUMBERS += ["1,500.5 mm", "150 mm ± 1", "\N{EN DASH}150 mm", "360 mm/4096"]
 EVALUATED = ["9**9**9 m", "5 m^9999999999", "5 km⁹⁹⁹⁹⁹⁹⁹⁹", "m/9**9**9", "9**9**9"]
+SPELLED = {
+    "rad/s": {"RPM": "rpm", "r/min": "turn/min", "min-1": "rpm", "U/min": "turn/min", "RPS": "turn/s"},
+    "rad": {"rev": "turn", "CAD": "deg", "°CA": "deg", "DEG": "deg"},
+    "m/s^2": {"G": "g_n", "g": "g_n", "M/S2": "m/s2"},
+    "N*m": {"N-m": "N*m", "N.m": "N*m", "nm": "N*m", "ft-lb": "lbf*ft", "in lbf": "lbf*inch", "kg-cm": "kgf*cm"},
+    "s": {"Sec": "sec", "V": ""},
+}
 
 
 def test_a_number_with_a_unit_is_converted():
@@ -35,6 +42,13 @@ def test_a_number_with_a_unit_is_converted():
         assert to_si(text, unit) == pytest.approx(number, rel=1e-14)
 
     each(converted, [(text, unit, number) for unit, texts in SI.items() for text, number in texts.items()])
+
+
+def test_usual_spellings_of_units_are_understood_as_what_the_quantity_needs():
+    def understood(base, written, unit):
+        assert respelled(written, base) == unit
+
+    each(understood, [(base, *pair) for base, units in SPELLED.items() for pair in units.items()])
 
 
 def test_what_is_no_number_with_a_unit_is_refused_and_nothing_in_a_text_is_evaluated():

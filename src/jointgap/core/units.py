@@ -132,6 +132,48 @@ def _checked_unit(unit: str, base: str) -> str:
     raise ValueError(f"is {'not a unit' if unit.strip() else 'empty'}; write a unit such as {base}")
 
 
+_WORDS = {
+    "turn": "r rev revs revolution revolutions rot turns u umdr tr cycle cycles",
+    "deg": "degr degs grad cad ca degca deg*ca °ca °kw",
+    "s": "secs sek",
+    "ms": "msecs millis",
+    "us": "usecs micros",
+    "rpm": "rpm 1/min /min min^-1",
+    "turn/s": "rps",
+    "g_n": "g gs gn g's",
+    "um": "micron microns",
+    "inch": "in inches",
+    "N": "n newton newtons",
+    "kN": "kn",
+    "lbf": "lb lbs",
+    "ozf": "oz",
+    "kgf": "kg kp",
+    "N*m": "nm n*m newtonmeter newtonmetre",
+    "lbf*ft": "ftlb ftlbs ft*lb ft*lbs ft*lbf lb*ft lbs*ft lbf*ft",
+    "lbf*inch": "inlb in*lb in*lbs in*lbf lb*in lbs*in lbf*in",
+    "ozf*inch": "oz*in in*oz ozf*in in*ozf",
+    "Hz": "hz",
+}
+UNIT_SPELLINGS = {written: unit for unit, spellings in _WORDS.items() for written in spellings.split()}
+"""Unit for pint, by spellings that pint does not know or reads as another unit: lower case, ``*`` for the point or
+hyphen of a product. See `respelled`.
+"""
+
+
+def respelled(unit: str, base: str) -> str:
+    """`unit` in a spelling that pint knows, such as N*m for ``N-m``; '' where that does not convert to `base`."""
+    text = re.sub(r"(?<=[^\W\d])(?=-[0-9])", "^", " ".join(unit.translate(_SIGNS).split()))  # min-1
+    text = re.sub(r"(?<=[^\W\d]) ?[-. ] ?(?=[^\W\d])", "*", text)
+    words = re.sub(r"[^\W\d_]+", lambda word: UNIT_SPELLINGS.get(word[0].lower(), word[0]), text)
+    for known in (UNIT_SPELLINGS.get(text.lower(), ""), words, text.lower()):
+        try:
+            unit_factor(known, base)
+        except ValueError:
+            continue
+        return known
+    return ""
+
+
 _LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 """Keywords of JSON schemas for pydantic's limits."""
 
