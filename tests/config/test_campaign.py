@@ -147,7 +147,13 @@ channels: {crank_angle: {counts_per_turn: 4000}} => unit = 'deg' and counts_per_
 channels: {crank_angle: {unit: count}} => crank_angle.unit = 'count' ~ counts_per_turn of an angle
 channels: {crank_torque: {rate: 2 kHz}} => unit = 'N*m' and rate are both given
 csv: {separator: ",", decimal: ","} => csv ~ separator ',' cannot separate columns
-channels: {slider_acceleration: {unit: g}} => slider_acceleration.unit = 'g' ~ g_n
+channels: {slider_acceleration: {unit: g}} => slider_acceleration.unit = 'g' ~ did you mean 'g_n'?
+channels: {slider_acceleration: {unit: G}} => slider_acceleration.unit = 'G' ~ did you mean 'g_n'?
+channels: {crank_torque: {unit: ft-lb, noise: null}} => crank_torque.unit = 'ft-lb' ~ did you mean
+channels: {crank_angle: {unit: CAD}} => crank_angle.unit = 'CAD' ~ did you mean 'deg'?
+channels: {crank_torque: {unit: A, scale: 0.35 N-m/A}} => crank_torque.scale = '0.35 N-m/A' ~ '0.35 N*m/A'?
+nuisance: {encoder_zero: 0.1 rev} => encoder_zero = '0.1 rev' ~ did you mean '0.1 turn'?
+nuisance: {crank_length: [0.1, "0,2 m"]} => crank_length ~ has a decimal comma; write '0.2 m'
 channels: {crank_speed: {column: w, unit: Hz}} => crank_speed.unit = 'Hz' ~ rpm, turn/s or rad/s
 channels: {crank_angle: {unit: ""}} => crank_angle.unit = '' ~ write one such as s, deg
 channels: {crank_torque: {unit: 1 000 N*m}} => crank_torque.unit = '1 000 N*m' ~ is not a unit
@@ -170,7 +176,7 @@ nuisance: {slider_offset: "5"} => slider_offset = '5' ~ '5 %' or an amount such 
 nuisance: {encoder_zero: -3 deg} => encoder_zero = '-3 deg': must be greater than 0
 nuisance: {encoder_zero: 5 kg} => encoder_zero = '5 kg' ~ requires rad or a unit that converts to it ~ such as '5 deg'
 nuisance: {encoder_zero: 5 dge} => encoder_zero = '5 dge' ~ no unit 'dge'; give an amount such as '5 deg'
-nuisance: {slider_mass: "0,5 %"} => is not a number with a unit
+nuisance: {slider_mass: "0,5 %"} => has a decimal comma; write '0.5 %'
 nuisance: {slider_mass: 120 %} => less than 100 %
 nuisance: {slider_mass: [0.5, 0.4]} => wrong order ~ lower bound first
 nuisance: {slider_mass: [400 mm, 0.5]} => slider_mass ~ requires kg

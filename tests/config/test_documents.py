@@ -50,6 +50,18 @@ def test_what_readers_of_yaml_take_for_different_things_is_refused(content_of):
     each(told, "0600 -0600 08 1_000 10:30 1:30.5 0x10 0x_ 0b1 0o17 yes On no OFF".split())
 
 
+COMMAS = [("{m: 2,4 kg, n: 1}", "2,4 kg", "2.4 kg"), ("{m: -2,4}", "-2,4", "-2.4"), ("{m: 0,05}", "0,05", "0.05")]
+COMMAS += [("[0,3, 0,9]", "0,3", "0.3"), ("[0,3 mm, 0,9 mm]", "0,3 mm", "0.3 mm"), ("[5, 0,9]", "0,9", "0.9")]
+
+
+def test_a_decimal_comma_in_braces_or_brackets_is_refused_where_it_is_certain(content_of):
+    words = "line 1 ~ {} has a decimal comma, which separates entries here; write {}"
+    refused(content_of, [(f"a: {text}\n", words.format(*numbers)) for text, *numbers in COMMAS])
+    lists = {"[0,3]": [0, 3], "[1,2,3, 4]": [1, 2, 3, 4], "[1,2,\n  3,4]": [1, 2, 3, 4], "[x1,2, 3]": ["x1", 2, 3]}
+    for text, content in (lists | {"{1: 1,2: 2}": {1: 1, 2: 2}, "{1: 0.1,2: 0.2}": {1: 0.1, 2: 0.2}}).items():
+        assert content_of(f"a: {text}\n")["a"] == content
+
+
 def test_what_is_unmistakable_is_read_as_written(content_of):
     text = """
     numbers: [0, -5, +7, 1.5, .5, 1.0e-9, 1e-9]

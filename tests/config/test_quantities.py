@@ -25,15 +25,25 @@ SI = {
 }
 NO_NUMBERS = ["", " ", "mm", "0.1.5 m", "150:200 mm", "150 - 200 mm", "2*3 mm", "5 mm 3", "5 mm/", "5 m//s", "7 mm."]
 NO_NUMBERS += ["nan", "inf m", "turn/0", "turn/3600/2", "9" * 5000, "5 mm" * 1000, "5 1/2 inch", "1/2 inch"]
-NO_NUMBERS += ["7,5 mm", "7,5", "1,5e-3 m", "1 500 mm", "1 500", "1'500 mm", "1\N{NARROW NO-BREAK SPACE}500 mm"]
+NO_NUMBERS += ["1 500 mm", "1 500", "1'500 mm", "1\N{NARROW NO-BREAK SPACE}500 mm"]
 NO_NUMBERS += ["1,500.5 mm", "150 mm ± 1", "\N{EN DASH}150 mm", "360 mm/4096"]
+WITH_COMMA = {"7,5 mm": "'7.5 mm'", "7,5": "'7.5'", "-1,5e-3 m": "'-1.5e-3 m'", ",5 m": "'0.5 m'"}
+WITH_COMMA |= {"0,500 m": "'0.500 m'", "1,500 mm": "'1.500 mm' (or '1500 mm')"}
 EVALUATED = ["9**9**9 m", "5 m^9999999999", "5 km⁹⁹⁹⁹⁹⁹⁹⁹", "m/9**9**9", "9**9**9"]
 SPELLED = {
     "rad/s": {"RPM": "rpm", "r/min": "turn/min", "min-1": "rpm", "U/min": "turn/min", "RPS": "turn/s"},
     "rad": {"rev": "turn", "CAD": "deg", "°CA": "deg", "DEG": "deg"},
     "m/s^2": {"G": "g_n", "g": "g_n", "M/S2": "m/s2"},
     "N*m": {"N-m": "N*m", "N.m": "N*m", "nm": "N*m", "ft-lb": "lbf*ft", "in lbf": "lbf*inch", "kg-cm": "kgf*cm"},
-    "s": {"Sec": "sec", "V": ""},
+    "s": {"Sec": "sec", "mS": "ms", "V": ""},
+    "kg": {"Kg": "kg", "kgs": "kg"},
+    "N": {"lbs": "lbf", "KN": "kN", "kp": "kgf"},
+    "m": {"MM": "mm", '"': "inch"},
+    "Pa": {"Mpa": "MPa", "barg": "bar"},
+    "Hz": {"khz": "kHz", "kS/s": "kHz"},
+    "kg*m^2": {"kgm2": "kg*m2", "kg.m^2": "kg*m^2"},
+    "N*s/m": {"Ns/m": "N*s/m", "N-s/m": "N*s/m"},
+    "": {"pct": "%"},
 }
 
 
@@ -51,8 +61,21 @@ def test_usual_spellings_of_units_are_understood_as_what_the_quantity_needs():
     each(understood, [(base, *pair) for base, units in SPELLED.items() for pair in units.items()])
 
 
+def test_a_unit_that_is_not_understood_is_answered_with_the_one_that_is_meant():
+    suggested = [
+        (base, *pair) for base, units in SPELLED.items() for pair in units.items() if all(pair) and " " not in pair[0]
+    ]
+    cases = [(f"2 {written}", base, f"; did you mean '2 {unit}'?") for base, written, unit in suggested]
+    refused(to_si, [*cases, ("rev/3600", "rad", "did you mean 'turn/3600'?")], ValueError)
+    refused(unit_factor, [(written, base, f"did you mean '{unit}'?") for base, written, unit in suggested], ValueError)
+    refused(unit_factor, [(unit, unit, "did you mean 'N*m/A'?") for unit in ("N-m/A", "N.m/A")], ValueError)
+    scales = [(f"0.35 {unit}/A", "A", "N*m", "did you mean") for unit in ("N-m", "ft-lb", "lb.in")]
+    refused(scaled_unit_factor, scales, ValueError)
+
+
 def test_what_is_no_number_with_a_unit_is_refused_and_nothing_in_a_text_is_evaluated():
     cases = [(text, "m", "is not a number with a unit") for text in NO_NUMBERS + EVALUATED]
+    cases += [(text, "m", f"has a decimal comma; write {plain}") for text, plain in WITH_COMMA.items()]
     cases += [(text, "m", "with a unit") for text in ("1_500 mm", "5 furlongg", "0x10 mm", "5 and", "5½ inch")]
     cases += [(number, "m", "too large for a number") for number in (10**400, -(10**400))]
     cases += [(value, "m", "finite") for value in ("1e400", "1e400 mm", math.inf, math.nan)]

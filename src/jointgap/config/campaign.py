@@ -23,7 +23,16 @@ from jointgap.core.csv_files import Csv
 from jointgap.core.errors import did_you_mean
 from jointgap.core.joints import PINS
 from jointgap.core.section import ConfigModel, Name, Word, checked, text_of
-from jointgap.core.units import Angle, quantity, scaled_unit_factor, split_quantity, split_share, to_si, unit_factor
+from jointgap.core.units import (
+    Angle,
+    quantity,
+    respelled,
+    scaled_unit_factor,
+    split_quantity,
+    split_share,
+    to_si,
+    unit_factor,
+)
 from jointgap.effects.clearance import LEAST_CLEARANCE
 
 CHANNELS = {
@@ -60,8 +69,6 @@ FILTER_ORDER = 4
 """Order of the Butterworth low-pass that describes a sensor's bandwidth."""
 
 _UNIT_HINTS = {
-    "g": "g is the gram; the standard acceleration of gravity is g_n",
-    "nm": "nm is the nanometre; a torque is N*m",
     "Hz": "Hz is ambiguous for turns; write rpm, turn/s or rad/s",
     **dict.fromkeys(
         ("count", "counts"),
@@ -127,8 +134,9 @@ class Channel(ConfigModel):
             whole, _ = split_share(unit)
             unit_factor(whole, whole)
         except Exception as error:  # pint raises a dozen kinds
-            hint = "is not a unit; write one such as s, deg, mm, g_n, N*m or rpm"
-            raise ValueError(_UNIT_HINTS.get(unit, hint)) from error
+            known = respelled(unit)
+            hint = f"did you mean '{known}'?" if known else "write one such as s, deg, mm, g_n, N*m or rpm"
+            raise ValueError(_UNIT_HINTS.get(unit, f"is not a unit; {hint}")) from error
         return unit
 
     @field_validator("noise", "resolution", mode="before")
@@ -167,8 +175,9 @@ def channel_factor(name: str, unit: str, scale: str | None = None) -> float:
         return unit_factor(unit, base) if scale is None else scaled_unit_factor(scale, unit, base)
     except ValueError as error:
         key = f"unit = '{unit}'" if scale is None else f"scale = '{scale}' of a column in {unit}"
-        hint = _UNIT_HINTS.get(unit, f"for a sensor's signal give the factor, such as scale: 1 {base}/{unit}")
-        raise ValueError(f"{name}.{key} {error}; {hint}") from error
+        factor = f"for a sensor's signal give the factor, such as scale: 1 {base}/{unit}"
+        hint = _UNIT_HINTS.get(unit, "" if str(error).endswith("?") else factor)
+        raise ValueError(f"{name}.{key} {error}{hint and f'; {hint}'}") from error
 
 
 _ANGLES = {"crank_angle", "rod_angle"}

@@ -28,10 +28,11 @@ _TWO_MEANINGS = re.compile(
 
 
 class _StrictLoader(yaml.SafeLoader):
-    """YAML without ambiguous values and duplicate keys; dates are text."""
+    """YAML without ambiguous values, decimal commas and duplicate keys; dates are text."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node:
         node = super().compose_node(parent, index)
+        _refuse_decimal_commas(node, is_key=isinstance(parent, yaml.MappingNode) and index is None)
         if isinstance(node, yaml.ScalarNode) and node.style is None and _TWO_MEANINGS.fullmatch(node.value):
             problem = (
                 f"{node.value} differs between YAML versions; write a plain decimal number, true "
@@ -46,6 +47,44 @@ class _StrictLoader(yaml.SafeLoader):
                 raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             lines[name] = line
         return node
+
+
+def _refuse_decimal_commas(node: yaml.Node, is_key: bool) -> None:
+    """An error for numbers such as 2,4 in braces and brackets, where a comma separates entries.
+
+    In a list such as [0,3, 0,9] spaces after the other commas show what is meant; [0,3] is 0 and 3.
+    """
+    if isinstance(node, yaml.ScalarNode):
+        end = node.end_mark.pointer
+        has_value = node.end_mark.buffer[end : end + 20].lstrip().startswith(":")
+        if (is_key and not has_value) or re.match("0[0-9]", node.value):
+            _refuse(node, _with_point(node))
+    elif isinstance(node, yaml.SequenceNode) and node.flow_style:
+        numbers = [_with_point(entry) for entry in node.value[1:]]
+        before = [_text_before(entry) for entry in node.value[1:]]
+        is_spaced = any(re.search(", +$", text) for text in before)
+        if is_spaced and all(bool(one) == text.endswith(",") for one, text in zip(numbers, before, strict=True)):
+            for entry, number in zip(node.value[1:], numbers, strict=True):
+                _refuse(entry, number, ", or a space after every comma")
+
+
+def _with_point(node: yaml.Node) -> str:
+    """The number that a decimal comma before an unquoted `node` would give, with a decimal point; else ''."""
+    if not isinstance(node, yaml.ScalarNode) or node.style or not re.match(r"[0-9]+(?![0-9.])", node.value):
+        return ""
+    before = re.search(r"(?<![\w.,])([-+]?[0-9]+),$", _text_before(node))
+    return f"{before[1]}.{node.value}" if before else ""
+
+
+def _text_before(node: yaml.Node) -> str:
+    return node.start_mark.buffer[max(node.start_mark.pointer - 30, 0) : node.start_mark.pointer]
+
+
+def _refuse(node: yaml.Node, number: str, or_else: str = "") -> None:
+    if number:
+        given = number.replace(".", ",", 1)
+        problem = f"{given} has a decimal comma, which separates entries here; write {number}{or_else}"
+        raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
 
 
 def _day(loader: _StrictLoader, node: yaml.ScalarNode) -> str:

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.section import ConfigModel
-from jointgap.core.units import unit_factor
+from jointgap.core.units import respelled, unit_factor
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 _BINARY = (b"PK\x03\x04", b"\x1f\x8b", b"\xd0\xcf\x11\xe0")  # first bytes of archives and spreadsheets
@@ -55,7 +55,7 @@ class Columns:
         """The unit of a column in the row of units, where its factor to the SI `unit` is not `factor`."""
         written = self.units.get(column)
         try:
-            own = unit_factor(written, unit) if written else factor
+            own = unit_factor(respelled(written, unit) or written, unit) if written else factor
         except Exception:  # unknown to pint
             return None
         return None if np.isclose(own, factor, rtol=1e-6) else written

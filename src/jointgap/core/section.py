@@ -153,7 +153,7 @@ def _found(location: tuple, data: object) -> tuple[str, object]:
 
 
 def _called(entries: list | tuple, place: int, following: tuple) -> str:
-    """The id of an entry of a list, or the name of an effect (with its site if it is not the only one); else `place`."""
+    """The id of an entry of a list, or the name of an effect (with its site if there are several); else `place`."""
 
     def label(entry: Any, *keys: str) -> str:
         return "@".join(str(entry[key]) for key in keys) if isinstance(entry, Mapping) and {*keys} <= {*entry} else ""

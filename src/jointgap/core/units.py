@@ -6,6 +6,8 @@ it would evaluate whole formulas, only text in the form of a unit is passed on.
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache, lru_cache
 from typing import Annotated, Any
 
@@ -21,6 +23,8 @@ _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _PLAIN_POWER = re.compile(r"(?<=[A-Za-z])([234])(?![\w.^])")  # m/s2, kg m2: no unit of pint ends in such a digit
 # Nm, kNm, Nmm, in brackets after a stroke: pint reads Nm as a unit of yarn
 _TORQUE = re.compile(r"(/ ?)?\b([kmM]?N)([mc]?m)\b((?:\^|\*\*)-?\d)?")
+
+_COMMA = re.compile(r"\s*([-+]?[0-9]*),([0-9]+)((?:[eE][-+]?[0-9]+)?(?:\s*[^\s\d.,].*)?)", re.DOTALL)
 
 _NO_QUANTITY = "is not a number with a unit; write one number, with a decimal point, and one unit, such as 1.5 mm"
 
@@ -49,12 +53,24 @@ def to_si(value: Any, unit: str) -> float:
 
 @lru_cache(4096)  # defaults with units are read at each of a fit's thousands of simulations
 def _read(text: str, unit: str) -> float:
-    number, own = split_quantity(text)
-    return _converted(float(number), own, unit) if own else float(number)
+    with _suggesting(*_parts(text), unit):
+        number, own = _split(text)
+        return _converted(float(number), own, unit) if own else float(number)
 
 
 def split_quantity(text: str) -> tuple[str, str]:
     """The number in `text`, as digits for `float`, and its unit for pint, or ''."""
+    with _suggesting(*_parts(text)):
+        return _split(text)
+
+
+def _parts(text: str) -> tuple[str, str]:
+    """The number in `text` with the space after it, and the rest."""
+    number = re.match(rf"\s*{_NUMBER}\s*|", text)[0]
+    return number, text[len(number) :]
+
+
+def _split(text: str) -> tuple[str, str]:
     plain = text.translate(_SIGNS) if len(text) <= _LONGEST else ""
     if found := _QUANTITY.fullmatch(plain):
         number, unit = found.groups()
@@ -63,8 +79,13 @@ def split_quantity(text: str) -> tuple[str, str]:
         number = repr(1.0 / parts) if parts != 1.0 else ""
     own = _unit_for_pint(unit)
     if not number or (unit and not own):
-        raise ValueError(_NO_QUANTITY)
+        raise ValueError(_with_point(*comma.groups()) if (comma := _COMMA.fullmatch(plain)) else _NO_QUANTITY)
     return number, own
+
+
+def _with_point(before: str, after: str, rest: str) -> str:
+    thousands = f" (or '{before}{after}{rest}')" if before.strip("-+0") and len(after) == 3 else ""
+    return f"has a decimal comma; write '{before or 0}.{after}{rest}'{thousands}"
 
 
 def split_share(unit: str) -> tuple[str, float]:
@@ -114,6 +135,11 @@ _RATES = {"rad/s": "rpm, turn/s or rad/s", "Hz": "Hz or 1/s", "rad": "deg, turn 
 @lru_cache
 def unit_factor(unit: str, base: str) -> float:
     """Number of `base` per `unit`."""
+    with _suggesting("", unit, base if base != unit else None):
+        return _factor(unit, base)
+
+
+def _factor(unit: str, base: str) -> float:
     whole, parts = split_share(unit)
     return _converted(1.0 / parts, _checked_unit(whole, base), base)
 
@@ -123,7 +149,8 @@ def scaled_unit_factor(scale: str, unit: str, base: str) -> float:
     """Number of `base` per `unit` of a signal that a `scale` such as ``0.35 N*m/A`` converts."""
     number, own = split_quantity(scale)
     signal = _checked_unit(unit, base)
-    return _converted(float(number), f"({own}) * ({signal})" if own else signal, base)
+    with _suggesting("", own, f"{base}/({signal})"):
+        return _converted(float(number), f"({own}) * ({signal})" if own else signal, base)
 
 
 def _checked_unit(unit: str, base: str) -> str:
@@ -134,15 +161,18 @@ def _checked_unit(unit: str, base: str) -> str:
 
 _WORDS = {
     "turn": "r rev revs revolution revolutions rot turns u umdr tr cycle cycles",
-    "deg": "degr degs grad cad ca degca deg*ca °ca °kw",
+    "deg": "degr degs grad cad ca degca deg*ca °ca °kw º",
+    "deg/s": "dps",
     "s": "secs sek",
     "ms": "msecs millis",
     "us": "usecs micros",
     "rpm": "rpm 1/min /min min^-1",
     "turn/s": "rps",
-    "g_n": "g gs gn g's",
+    "g_n": "g gs gn g's gee",
     "um": "micron microns",
-    "inch": "in inches",
+    "inch": 'in inches "',
+    "thou": "mil mils",
+    "kg": "kgs",
     "N": "n newton newtons",
     "kN": "kn",
     "lbf": "lb lbs",
@@ -152,7 +182,17 @@ _WORDS = {
     "lbf*ft": "ftlb ftlbs ft*lb ft*lbs ft*lbf lb*ft lbs*ft lbf*ft",
     "lbf*inch": "inlb in*lb in*lbs in*lbf lb*in lbs*in lbf*in",
     "ozf*inch": "oz*in in*oz ozf*in in*ozf",
-    "Hz": "hz",
+    "kg*m": "kgm",
+    "g*cm": "gcm",
+    "N*s": "ns",
+    "N*m*s": "nms",
+    "Hz": "hz sps sa/s s/s",
+    "kHz": "khz ksps ksa/s ks/s",
+    "kPa": "kpa",
+    "MPa": "mpa",
+    "GPa": "gpa",
+    "bar": "barg bara",
+    "%": "pct percent",
 }
 UNIT_SPELLINGS = {written: unit for unit, spellings in _WORDS.items() for written in spellings.split()}
 """Unit for pint, by spellings that pint does not know or reads as another unit: lower case, ``*`` for the point or
@@ -160,18 +200,30 @@ hyphen of a product. See `respelled`.
 """
 
 
-def respelled(unit: str, base: str) -> str:
+def respelled(unit: str, base: str | None = None) -> str:
     """`unit` in a spelling that pint knows, such as N*m for ``N-m``; '' where that does not convert to `base`."""
     text = re.sub(r"(?<=[^\W\d])(?=-[0-9])", "^", " ".join(unit.translate(_SIGNS).split()))  # min-1
     text = re.sub(r"(?<=[^\W\d]) ?[-. ] ?(?=[^\W\d])", "*", text)
     words = re.sub(r"[^\W\d_]+", lambda word: UNIT_SPELLINGS.get(word[0].lower(), word[0]), text)
     for known in (UNIT_SPELLINGS.get(text.lower(), ""), words, text.lower()):
         try:
-            unit_factor(known, base)
+            _factor(known, known if base is None else base)
         except ValueError:
             continue
         return known
     return ""
+
+
+@contextmanager
+def _suggesting(number: str, unit: str, base: str | None = None) -> Iterator[None]:
+    """Context in which an error about the `unit` of a `number` suggests another spelling, which converts to `base`."""
+    try:
+        yield
+    except ValueError as error:
+        known = respelled(unit, base) if len(unit) <= _LONGEST else ""
+        if known in ("", unit):
+            raise
+        raise ValueError(f"{str(error).partition(';')[0]}; did you mean '{number}{known}'?") from error
 
 
 _LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
