@@ -81,6 +81,17 @@ def test_a_mistake_ends_the_command_with_one_line_and_code_two(tmp_path):
     assert "unknown key 'mechanism.crnk'; did you mean 'crank'?" in done.stderr
 
 
+def test_config_prints_the_warnings_of_a_run(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "mechanism: {base: compressor, slider: {mass: 2400}}\nscenarios: {a: {simulate: {speed: 145 rpm}}}\n"
+    )
+    done = jointgap("config", file)
+    assert json.loads(done.stdout)["mechanism"]["slider"]["mass"] == 2400
+    warnings = [line.split(":")[1].strip() for line in done.stderr.splitlines()]
+    assert warnings[0] == "slider.mass"
+
+
 def test_a_file_or_an_option_that_is_wrong_in_itself_is_reported(tmp_path):
     file, written = tmp_path / "mine.yaml", tmp_path / "growth.parquet"
 

@@ -28,6 +28,20 @@ def test_clearances_of_more_than_a_twentieth_of_the_journal_and_masses_far_apart
     assert "`slider.mass`: 190 kg" in sentences(mechanism(slider={"mass": 190}))[0]
 
 
+def test_masses_and_inertias_that_do_not_fit_the_size_are_remarked_on():
+    tight = {"joints": CLOSE}
+    (told,) = odd_data(mechanism(slider={"mass": 2400}, **tight))  # grams, without the unit
+    assert told.startswith("slider.mass: 2400 kg is implausible with rod.length 0.564 m")
+    assert odd_data(mechanism(crank={"mass": "20 kg"}, rod={"mass": "2 kg"}, **tight)) == []  # a flywheel
+    grams = {body: {"mass": f"{mass} g"} for body, mass in (("crank", 0.37), ("rod", 0.77), ("slider", 0.45))}
+    for body in ("crank", "rod"):
+        grams[body]["inertia"] = 1e-6
+    light = odd_data(mechanism(**grams, **tight))
+    assert [remark.split(":")[0] for remark in light] == ["crank.mass", "rod.mass", "slider.mass"]
+    (told,) = odd_data(mechanism(rod={"inertia": "0.02 kg*mm^2"}, **tight))
+    assert told.startswith("rod.inertia: 2e-08 kg*m^2") and "a uniform rod has 0.02 kg*m^2" in told
+
+
 def test_a_bare_number_for_the_speed_that_probably_meant_rpm_is_remarked_on():
     compressor = load_mechanism("compressor")
     assert odd_speed(compressor, 1450 * math.pi / 30) == []

@@ -93,6 +93,23 @@ def test_an_effect_that_makes_no_sense_is_refused():
     refused(lambda effects, joints=None: mechanism(*effects, **({"joints": joints} if joints else {})), cases)
 
 
+def test_the_direction_of_gravity_is_an_angle_or_a_word_in_the_frame_of_the_mechanism():
+    gravity = effect("gravity")
+    for words, x, y in (
+        (("down", "-y"), 0, -1),
+        (("Up", "+y"), 0, 1),
+        (("left", "-x"), -1, 0),
+        (("right", "+x"), 1, 0),
+    ):
+        for word in words:
+            said = mechanism(gravity, gravity_direction=word)
+            assert said.gravity / math.hypot(*said.gravity) == pytest.approx([x, y], abs=1e-15)
+            again = mechanism(gravity, gravity_direction=said.model_dump()["gravity_direction"])
+            assert again.gravity_direction == said.gravity_direction
+    wrong = "gravity_direction = '{}' ~ angle ~ -90 deg ~ down ~ left"
+    refused(lambda word: mechanism(gravity_direction=word), [(word, wrong.format(word)) for word in ("along", "-z")])
+
+
 def bending(**rod):
     return mechanism(effect("rod_flexibility", frequency_Hz=250, damping_ratio=0.01), rod=rod)
 

@@ -538,11 +538,12 @@ def export(source: Path, to: Path | None, units: tuple[str, ...], force: bool) -
 @click.option("--sources", is_flag=True, help="Print a table instead: each key, its value as written, and its file.")
 def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None:
     """Check configuration FILES, each overriding those before it, and print one scenario, with all keys in SI, as JSON
-    for --options.
+    for --options. Warnings, such as of an implausible mass, go to the standard error output.
     """
     from jointgap.config import load, read_yaml
     from jointgap.config.yaml_files import Layer, merged
     from jointgap.core.errors import InputError, did_you_mean
+    from jointgap.dynamics.mechanism_warnings import remarks
     from jointgap.lengths.region import check_constraints
 
     layers = [Layer(str(file), read_yaml(file)) for file in files]
@@ -553,6 +554,8 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     name = scenario or next(iter(scenarios))
     if name not in scenarios:
         raise InputError(f"{source}: run lists no scenario '{name}'; {did_you_mean(name, scenarios)}")
+    for remark in remarks(scenarios[name].mechanism, scenarios[name].simulate.highest_speed):
+        click.echo(f"jointgap: {remark}", err=True)
     if not sources:
         click.echo(scenarios[name].model_dump_json(indent=2, by_alias=True))
         return

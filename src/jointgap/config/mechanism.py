@@ -1,11 +1,12 @@
 """The mechanism file: bodies, joints with their contacts, and effects of one slider-crank."""
 
 import math
+import re
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, ValidationInfo, WrapValidator, field_validator
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, WrapValidator, field_validator
 
 from jointgap.config.friction_laws import FRICTION_KEYS, FRICTION_LAWS
 from jointgap.core.errors import InputError, did_you_mean
@@ -227,6 +228,22 @@ class Slider(ConfigModel):
     offset: Length = Field(0.0, description="the slide is the line y = offset")
 
 
+_DIRECTIONS = {"down": -90, "up": 90, "left": 180, "right": 0, "-y": -90, "+y": 90, "-x": 180, "+x": 0}
+"""Angles [deg] from +x; +x points from the crank pivot along the slide."""
+
+
+def _angle_of(direction: Any) -> Any:
+    """The angle of a direction in words; all else unchanged."""
+    if not isinstance(direction, str) or re.search("[0-9]", direction):
+        return direction
+    if (word := direction.strip().lower()) not in _DIRECTIONS:
+        raise ValueError(
+            "is not a direction; write an angle from +x such as -90 deg, or down (-y), up (+y), left (-x) or right "
+            "(+x, from the crank to the slider)"
+        )
+    return math.radians(_DIRECTIONS[word])
+
+
 class Mechanism(ConfigModel):
     """A slider-crank, without its drive."""
 
@@ -235,7 +252,9 @@ class Mechanism(ConfigModel):
     slider: Slider
     contacts: dict[str, Contact] = Field({}, description="contacts by name, for the joints to refer to")
     joints: Joints
-    gravity_direction: Angle = Field(-math.pi / 2, description="direction of gravity in the plane, from +x")
+    gravity_direction: Annotated[Angle, BeforeValidator(_angle_of)] = Field(
+        -math.pi / 2, description="direction of gravity in the plane, from +x; or down, up, left (-x), right (+x)"
+    )
     effects: tuple[AnyEffect, ...] = Field((), description="effects besides contact and friction in the joints")
 
     @field_validator("joints", mode="before")

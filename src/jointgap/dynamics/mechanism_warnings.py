@@ -14,6 +14,13 @@ WIDE_CLEARANCE = 0.05
 UNLIKE_MASSES = 50.0
 """Ratio of the largest to the smallest mass above which a warning is given."""
 
+DENSITIES = (0.1, 7850.0)
+"""Smallest and largest mass of a body over the cube of the rod's length [kg/m^3] without a warning: the largest is a
+solid cube of steel; mechanisms have 1 to 500."""
+
+LEAST_GYRATION = 0.02
+"""Radius of gyration over the length of a link below which a warning is given; a uniform rod has 0.29."""
+
 FAST_SLIDER = 20.0
 """Mean speed of the slider [m/s] above which a warning is given: pistons of car engines reach 20, of compressors 5."""
 
@@ -32,16 +39,30 @@ def odd_speed(mechanism: Mechanism, speed: float) -> list[str]:
 
 
 def odd_data(mechanism: Mechanism) -> list[str]:
-    """Warnings about unusual masses, clearances and loads, such as ``slider.mass: ...``."""
+    """Warnings about unusual masses, inertias, clearances and loads, such as ``slider.mass: ...``."""
     applied = mechanism.applied()
     masses = {f"{body}.mass": getattr(applied, body).mass for body in ("crank", "rod", "slider")}
     light, heavy = min(masses, key=masses.get), max(masses, key=masses.get)
-    found = []
-    if masses[heavy] > UNLIKE_MASSES * masses[light]:
+    least, most = (density * applied.rod.length**3 for density in DENSITIES)
+    found = [
+        f"{key}: {mass:.4g} kg is implausible with rod.length {applied.rod.length:.4g} m (usual: {least:.2g} kg to "
+        f"{most:.2g} kg); check the units of both"
+        for key, mass in masses.items()
+        if not least <= mass <= most
+    ]
+    if not found and masses[heavy] > UNLIKE_MASSES * masses[light]:
         found.append(
             f"{heavy}: {masses[heavy]:.4g} kg is {masses[heavy] / masses[light]:.4g} times {light}, "
             f"{masses[light]:.4g} kg; check the units of both"
         )
+    for body in ("crank", "rod"):
+        link = getattr(applied, body)
+        if (gyration := math.sqrt(link.inertia / link.mass)) < LEAST_GYRATION * link.length:
+            uniform = link.mass * link.length**2 / 12
+            found.append(
+                f"{body}.inertia: {link.inertia:.4g} kg*m^2 gives a radius of gyration of {1e3 * gyration:.2g} mm on a "
+                f"link of {1e3 * link.length:.4g} mm; a uniform rod has {uniform:.2g} kg*m^2: check the units"
+            )
     for name in applied.loose:
         radius, clearance = applied.joint(name).journal_radius, applied.clearance(name)
         if clearance > WIDE_CLEARANCE * radius:
