@@ -267,7 +267,8 @@ def effects(name: str | None) -> None:
     for key in (key for key in FAULTS if name in (None, key)):
         fault = FAULTS[key]
         law = f"sensor fault; reading y of the true value u: {fault.law}"
-        parameter = f"parameter: {fault.parameter} [{fault.unit or 'unit of the channel'}]"
+        own = [f"{key} [{unit or 'unit of the channel'}]" for key, unit in fault.parameters.items()]
+        parameter = f"parameter{'s' * (len(own) > 1)}: {', '.join(own)}"
         click.echo("\n".join([click.style(key, bold=True), *map(_wrapped, (law, parameter)), ""]))
 
 

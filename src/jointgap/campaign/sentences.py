@@ -123,7 +123,7 @@ def format_estimate(value: str, interval: str, remark: str = "") -> str:
 def _parameters(name: str) -> dict[str, tuple[str, str]]:
     """Meaning and unit of each parameter of an effect; unit None: that of the channel."""
     if name in FAULTS:
-        return {FAULTS[name].parameter: ("", FAULTS[name].unit or None)}
+        return {key: ("", unit or None) for key, unit in FAULTS[name].parameters.items()}
     is_law = name.startswith("discovered_")  # its parameters are a formula and its coefficients
     own = parameters_of(EFFECTS[name]) if name in EFFECTS else ()
     return {p.name: ("" if is_law else p.meaning, p.unit) for p in own}

@@ -152,6 +152,12 @@ def amplitude(name: str, step: float, unit: str, low: float = -math.inf, high: f
     return Parameter(name, 0.0, low, high, step, unit)
 
 
+def size_and_angle(values: Values, size: str, angle: str) -> dict[str, float]:
+    """The parameters `size` and `angle` [rad], from the values of the coordinates ``cosine`` and ``sine``."""
+    cosine, sine = values["cosine"], values["sine"]
+    return {size: math.hypot(cosine, sine), angle: math.atan2(sine, cosine)}
+
+
 class Effect(ConfigModel):
     """A physical effect besides contact and friction in the joints; active if a mechanism file lists it.
 
@@ -287,9 +293,8 @@ class Effect(ConfigModel):
         """Parameters for the verdict, from the values of a fit's coordinates."""
         if not cls.ANGLE:
             return dict(values)
-        cosine, sine = values["cosine"], values["sine"]
         (size,) = (key for key, one in cls.DESCRIBED.items() if one.step)
-        return {size: math.hypot(cosine, sine), cls.ANGLE: math.atan2(sine, cosine)}
+        return size_and_angle(values, size, cls.ANGLE)
 
     @classmethod
     def families(cls, context: FitContext) -> tuple[LawFamily, ...]:

@@ -7,7 +7,7 @@ from functools import cached_property
 from math import tau
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.sparse import eye_array
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
@@ -41,6 +41,7 @@ MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
 REST_SPEED = 1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
+NEAR_PIECES = 1e-2  # [mean piece of a measured angle] Shorter ones make a spline through their ends inaccurate
 # [1, of the rounding scatter] With a larger scatter of the readings, a spline within the encoder's step would follow
 # noise
 HARDLY_NOISY = 1.15
@@ -116,11 +117,17 @@ def _settling(time_constant: float, speed: float) -> float:
 
 
 def constant_speed_run(
-    mechanism: Mechanism, plan: RunPlan, values: Values, offset: float, tolerance: float, earlier: float = 0.0
+    mechanism: Mechanism,
+    plan: RunPlan,
+    values: Values,
+    error: np.ndarray | float,
+    tolerance: float,
+    earlier: float = 0.0,
 ) -> DrivenRun:
-    """A crank with prescribed speed, constant or fluctuating."""
+    """A crank with prescribed speed, constant or fluctuating; `error` [rad] of the encoder at the samples."""
     run, samples, back = plan.run, plan.samples, earlier
-    first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed)
+    offset, drift = samples.line(error) if np.ndim(error) else (error, 0.0)
+    first, speed = values.get("first_angle", samples.first_angle) - offset, values.get("speed", samples.speed) - drift
     if isinstance(run.start, Start):
         back += _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
@@ -268,10 +275,23 @@ def _rounding(angle: np.ndarray, step: float, noise: float) -> tuple[np.ndarray,
     return np.hstack([sizes * np.cos(phases), sizes * np.sin(phases)]), max(1.0 - float(shares.sum()), 0.0)
 
 
-def measured_angle_run(mechanism: Mechanism, plan: RunPlan, offset: float, lag: float, tolerance: float) -> DrivenRun:
-    """A crank that follows the measured angle."""
+def measured_angle_run(
+    mechanism: Mechanism,
+    plan: RunPlan,
+    error_of: Callable[[np.ndarray], np.ndarray | float],
+    lag: float,
+    tolerance: float,
+) -> DrivenRun:
+    """A crank that follows the measured angle; `error_of` the encoder [rad] at the angles (n,) [rad] that it reads."""
     table, begin = plan.measured.table.copy(), max(plan.measured.begin + lag, 0.0)
-    table[:, 6] -= offset
+    error = error_of(table[:, 6])
+    table[:, 6] -= error
+    if np.ndim(error):
+        time = table[:, 0]
+        apart = np.append(True, np.diff(time) > NEAR_PIECES * time[-1] / time.size)
+        rates = make_interp_spline(time[apart], error[apart], k=5)
+        for power in range(1, 6):
+            table[:, 6 - power] -= rates(time, power) / math.factorial(power)
     speed, first = plan.samples.speed, float(table[0, 6])
     p = parameters(mechanism, options_of(speed, first, tolerance))
     drive = DriveParameters(kind=MEASURED, speed=speed, start_angle=first)
@@ -283,14 +303,18 @@ def motor_run(
     motor: MotorDrive,
     plan: RunPlan,
     values: Values,
-    offset: float,
+    error: np.ndarray | float,
     tolerance: float,
     earlier: float,
 ) -> DrivenRun:
-    """A crank driven by a motor; measured angles agree with the simulated ones in the mean."""
+    """A crank driven by a motor; measured angles, with the `error` [rad] of the encoder, agree with the simulated ones
+    in the mean.
+    """
     run, samples = plan.run, plan.samples
     line = {key: values[key] for key in MOTOR_LINE if key in values}
     motor, speed = motor.model_copy(update=line), values.get("speed", run.speed)
+    finite = np.isfinite(samples.read)
+    offset = float(np.mean(error[finite])) if np.ndim(error) else error
     first = values.get("first_angle", samples.first_angle) - offset
     start_speed, back = REST_SPEED if run.start == "at_rest" else speed, 0.0
     if isinstance(run.start, Start):
@@ -309,7 +333,6 @@ def motor_run(
     angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
     begin = float(np.interp(first, coarse, angle_over_time.x))
     if samples.encoded and back:
-        finite = np.isfinite(samples.read)
         shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
         for _ in range(4):
             away = angle_over_time(begin + samples.elapsed[finite]) + shift - samples.read[finite]

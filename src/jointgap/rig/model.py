@@ -17,7 +17,7 @@ from jointgap.core.errors import InputError, SimulationError
 from jointgap.core.joints import PINS
 from jointgap.core.words import joined
 from jointgap.effects import EFFECTS
-from jointgap.effects.base import GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionScale
+from jointgap.effects.base import DETECTABLE_SHARE, GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionScale
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
 from jointgap.rig.checks import is_computed
@@ -26,7 +26,15 @@ from jointgap.rig.drives import SETTLING_REVOLUTIONS, RunPlan, Values, measured_
 from jointgap.rig.read_files import check_runs_left
 from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
 from jointgap.rig.sampling import SampleGrid, own_rows, planned_grid, sample_grid, speed_from_periodicity
-from jointgap.rig.sensors import ENCODER_LAG, ENCODER_OFFSET, ENCODER_ZEROS, Faults, sensor_candidates
+from jointgap.rig.sensors import (
+    ENCODER_COUPLING,
+    ENCODER_ECCENTRICITY,
+    ENCODER_LAG,
+    ENCODER_OFFSET,
+    ENCODER_ZEROS,
+    Faults,
+    sensor_candidates,
+)
 from jointgap.rig.simulate_run import (
     augmented_mechanism,
     channels_read,
@@ -248,8 +256,12 @@ class SliderCrankModel:
         if encoder and several and "encoder_zero" not in listed:
             encoder.append(ENCODER_ZEROS)
         if encoder and campaign.drive == "measured_angle":
-            encoder.append(ENCODER_LAG)
-        sensors = sensor_candidates(spreads, encoder, scale.turning, listed, runs, self._estimated_encoder_offset)
+            encoder += [ENCODER_LAG, ENCODER_ECCENTRICITY]
+        if any("crank_angle" in plan.channels for plan in self.plans.values()):
+            encoder += [*ENCODER_COUPLING, ENCODER_ECCENTRICITY]
+        torque = scale.force / DETECTABLE_SHARE * scale.stroke
+        start = self._estimated_encoder_offset
+        sensors = sensor_candidates(spreads, encoder, scale.turning, torque, listed, runs, start)
         return (*physical_candidates(context), *sensors)
 
     def simulate(self, run: str, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:

@@ -10,7 +10,7 @@ from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from jointgap.config.campaign import CHANNELS, FILTER_ORDER
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
-from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude
+from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude, size_and_angle
 from jointgap.rig.recording import Recording
 
 # Samples per period of a low-pass filter's corner frequency: frequency warping is then above the corner
@@ -63,11 +63,12 @@ class Reading(NamedTuple):
     spread: float  # Standard deviation in `unit`
     unit: str
     turning: float  # Crank speed [rad/s]
+    torque: float = 1.0  # Typical torque on the crank [N m]
 
 
 @dataclass(frozen=True)
 class SensorFault:
-    """A sensor fault with one parameter, or one for each run."""
+    """A sensor fault with one parameter, one for each run, or an amplitude with a phase."""
 
     name: str
     parameter: str
@@ -82,29 +83,59 @@ class SensorFault:
     over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
     delays: bool = False  # Whether its parameter [s] is a pure delay
     undone: Callable[[np.ndarray, float, np.ndarray], np.ndarray] | None = None
+    # Error [rad] of the encoder, from the true crank angle (n,) [rad], the torque on the crank (n,) [N m] and the
+    # values of the fit's coordinates
+    encoder: Callable[[np.ndarray, np.ndarray, Values], np.ndarray | float] | None = None
+    phase: str = ""  # Parameter that is the phase [rad] of `parameter`; a fit varies ``cosine`` and ``sine``
+    inverse: str = ""  # What a fit varies in place of `parameter`: its inverse, 0 without the fault
+
+    @property
+    def parameters(self) -> dict[str, str]:
+        """Units of the stated parameters; empty for that of the channel."""
+        return {self.parameter: self.unit} | ({self.phase: "rad"} if self.phase else {})
+
+    def stated(self, values: Values) -> dict[str, float]:
+        """Parameters for the verdict, from the values of a fit's coordinates."""
+        if self.phase:
+            return size_and_angle(values, self.parameter, self.phase)
+        return {self.parameter: 1.0 / max(values[self.inverse], 1e-300)} if self.inverse else dict(values)
 
     def candidate(
         self, site: str, reading: Reading, replaces: Mapping[str, str] | None = None, runs: Sequence[str] = ()
     ) -> Candidate:
         """The candidate at a `site` (channel or encoder); `replaces` as in `Candidate`; `runs` of the campaign."""
         step, low, high = self.bounds(reading)
-        one = amplitude(self.parameter, step, self.unit or reading.unit, low, high)
-        several = tuple(replace(one, run=run) for run in runs) if self.of_each_run else (one,)
+        unit = f"1/({self.unit})" if self.inverse else self.unit or reading.unit
+        names = ("cosine", "sine") if self.phase else (self.inverse or self.parameter,)
+        several = tuple(amplitude(name, step, unit, low, high) for name in names)
+        one = several[0]
+        if self.of_each_run:
+            several = tuple(replace(one, run=run) for run in runs)
         keys, has_site = tuple(each.key for each in several), self.name not in ENCODER_FAULTS
         families = _families_of(self, site, one) if self.name in DELAY_SHARES else ()
-        replaces = replaces or {}
-        return Candidate(
-            self.name, site, several, keys, replaces=replaces, sensor=True, has_site=has_site, families=families
-        )
+        attributes = {"replaces": replaces or {}, "has_site": has_site, "families": families}
+        return Candidate(self.name, site, several, keys, parameters=self.stated, sensor=True, **attributes)
 
 
 ENCODER_OFFSET, ENCODER_LAG, ENCODER_ZEROS = "encoder_offset", "encoder_lag", "encoder_zeros"
+ENCODER_ECCENTRICITY = "encoder_eccentricity"
+# Faults of the encoder that follow the torque on the crank
+ENCODER_COUPLING = ENCODER_WINDUP, ENCODER_BACKLASH = "encoder_windup", "encoder_backlash"
 # Faults of the encoder, without a choice of channel
-ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_ZEROS, ENCODER_LAG)
+ENCODER_FAULTS = (ENCODER_OFFSET, ENCODER_ZEROS, ENCODER_LAG, *ENCODER_COUPLING, ENCODER_ECCENTRICITY)
+
+# [1, of its standard deviation] Torque within which a loose coupling changes sides: less than between two samples
+SIDES_CHANGE = 1e-3
+TRUE_ANGLE_PASSES = 3  # Of the fixed point for the true angle; each leaves the slope of the encoder's error, < 0.1
 
 SENSOR_LAG, SENSOR_DELAY, LAG_AND_DELAY = "sensor_lag", "sensor_delay", "sensor_lag_and_delay"
 # Members of the family `LAG_AND_DELAY` (first order plus dead time), and their share [1] of the delay
 DELAY_SHARES = {SENSOR_LAG: 0.0, SENSOR_DELAY: 1.0}
+
+
+def _side(torque: np.ndarray) -> np.ndarray:
+    """Sign (n,) of a torque (n,), smooth at zero."""
+    return np.tanh(torque / max(SIDES_CHANGE * float(np.nanstd(torque)), 1e-300))
 
 
 def _late(reading: Reading) -> tuple[float, float, float]:
@@ -131,6 +162,7 @@ FAULTS = {
             "an offset of the encoder",
             bounds=lambda reading: (2e-3, -math.pi, math.pi),
             law="y = u + offset_rad",
+            encoder=lambda angle, torque, values: values["offset_rad"],
         ),
         SensorFault(
             ENCODER_ZEROS,
@@ -140,6 +172,7 @@ FAULTS = {
             bounds=lambda reading: (2e-3, -math.pi, math.pi),
             law="y = u + zero_rad, with its own value in each run",
             of_each_run=True,
+            encoder=lambda angle, torque, values: values["zero_rad"],
         ),
         SensorFault(
             ENCODER_LAG,
@@ -149,6 +182,36 @@ FAULTS = {
             bounds=lambda reading: (DETECTABLE_SHARE / reading.turning, -1.0 / reading.turning, 1.0 / reading.turning),
             law="y(t) = u(t - lag_s), a pure delay relative to all other channels; negative: these are late. Only with "
             "drive measured_angle; at constant speed it is equivalent to an encoder offset",
+        ),
+        SensorFault(
+            ENCODER_WINDUP,
+            "stiffness_N_m_rad",
+            "N*m/rad",
+            "a wind-up of the encoder's coupling",
+            bounds=lambda reading: (2e-3 / reading.torque, 0.0, 0.5 / reading.torque),
+            law="y = u + M / stiffness_N_m_rad, with the driving torque M on the crank. Not with drive measured_angle",
+            encoder=lambda angle, torque, values: values["compliance_rad_N_m"] * torque,
+            inverse="compliance_rad_N_m",
+        ),
+        SensorFault(
+            ENCODER_BACKLASH,
+            "play_rad",
+            "rad",
+            "a play of the encoder's coupling",
+            bounds=lambda reading: (2e-3, 0.0, 0.5),
+            law="y = u + play_rad / 2 sgn M, with the driving torque M on the crank, sgn M = tanh(M / "
+            f"({SIDES_CHANGE:g} of its standard deviation)). Not with drive measured_angle, which would jump",
+            encoder=lambda angle, torque, values: 0.5 * values["play_rad"] * _side(torque),
+        ),
+        SensorFault(
+            ENCODER_ECCENTRICITY,
+            "amplitude_rad",
+            "rad",
+            "an eccentricity of the encoder's disc",
+            bounds=lambda reading: (2e-3, -0.1, 0.1),
+            law="y = u + amplitude_rad cos(u - phase_rad): reads most too much at the crank angle phase_rad",
+            encoder=lambda angle, torque, values: values["cosine"] * np.cos(angle) + values["sine"] * np.sin(angle),
+            phase="phase_rad",
         ),
         SensorFault(
             "sensor_bias",
@@ -206,7 +269,13 @@ FAULTS = {
 
 
 def sensor_candidates(
-    spreads: Values, encoder: Sequence[str], turning: float, listed: Collection[str], runs: Sequence[str], offset=None
+    spreads: Values,
+    encoder: Sequence[str],
+    turning: float,
+    torque: float,
+    listed: Collection[str],
+    runs: Sequence[str],
+    offset=None,
 ) -> list[Candidate]:
     """Possible sensor faults: those of the `encoder` (`offset` [rad]: start value) and those of channels whose readings
     have the standard deviations `spreads`.
@@ -215,7 +284,7 @@ def sensor_candidates(
     for name in encoder:
         parameter = FAULTS[name].parameter
         replaces = {name: parameter} if name in listed else {}
-        candidate = FAULTS[name].candidate("sensor", Reading(0.0, "rad", turning), replaces, runs)
+        candidate = FAULTS[name].candidate("sensor", Reading(0.0, "rad", turning, torque), replaces, runs)
         if offset and name == ENCODER_OFFSET:
             candidate = replace(candidate, initial_guesses=({}, {parameter: offset}))
         found.append(candidate)
@@ -234,8 +303,10 @@ class Faults:
     """Nuisances that are sensor faults."""
 
     def __init__(self, effects: Iterable[tuple[Candidate, Values]], mirrored: bool, nuisances: Mapping[str, float]):
-        side = -1.0 if mirrored else 1.0
-        self.offset, self.lag = side * nuisances.get("encoder_zero", 0.0), nuisances.get("encoder_lag", 0.0)
+        self._mirror, self.lag = -1.0 if mirrored else 1.0, nuisances.get("encoder_lag", 0.0)
+        self._encoder: list[tuple[SensorFault, Values]] = []
+        if zero := nuisances.get("encoder_zero", 0.0):
+            self._encoder.append((FAULTS[ENCODER_OFFSET], {"offset_rad": zero}))
         self._faults: list[tuple[SensorFault, str, float]] = []
         if position_zero := nuisances.get("slider_position_zero", 0.0):
             self._faults.append((FAULTS["sensor_bias"], "slider_position", position_zero))
@@ -244,7 +315,7 @@ class Faults:
             if name == ENCODER_LAG:
                 self.lag += values["lag_s"]
             elif name in ENCODER_FAULTS:
-                self.offset += side * values[FAULTS[name].parameter]
+                self._encoder.append((FAULTS[name], values))
             elif name == LAG_AND_DELAY:
                 late, share = values[FAULTS[name].parameter], values["delay_share"]
                 parts = {SENSOR_LAG: (1.0 - share) * late, SENSOR_DELAY: share * late}
@@ -253,19 +324,40 @@ class Faults:
                 self._faults.append((FAULTS[name], site, values[candidate.amplitudes[0]]))
 
     def __bool__(self) -> bool:
-        return bool(self.offset or self.lag or self._faults)
+        return bool(self._encoder or self.lag or self._faults)
+
+    @property
+    def follow_torque(self) -> bool:
+        """Whether the encoder's error follows the torque on the crank."""
+        return any(fault.name in ENCODER_COUPLING for fault, _ in self._encoder)
+
+    def of_encoder(self, angle: np.ndarray, torque: np.ndarray | float = 0.0) -> np.ndarray | float:
+        """Error (n,) [rad] of the encoder at true crank angles (n,) [rad] and torques (n,) [N m], both mirrored as
+        simulated; a number if it is constant.
+        """
+        side = self._mirror
+        return side * sum(fault.encoder(side * angle, side * torque, values) for fault, values in self._encoder)
+
+    def of_reading(self, read: np.ndarray, torque: np.ndarray | float = 0.0) -> np.ndarray | float:
+        """`of_encoder` at the angles (n,) [rad] that the encoder reads."""
+        error = 0.0
+        for _ in range(TRUE_ANGLE_PASSES):
+            error = self.of_encoder(read - error, torque)
+        return error
 
     def taken_out(self, recording: Recording) -> Recording:
         """The `recording` corrected for the faults."""
-        angle = recording.crank_angle - self.offset
-        if self.lag and recording.has_time:
-            angle = angle + self.lag * np.gradient(recording.crank_angle, recording.time)
         channels = dict(recording.channels)
         # in reverse order of action
         for when in ("after_filter", "delays", "over_time", "before_filter"):
             for fault, site, value in self._faults:
                 if getattr(fault, when) and fault.undone is not None and site in channels:
                     channels[site] = fault.undone(channels[site], value, recording.time)
+        # without a measured torque the encoder's coupling is left as it is
+        torque = np.nan_to_num(self._mirror * channels.get("crank_torque", np.zeros(recording.time.size)))
+        angle = recording.crank_angle - self.of_reading(recording.crank_angle, torque)
+        if self.lag and recording.has_time:
+            angle = angle + self.lag * np.gradient(recording.crank_angle, recording.time)
         return replace(recording, crank_angle=angle, channels=channels)
 
     def delay(self, channel: str) -> float:

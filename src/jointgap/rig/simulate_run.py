@@ -245,19 +245,28 @@ def _driven_run(
     campaign: Campaign, plan: RunPlan, mechanism: Mechanism, values, faults: Faults, tolerance: float, earlier: float
 ) -> drives.DrivenRun:
     samples = plan.samples
-    offset = faults.offset - faults.lag * values.get("speed", samples.speed)  # a lagging encoder reads less
-    if plan.measured is not None:
-        driven = drives.measured_angle_run(mechanism, plan, faults.offset, faults.lag, tolerance)
-    elif campaign.drive == "motor":
-        driven = drives.motor_run(mechanism, campaign.motor, plan, values, offset, tolerance, earlier)
-    else:
-        driven = drives.constant_speed_run(mechanism, plan, values, offset, tolerance, earlier)
-    effects = driven.numbers.effects
-    if effects.table_over == 2:  # over time of the record, not of the simulation
-        if not samples.timed:
-            raise InputError("slider_force_table: a load over time requires the channel time; add it, or use angle")
-        effects.table_begin += driven.begin - samples.time[0]
-    return driven
+    late = faults.lag * values.get("speed", samples.speed)  # a lagging encoder reads less
+
+    def driven(error: np.ndarray | float) -> drives.DrivenRun:
+        """With the `error` of the encoder [rad] at the samples."""
+        if plan.measured is not None:
+            run = drives.measured_angle_run(mechanism, plan, faults.of_reading, faults.lag, tolerance)
+        elif campaign.drive == "motor":
+            run = drives.motor_run(mechanism, campaign.motor, plan, values, error - late, tolerance, earlier)
+        else:
+            run = drives.constant_speed_run(mechanism, plan, values, error - late, tolerance, earlier)
+        effects = run.numbers.effects
+        if effects.table_over == 2:  # over time of the record, not of the simulation
+            if not samples.timed:
+                raise InputError("slider_force_table: a load over time requires the channel time; add it, or use angle")
+            effects.table_begin += run.begin - samples.time[0]
+        return run
+
+    run = driven(faults.of_reading(samples.angle))
+    if faults.follow_torque:  # which is known once the crank is in its place
+        torque = channels_at(run.numbers, run.angles, tolerance)["crank_torque"]
+        run = driven(faults.of_encoder(run.angles, torque))
+    return run
 
 
 def read(
@@ -268,8 +277,8 @@ def read(
     channels = {name: campaign.channels[name] for name in plan.channels}
     samples, delay = plan.samples, faults.lag if plan.measured is None else 0.0
     late = driven.at(samples.elapsed - delay) if delay else driven.angles
-    if channels.keys() == {"crank_angle"}:
-        return {"crank_angle": late + faults.offset}
+    if channels.keys() == {"crank_angle"} and not faults.follow_torque:
+        return {"crank_angle": late + faults.of_encoder(late)}
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
     grid, count = np.empty(0), driven.angles.size
     if corners or any(map(faults.need_grid, channels)):
@@ -287,7 +296,9 @@ def read(
     for name, channel in channels.items():
         values = true[name]
         if name == "crank_angle":
-            readings[name] = late + faults.offset
+            torque = true["crank_torque"][:count]
+            torque = np.interp(elapsed - delay, elapsed, torque) if delay else torque
+            readings[name] = late + faults.of_encoder(late, torque)
             continue
         if plan.run.direction == "clockwise" and name in sensors.MIRRORED:
             values = -values
