@@ -24,7 +24,15 @@ from jointgap.dynamics.parameters import MEASURED, DriveParameters, Parameters, 
 from jointgap.effects.base import FitContext, MotionScale
 from jointgap.rig.drives import options_of, prescribed_angles
 from jointgap.rig.model import physical_candidates
-from jointgap.rig.sensors import DELAY_SHARES, ENCODER_OFFSET, FAULTS, LAG_AND_DELAY, Reading
+from jointgap.rig.sensors import (
+    DELAY_SHARES,
+    ENCODER_OFFSET,
+    FAULTS,
+    LAG_AND_DELAY,
+    SENSOR_DELAY,
+    SENSOR_LAG,
+    Reading,
+)
 from jointgap.rig.simulate_run import channels_at, with_nuisances
 from validation.exudyn import SliderCrank
 
@@ -74,7 +82,7 @@ def candidates(mechanism: Mechanism, speed: float, nuisances: Mapping[str, Param
 # Effects of the list by name, with the site where there is a choice
 LISTED = (
     *candidates(load_mechanism("erkaya2009"), 30.0, {}),
-    *(name for name, fault in FAULTS.items() if fault.undone or name == ENCODER_OFFSET),
+    *(ENCODER_OFFSET, "sensor_bias", "sensor_gain", SENSOR_LAG, SENSOR_DELAY),
 )
 
 OFF_LIST = (*RECIPE["laws"], *RECIPE["faults"])
@@ -346,7 +354,7 @@ def read(mechanism: Mechanism, run: Run, numerics: Numerics, effects: Effects = 
             elif fault.over_time:
                 step = tau / run.speed / _LAG_GRID
                 grid = np.arange(run.times[0] - _LAGS_BEFORE * value - step, run.times[-1] + 2 * step, step)
-                faulty = np.interp(run.times, grid, fault.over_time(at(grid), step, value))
+                faulty = np.interp(run.times, grid, fault.over_time(at(grid), step, 0.0, value))
             else:
                 faulty = (fault.before_filter or fault.after_filter)(true, value)
             readings = readings | {effect.sensor: faulty}

@@ -163,6 +163,7 @@ channels: {crank_torque: {noise: 0}} => crank_torque.noise = 0 ~ greater than 0 
 channels: {crank_torque: {noise: {slo: 1}}} => there is no run 'slo' ~ did you mean 'slow'
 channels: {crank_torque: {noise: 3 mm}} => crank_torque.noise = '3 mm' ~ millimeter
 channels: {crank_torque: {bandwidth: 100 rpm}} => bandwidth = '100 rpm' ~ Hz or 1/s
+channels: {crank_angle: {average: 50 ms}} => crank_angle.average does not apply
 channels: {crank_torque: {filter: causal}} => crank_torque.filter requires bandwidth
 channels: {crank_torque: {reads_gravity: true}} => crank_torque.reads_gravity ~ only accelerations
 channels: {crank_torque: {resolution: 0.1}} => crank_torque.resolution does not apply

@@ -65,18 +65,19 @@ def test_taking_a_fault_out_is_the_inverse_of_putting_it_in(tmp_path):
     model, measurements = rig(tmp_path)
     recording, name = measurements.runs["slow"], "slider_acceleration"
     read, interval = recording.channels[name], float(recording.time[1] - recording.time[0])
+    period = math.tau / model.plans["slow"].samples.speed
 
     def undone(fault, key, value, allowed):
         faults = Faults([(chosen(model, f"{fault}:{name}"), {key: value})], False, {})
         again = faults.taken_out(recording).channels[name]
-        for place, given in (("before_filter", ()), ("after_filter", ()), ("over_time", (interval,))):
+        for place, given in (("before_filter", ()), ("after_filter", ()), ("over_time", (interval, period))):
             again = faults.act(place, name, again, *given)
         again = np.interp(recording.time - faults.delay(name), recording.time, again)
         assert np.std((again - read)[5:]) < allowed * np.std(read)
 
     # a derivative of noisy samples is as good as differences of neighbours, and a filter forgets its beginning
     cases = [("bias", "bias", 0.3, 1e-12), ("gain", "gain_error", 0.2, 1e-12)]
-    cases += [("lag", "lag_s", 1e-4, 0.1), ("delay", "delay_s", 1e-4, 0.1)]
+    cases += [("lag", "lag_s", 1e-4, 0.1), ("delay", "delay_s", 1e-4, 0.1), ("high_pass", "corner_Hz", 1.0, 0.05)]
     each(undone, [(f"sensor_{fault}", *rest) for fault, *rest in cases])
     found = Faults([(chosen(model, "encoder_offset"), {"offset_rad": 0.4})], False, {}).taken_out(recording)
     assert np.allclose(found.crank_angle, recording.crank_angle - 0.4)

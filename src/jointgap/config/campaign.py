@@ -98,6 +98,8 @@ class Channel(ConfigModel):
     resolution: Step = Field(None, description="step of an encoder in the column's unit; null: unknown")
     bandwidth: quantity("Hz", gt=0) | None = Field(None, description="corner of the samples' fourth-order low-pass")
     filter: Literal["zero_phase", "causal"] = Field("zero_phase", description="phase of that low-pass")
+    high_pass: quantity("Hz", gt=0) | None = Field(None, description="corner of an AC-coupled sensor: 0.5 Hz")
+    average: quantity("s", gt=0) | None = Field(None, description="gate time of a counter that reads means: 50 ms")
     sign: Literal[1, -1] = Field(1, description="-1: the sensor's axis is opposite to the definition of the channel")
     jitter: quantity("s", gt=0) | None = Field(
         None, description="of time: standard deviation of its stamps; null: estimated"
@@ -149,6 +151,11 @@ class Channel(ConfigModel):
             return {text_of(run): _amount(own, unit, f"{run}: ") for run, own in value.items()}
         return _amount(value, unit)
 
+    @property
+    def remembers(self) -> bool:
+        """Whether the sensor's reading depends on the past (without a low-pass, which may also use the future)."""
+        return self.high_pass is not None or self.average is not None
+
     def noise_of(self, run: str) -> float | None:
         """Standard deviation of the noise in a run, in the column's unit; None if it is to be estimated."""
         return self.noise.get(run) if isinstance(self.noise, dict) else self.noise
@@ -185,6 +192,7 @@ _NEEDS_CHANNEL = (
     (("counts_per_turn", "resolution"), _ANGLES, "only crank_angle and rod_angle are encoder readings"),
     (("rate", "repeated", "jitter"), {"time"}, "it applies to time only"),
     (("noise", "bandwidth", "filter", "sign"), CHANNELS.keys() - {"time"}, "time is exact except for its jitter"),
+    (("high_pass", "average"), CHANNELS.keys() - {"time", "crank_angle"}, "time and crank angle are read directly"),
     (("reads_gravity",), {name for name in CHANNELS if "acceleration" in name}, "only accelerations include gravity"),
 )
 """Keys, the channels that accept them, and the reason why others do not."""

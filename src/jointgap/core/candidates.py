@@ -90,6 +90,9 @@ class Candidate:
         quantity evenly in the logarithm of what is left of that.
     families : tuple of LawFamily
         Laws of which the effect is one shape.
+    frees : str
+        Label of an effect whose size is free in a linear regression with this one: a high-pass removes the mean of what
+        other effects change too.
     """
 
     name: str
@@ -105,6 +108,7 @@ class Candidate:
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
+    frees: str = ""
 
     def __post_init__(self) -> None:
         """Refuse finite amplitudes that nothing could be derived from."""

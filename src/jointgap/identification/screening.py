@@ -331,17 +331,21 @@ class SensitivityRegression:
         replaced = {name for sensitivity in chosen for name in sensitivity.candidate.replaces}
         kept = [i for i, p in enumerate(sensitivities.parameters) if p.name not in replaced]
         indices = [self._index[id(sensitivity)] for sensitivity in chosen]
-        matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in indices)])
+        labels = {s.candidate.frees for s in chosen} - {s.candidate.label for s in chosen}
+        freed = [self._columns[self._index[id(s)]] for s in self.sensitivities.entries if s.candidate.label in labels]
+        matrix = np.hstack([self._jacobian[:, kept], *(self._columns[i] for i in indices), *freed])
         target = self._residual + sum((self._origins[i] for i in indices), np.zeros(self._residual.size))
         amplitudes = [(sensitivity, p) for sensitivity in chosen for p in sensitivity.amplitudes]
         low, high = bounds_of([sensitivities.parameters[i] for i in kept])
         ranges = np.array([sensitivity.valid_range(p) for sensitivity, p in amplitudes]).reshape(-1, 2).T
         low, high = np.append(low, ranges[0]), np.append(high, ranges[1])
         present = np.append(sensitivities.values[kept], [s.shape_parameters.get(p.key, 0.0) for s, p in amplitudes])
+        free = np.zeros(matrix.shape[1] - present.size)
+        low, high, present = np.append(low, free - np.inf), np.append(high, free + np.inf), np.append(present, free)
         target = target + matrix[:, len(kept) :] @ present[len(kept) :]
         step, chi2 = bounded_step(matrix, target, low - present, high - present)
         start = {sensitivities.parameters[i].key: float(value) for i, value in zip(kept, present + step, strict=False)}
-        for (sensitivity, p), value in zip(amplitudes, (present + step)[len(kept) :], strict=True):
+        for (sensitivity, p), value in zip(amplitudes, (present + step)[len(kept) :], strict=False):
             start[f"{sensitivity.candidate.label}.{p.key}"] = float(value)
         for s in chosen:
             shapes = {name: value for name, value in s.shape_parameters.items() if name not in s.candidate.amplitudes}

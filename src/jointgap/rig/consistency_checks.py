@@ -209,12 +209,17 @@ def _orders(campaign: Campaign, recording: Recording, angle: np.ndarray, speed: 
 
 
 def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:
-    """Frequency response (k,) of a channel's low-pass at `frequencies` (k,) [rad/s]."""
-    if channel.bandwidth is None:
-        return np.ones(frequencies.size)
-    top, bottom = butter(FILTER_ORDER, tau * channel.bandwidth, analog=True)
-    response = np.polyval(top, 1j * frequencies) / np.polyval(bottom, 1j * frequencies)
-    return response if channel.filter == "causal" else np.abs(response) ** 2
+    """Frequency response (k,) of a channel's filters at `frequencies` (k,) [rad/s]."""
+    s, response = 1j * frequencies, np.ones(frequencies.size)
+    if channel.bandwidth is not None:
+        top, bottom = butter(FILTER_ORDER, tau * channel.bandwidth, analog=True)
+        response = np.polyval(top, s) / np.polyval(bottom, s)
+        response = response if channel.filter == "causal" else np.abs(response) ** 2
+    if channel.high_pass is not None:
+        response = response * s / (s + tau * channel.high_pass)
+    if channel.average is not None:
+        response = response * -np.expm1(-channel.average * s) / (channel.average * s)
+    return response
 
 
 def _crank_speed(campaign: Campaign, run: CampaignRun, recording: Recording) -> Iterator[Contradiction]:

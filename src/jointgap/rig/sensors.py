@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
-from jointgap.config.campaign import CHANNELS, FILTER_ORDER
+from jointgap.config.campaign import CHANNELS, FILTER_ORDER, Channel
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude, size_and_angle
 from jointgap.rig.recording import Recording
@@ -31,6 +33,11 @@ MIRRORED = (
 def gravity_read(channel: str, direction: float) -> float:
     """Gravity part of an accelerometer's reading [m/s^2]; 0 for other channels."""
     return -STANDARD_GRAVITY * _AXES[channel](direction) if channel in _AXES else 0.0
+
+
+def remembered_time(channels: Iterable[Channel], revolution: float) -> float:
+    """Time [s] before the samples that filters and lags need for their transients."""
+    return max([PADDING_REVOLUTIONS * revolution, *(channel.average for channel in channels if channel.average)])
 
 
 def filter_times(first: float, last: float, revolution: float, corners: Iterable[float]) -> np.ndarray:
@@ -57,6 +64,34 @@ def lagged(values: np.ndarray, interval: float, lag: float) -> np.ndarray:
     return first + lfilter([1.0 - mean_decay, mean_decay - decay], [1.0, -decay], values - first)
 
 
+def high_passed(values: np.ndarray, interval: float, cycle: float, corner: float) -> np.ndarray:
+    """First-order high-pass of `corner` [Hz]: the values without their lag.
+
+    The filter is in the periodic steady state of a motion that repeats after `cycle` [s]; 0: it starts at rest.
+    """
+    lag, times = 1.0 / (math.tau * corner), interval * np.arange(values.size)
+    slow = lagged(values, interval, lag)
+    if cycle:
+        change = (np.interp(cycle, times, slow) - values[0]) / -math.expm1(-cycle / lag)
+        slow += change * np.exp(-times / lag)
+    return values - slow
+
+
+def averaged(values: np.ndarray, interval: float, time: float) -> np.ndarray:
+    """Mean over the last `time` [s], such as of a counter's gate; before the first value all are equal to it."""
+    times = interval * np.arange(values.size)
+    integral, begin = CubicSpline(times, values).antiderivative(), times - time
+    return (integral(times) - integral(np.maximum(begin, 0.0)) - values[0] * np.minimum(begin, 0.0)) / time
+
+
+def _integral(values: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Integral over `times` of the values without their mean; NaN where they are."""
+    found, finite = np.full(values.shape, np.nan), np.isfinite(values)
+    centred = values[finite] - np.mean(values[finite])
+    found[finite] = cumulative_trapezoid(centred, times[finite], initial=0.0)
+    return found
+
+
 class Reading(NamedTuple):
     """Properties of a channel's reading that set the steps of a fit."""
 
@@ -80,7 +115,10 @@ class SensorFault:
     steady: bool = False  # Whether it is observable in a constant reading
     before_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
     after_filter: Callable[[np.ndarray, float], np.ndarray] | None = None
-    over_time: Callable[[np.ndarray, float, float], np.ndarray] | None = None
+    over_time: Callable[[np.ndarray, float, float, float], np.ndarray] | None = None
+    # [1, of one per revolution] Start values where readings do not depend on it linearly from 0 on
+    guesses: tuple[float, ...] = ()
+    frees: str = ""  # Fault of the same channel as of `Candidate.frees`
     delays: bool = False  # Whether its parameter [s] is a pure delay
     undone: Callable[[np.ndarray, float, np.ndarray], np.ndarray] | None = None
     # Error [rad] of the encoder, from the true crank angle (n,) [rad], the torque on the crank (n,) [N m] and the
@@ -113,8 +151,10 @@ class SensorFault:
             several = tuple(replace(one, run=run) for run in runs)
         keys, has_site = tuple(each.key for each in several), self.name not in ENCODER_FAULTS
         families = _families_of(self, site, one) if self.name in DELAY_SHARES else ()
+        guesses = tuple({one.key: share * reading.turning / math.tau} for share in self.guesses) or ({},)
         attributes = {"replaces": replaces or {}, "has_site": has_site, "families": families}
-        return Candidate(self.name, site, several, keys, parameters=self.stated, sensor=True, **attributes)
+        attributes |= {"frees": f"{self.frees}:{site}"} if self.frees else {}
+        return Candidate(self.name, site, several, keys, guesses, self.stated, sensor=True, **attributes)
 
 
 ENCODER_OFFSET, ENCODER_LAG, ENCODER_ZEROS = "encoder_offset", "encoder_lag", "encoder_zeros"
@@ -241,7 +281,7 @@ FAULTS = {
             "a lag of the sensor of {site}",
             bounds=_late,
             law="lag_s dy/dt + y = u, first order, such as of a filter: fast changes are delayed and attenuated",
-            over_time=lambda values, interval, lag: lagged(values, interval, lag) if lag else values,
+            over_time=lambda values, interval, cycle, lag: lagged(values, interval, lag) if lag else values,
             undone=lambda values, lag, times: values + lag * np.gradient(values, times),
         ),
         SensorFault(
@@ -253,6 +293,20 @@ FAULTS = {
             law="y(t) = u(t - delay_s), a pure delay, such as of a logger or a bus",
             delays=True,
             undone=lambda values, delay, times: np.interp(times + delay, times, values),
+        ),
+        SensorFault(
+            "sensor_high_pass",
+            "corner_Hz",
+            "Hz",
+            "a high-pass of the sensor of {site}",
+            bounds=lambda reading: tuple(share * reading.turning / math.tau for share in (DETECTABLE_SHARE, 0.0, 2.0)),
+            law="dy/dt + 2 pi corner_Hz y = du/dt, first order, such as of an AC-coupled sensor: the mean is removed",
+            over_time=lambda values, interval, cycle, corner: (
+                high_passed(values, interval, cycle, corner) if corner else values
+            ),
+            undone=lambda values, corner, times: values + math.tau * corner * _integral(values, times),
+            guesses=(0.03, 0.12),
+            frees="sensor_bias",
         ),
         SensorFault(
             LAG_AND_DELAY,
@@ -368,9 +422,12 @@ class Faults:
         """Whether a channel has a fault over time, which requires a dense grid."""
         return any(value for fault, site, value in self._faults if fault.over_time and site == channel)
 
-    def act(self, when: str, channel: str, values: np.ndarray, *interval: float) -> np.ndarray:
-        """Readings (n,) of a `channel` with the faults of kind `when` (a field of `SensorFault`)."""
+    def act(self, when: str, channel: str, values: np.ndarray, *times: float) -> np.ndarray:
+        """Readings (n,) of a `channel` with the faults of kind `when` (a field of `SensorFault`).
+
+        `times` of faults over time: the interval of the values and the period of the motion, as of `high_passed` [s].
+        """
         for fault, site, value in self._faults:
             if site == channel and (function := getattr(fault, when)) is not None:
-                values = function(values, *interval, value)
+                values = function(values, *times, value)
         return values

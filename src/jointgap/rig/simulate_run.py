@@ -280,12 +280,18 @@ def read(
     if channels.keys() == {"crank_angle"} and not faults.follow_torque:
         return {"crank_angle": late + faults.of_encoder(late)}
     corners = [channel.bandwidth for channel in channels.values() if channel.bandwidth]
-    grid, count = np.empty(0), driven.angles.size
-    if corners or any(map(faults.need_grid, channels)):
+    grid, count, interval, cycle = np.empty(0), driven.angles.size, 0.0, 0.0
+    if corners or any(one.remembers or faults.need_grid(name) for name, one in channels.items()):
         revolution = tau / samples.speed
-        padding = sensors.PADDING_REVOLUTIONS * revolution
+        padding = sensors.remembered_time(channels.values(), revolution)
         last = samples.elapsed[-1] + (0.0 if plan.measured else padding)  # a measured angle ends with the record
         grid = sensors.filter_times(-min(padding, driven.begin), last, revolution, corners)
+        interval = grid[1] - grid[0]
+        if not drives.starts_with_record(plan.run):
+            turned = driven.at(grid)
+            turns = math.floor((turned[-1] - turned[0]) / tau)
+            turns -= turns % 2 if turns > 1 else 0  # half orders repeat every two turns
+            cycle = float(np.interp(turned[0] + turns * tau, turned, grid - grid[0]))
     # a delay is simulated, not interpolated: impacts stay sharp
     delays = list(dict.fromkeys([0.0, *map(faults.delay, channels)]))
     earlier = [driven.at(np.maximum(samples.elapsed - delay, -driven.begin)) for delay in delays[1:]]
@@ -305,16 +311,19 @@ def read(
         if channel.reads_gravity:
             values = values + sensors.gravity_read(name, campaign.mechanism.gravity_direction)
         values = faults.act("before_filter", name, values)
-        delay = faults.delay(name)
-        first, times = count * delays.index(delay), elapsed - delay
+        behind = faults.delay(name)
+        first, times = count * delays.index(behind), elapsed - behind
         read, fine = values[first : first + count], values[count * len(delays) :]
         if channel.bandwidth:
-            fine = sensors.low_pass(fine, grid[1] - grid[0], channel.bandwidth, channel.filter == "causal")
+            fine = sensors.low_pass(fine, interval, channel.bandwidth, channel.filter == "causal")
             read = CubicSpline(grid, fine)(times)
-        if faults.need_grid(name):
-            # only the change by the lag is interpolated: impacts stay sharp
-            change = faults.act("over_time", name, fine, grid[1] - grid[0]) - fine
-            read = read + CubicSpline(grid, change)(times)
+        if channel.remembers or faults.need_grid(name):
+            later = sensors.averaged(fine, interval, channel.average) if channel.average else fine
+            if channel.high_pass:
+                later = sensors.high_passed(later, interval, cycle, channel.high_pass)
+            later = faults.act("over_time", name, later, interval, cycle)
+            # only the change is interpolated: impacts stay sharp
+            read = read + CubicSpline(grid, later - fine)(times)
         readings[name] = faults.act("after_filter", name, read)
     return readings
 

@@ -72,10 +72,10 @@ class RunInWindows:
         count = max(round(last / turn * per_turn), 1)
         edges = np.linspace(0.0, last, count + 1)
         edges[0], edges[-1] = -LEAD * turn, last + LEAD * turn
-        names = self._plan.channels
-        remember = any(self._campaign.channels[name].bandwidth or faults.need_grid(name) for name in names)
-        if remember or any(faults.delay(name) for name in names):
-            lead = sensors.PADDING_REVOLUTIONS
+        stated = {name: self._campaign.channels[name] for name in self._plan.channels}
+        remember = any(one.bandwidth or one.remembers or faults.need_grid(name) for name, one in stated.items())
+        if remember or any(map(faults.delay, stated)):
+            lead = sensors.remembered_time(stated.values(), turn) / turn
             before = max(round(lead * per_turn), 1)
             edges = np.concatenate([np.linspace(-lead * turn, -LEAD * turn, before + 1)[:-1], edges])
         return edges[: max(int(np.searchsorted(edges, min(turns, 1e9) * turn)), 1) + 1]
