@@ -7,6 +7,7 @@ from scipy.signal import butter, sosfilt, sosfiltfilt
 
 from jointgap.config import Simulate
 from jointgap.config.load import load_campaign
+from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.kinematics import SPEED_POWERS, ideal_channels
 from jointgap.rig.read_files import read_measurements
@@ -20,10 +21,10 @@ OVER = {"channels": {name: {"column": name, "unit": unit} for name, unit in UNIT
 RUNS = {"slow": 200, "fast": 600}
 
 
-def measured(rpm, noise=0.03, seed=1, friction=5.0, turns=3.0, turned=0.0, **factors):
+def measured(rpm, noise=0.03, seed=1, friction=5.0, turns=3.0, count=240, turned=0.0, **factors):
     """Columns of a run of ideal joints with noise and 5 N of friction at the slider, and the encoder's zero off."""
     rng, speed = np.random.default_rng([seed, rpm]), rpm * np.pi / 30
-    frame, si = table(rpm, turns=turns), samples(rpm, turns=turns)
+    frame, si = table(rpm, turns=turns, count=count), samples(rpm, turns=turns, count=count)
     channels = ideal_channels(paper(), si["crank_angle"], speed)
     lost = friction * np.sign(channels["slider_velocity"])
     frame["M"] = channels["crank_torque"] + lost * channels["slider_velocity"] / speed
@@ -33,6 +34,12 @@ def measured(rpm, noise=0.03, seed=1, friction=5.0, turns=3.0, turned=0.0, **fac
         frame[column] *= factors.get(column, 1.0)
         frame[column] += noise * frame[column].std() * rng.normal(size=len(frame))
     return frame.assign(theta=(frame.theta + turned) % 360)
+
+
+def counted(rpm, counts, turns=6.0):
+    """A sound run whose encoder counts its `counts` a turn."""
+    frame = measured(rpm, noise=0.01, turns=turns, count=round(90 * turns))
+    return frame.assign(theta=np.floor(counts * (0.048 + rpm / 60 * frame.t)))
 
 
 @pytest.fixture
@@ -164,6 +171,49 @@ def test_stretched_times_are_distinguished_from_a_wrong_speed(found):
     slow = stretched(measured(200), 1.3)
     assert rows(found(without=no_encoder)) == set()
     assert rows(found(without=no_encoder, slow=slow)) == rows(found({}, force_alone, slow=slow)) == time
+
+
+def test_counts_of_another_encoder_are_told_by_the_period_of_the_other_channels(found):
+    def read(stated, counts, without=(), turns=6.0):
+        encoder = {"unit": "counts", "counts_per_turn": stated, "noise": None}
+        over = {"channels": {**OVER["channels"], "crank_angle": encoder}}
+        return found(over, without, **{run: counted(rpm, counts, turns) for run, rpm in RUNS.items()})
+
+    def is_told(stated, counts, without=(), turns=6.0):
+        told = read(stated, counts, without, turns)
+        assert rows(told) == both("crank_angle", "scale") and all(one.stops for one in told.contradictions)
+        remark = f"repeat every {counts / stated:.4g} turn of crank_angle"
+        assert any(remark in one and f"counts_per_turn: {counts} instead of {stated}" in one for one in told.remarks)
+
+    pairs = [(4096, 4000), (1024, 1000), (2000, 2048), (5000, 4096)]
+    each(is_told, [*pairs, (1024, 1000, ["slider_acceleration", "time"]), (4000, 4096, (), 30.0)])
+    sound = [(4096, 4096), (360, 360)]
+    each(lambda *given: pytest.fail() if read(*given).contradictions else None, sound)
+    for stated, counts in ((360, 1440), (1440, 360)):
+        with pytest.raises(InputError, match=f"counts_per_turn is {stated}: did you mean {counts}"):
+            read(stated, counts)
+
+
+def test_a_turn_is_not_doubted_where_the_motion_does_not_repeat_every_turn(found):
+    """Half orders of a four-stroke engine, vibration at a frequency of its own, motion that never repeats."""
+
+    def is_sound(make):
+        tables = {run: make(measured(rpm, turns=8.0, count=720), rpm / 30 * np.pi) for run, rpm in RUNS.items()}
+        assert not any("repeat every" in remark for remark in found(**tables).remarks)
+
+    def added(other):
+        def make(frame, speed):
+            names = [*UNITS, "M"]
+            return frame.assign(**{name: frame[name] + frame[name].std() * other(frame.t, speed) for name in names})
+
+        return make
+
+    def cycles(time, speed):  # impacts of random size
+        rng, turn = np.random.default_rng(4), (speed * time / np.pi).astype(int)
+        return 2.0 * rng.standard_normal(turn.max() + 1)[turn] * np.sin(9.0 * speed * time)
+
+    others = [lambda t, w, order=order: 2.0 * np.cos(order * w * t) for order in (0.5, 1.1)]
+    each(lambda other: is_sound(added(other)), [*others, cycles])
 
 
 def with_load(rpm, constant=0.0, spring=0.0, damping=0.0, turns=5.0, count=240):

@@ -1,5 +1,7 @@
 """Chaotic runs: what stands for their samples."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from jointgap.rig.recording import Measurements, Recording
 from jointgap.rig.sampling import sample_grid
 from jointgap.rig.simulate_run import channels_read
 from jointgap.rig.statistics import CycleStatistics
+from tests.rows import each
 from tests.slider_crank.rigs import campaign, mechanism, read, seen
 
 TURN = 2 * np.pi
@@ -17,7 +20,7 @@ NOISE = {"slider_position": 1e-3, "slider_acceleration": 2.0, "crank_torque": 0.
 
 
 def angles(cycles, per_turn=96):
-    return np.arange(cycles * per_turn) * (TURN / per_turn)
+    return np.arange(round(cycles * per_turn)) * (TURN / per_turn)
 
 
 def test_noise_is_distinguished_from_what_bins_spread_beyond_the_simulation():
@@ -27,6 +30,19 @@ def test_noise_is_distinguished_from_what_bins_spread_beyond_the_simulation():
     learnt = CycleStatistics.of(("position",), angle, [clean])
     found = learnt.noise(angle, [other + 0.1 * random.normal(size=angle.size)], angle, [clean])
     assert found == pytest.approx(0.1, rel=0.1)
+
+
+@each("cycles", [1, 1.4, 2.2, 3.6])
+def test_noise_is_found_where_bins_are_filled_by_few_cycles_or_none(cycles):
+    random, angle, few = np.random.default_rng(6), angles(100), angles(cycles)
+    clean = np.cos(angle) + 0.5 * random.normal(size=angle.size)
+    seen = np.cos(few) + np.hypot(0.5, 0.4) * random.normal(size=few.size)
+    seen[np.mod(few, TURN) < 0.5] = np.nan
+    learnt = CycleStatistics.of(("position",), angle, [clean])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = learnt.noise(few, [seen], angle, [clean])
+    assert found == pytest.approx(0.4, abs=0.2)
 
 
 def measured(own, cycles=30, per_turn=120):

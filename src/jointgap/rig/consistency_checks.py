@@ -14,17 +14,20 @@ import numpy as np
 from scipy.signal import butter
 
 from jointgap.config.campaign import CHANNELS, FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
-from jointgap.core.units import unit_factor
+from jointgap.core.units import counts_near, split_share, unit_factor
 from jointgap.core.words import number
 from jointgap.dynamics.kinematics import FORCES, SPEED_POWERS, ideal_orders
 from jointgap.rig.recording import Contradiction, Recording
-from jointgap.rig.sampling import speed_from_periodicity
+from jointgap.rig.sampling import aperiodic_share, speed_from_periodicity
 
 MAX_ORDER = 4  # Highest crank order compared with the ideal motion
 MIN_CORRELATION, MIN_CORRELATION_OF_FORCES = 0.9, 0.8  # Required for a factor between two channels
 GAINS, GAINS_OF_FORCES = (0.8, 1.25), (0.5, 2.0)  # Plausible factors by a sensor's gain or a load
 ALIKE = 1.35  # Ratio up to which factors of several runs are equal, and from which speeds are very different
 SEARCHED_TURNS = 20.0  # Turns used to search a speed
+PERIOD_TURNS = 4.0  # From which the period of the channels is compared with the turn of the crank angle
+LEAST_APERIODIC = 0.02  # [1, of each channel's variance] From which another period is tried
+LEAST_PERIOD_ERROR = 0.005  # [1] Of a turn; lags of sensors while the speed drifts cause less
 _PHASES = np.arange(-180, 180) * (pi / 180)
 _REFERENCE = "the value computed from the crank motion"
 
@@ -69,12 +72,15 @@ AllOrders = Mapping[str, Mapping[str, Orders]]  # By run and channel, of runs wi
 def consistency_checks(campaign: Campaign, recordings: Mapping[str, Recording]) -> list[Contradiction]:
     """Channels that are inconsistent with each other or with the ideal motion."""
     runs = [run for run in campaign.runs if run.id in recordings]
-    orders, times = {}, []
+    orders, times, periods = {}, [], {}
     for run in runs:
         if (crank := _crank(campaign, run, recordings[run.id])) is not None:
             angle, speed, wrong_times = crank
             orders[run.id] = _orders(campaign, recordings[run.id], angle, speed)
             times += wrong_times
+            periods[run.id] = _period(campaign, recordings[run.id], angle, speed)
+    if turns := _wrong_turns(campaign, periods):
+        return turns  # the other checks presume the angle
     zeros = _encoder_zeros(campaign, orders) if "crank_angle" in campaign.channels else {}
     shifted = {run: {c: o.shifted(-zeros.get(run, 0.0)) for c, o in own.items()} for run, own in orders.items()}
     swapped = _swapped(campaign, shifted)
@@ -206,6 +212,41 @@ def _orders(campaign: Campaign, recording: Recording, angle: np.ndarray, speed: 
             measured = weights[1 : count + 1] - 1j * weights[count + 1 :]
             orders[name] = Orders(measured, filtered, error, float(np.var(y)), speed)
     return orders
+
+
+def _period(campaign: Campaign, recording: Recording, angle: np.ndarray, speed: float) -> float:
+    """Turns of the measured crank angle [1] after which the other channels repeat: 1 unless they repeat much better
+    after another angle and agree better with the ideal motion there.
+    """
+    finite = angle[np.isfinite(angle)]
+    turned = np.abs(finite - finite[0])
+    per_turn = finite.size * tau / turned[-1]
+    part = np.flatnonzero(np.isfinite(angle))[turned < SEARCHED_TURNS * tau][:: max(int(per_turn / 40), 1)]
+    if not (recording.has_angle and recording.channels) or turned[-1] < PERIOD_TURNS * tau or part.size < 50:
+        return 1.0
+    elapsed = np.abs(angle[part] - finite[0])
+    values = [values[part] for values in recording.channels.values() if np.isfinite(values[part]).sum() >= 50]
+    here = aperiodic_share(1.0, elapsed, values) if values else 0.0
+    if here <= LEAST_APERIODIC * len(values):
+        return 1.0
+    tried = (speed_from_periodicity(elapsed, values, 0.6, 2.05), 0.25, 4.0)
+    least, ratio = min((aperiodic_share(each, elapsed, values), each) for each in tried)
+    now, then = (_agreement(_orders(campaign, recording, angle * r, speed * r)) for r in (1.0, ratio))
+    return 1.0 / ratio if least < 0.3 * here and then[0] > max(now[0], 0.5) else 1.0
+
+
+def _wrong_turns(campaign: Campaign, periods: Mapping[str, float]) -> list[Contradiction]:
+    """A crank angle whose turn is no period of the other channels, alike in all runs."""
+    found = [period for period in periods.values() if abs(period - 1.0) > LEAST_PERIOD_ERROR]
+    if len(found) < len(periods) or not found or max(found) - min(found) > LEAST_PERIOD_ERROR * min(found):
+        return []
+    period, stated = float(np.median(found)), campaign.channels["crank_angle"]
+    sentence = f"the other channels repeat every {period:.4g} turn of crank_angle, not every turn; "
+    if counts := counts_near(period * (parts := split_share(stated.unit)[1])):
+        sentence += f"did you mean counts_per_turn: {counts} instead of {parts:g}?"
+    else:
+        sentence += f"check channels.crank_angle.unit = '{stated.unit}', and whether the encoder turns with the crank"
+    return [Contradiction(run, "crank_angle", "scale", sentence, factor=1.0 / period) for run in periods]
 
 
 def _response(channel: Channel, frequencies: np.ndarray) -> np.ndarray:

@@ -433,7 +433,11 @@ def _check_speed(file: RunFile, time: np.ndarray, angle: np.ndarray, speed: floa
     text = (
         f"the mean speed with column {file.campaign.channels['time'].column} is {_rpm(speed)}, but the run's speed is"
     )
-    raise file.error("crank_angle", f"{text} {_rpm(nominal)}; {file.proposal('crank_angle', fitting)}")
+    fix, parts = file.proposal("crank_angle", fitting), split_share(file.campaign.channels["crank_angle"].unit)[1]
+    folds = [fold for fold in (4.0, 2.0, 0.5, 0.25) if abs(speed / nominal / fold - 1.0) < 0.1]
+    if parts > 1.0 and folds:
+        fix = f"counts_per_turn is {parts:g}: did you mean {folds[0] * parts:g} (edges of the encoder's lines)?"
+    raise file.error("crank_angle", f"{text} {_rpm(nominal)}; {fix}")
 
 
 def _falls(file: RunFile, angle: np.ndarray) -> InputError:

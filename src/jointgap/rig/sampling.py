@@ -137,6 +137,18 @@ def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     return float(slope), float(first), float(np.sqrt(np.mean(away[kept] ** 2)))
 
 
+def aperiodic_share(speed: float, elapsed: np.ndarray, values: Sequence[np.ndarray]) -> float:
+    """Residual of a Fourier series over `speed` times `elapsed` [1, of each channel's variance], summed over channels."""
+    angle = np.arange(1, SPEED_HARMONICS + 1) * (speed * elapsed)[:, None]
+    series, total = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)]), 0.0
+    for value in values:
+        finite = np.isfinite(value)
+        x, centred = series[finite], value[finite] - value[finite].mean()
+        residual = centred - x @ np.linalg.lstsq(x.T @ x, x.T @ centred, rcond=None)[0]
+        total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
+    return total
+
+
 def speed_from_periodicity(elapsed: np.ndarray, values: Sequence[np.ndarray], low: float, high: float) -> float:
     """The speed [rad/s] of a crank without encoder at which channels are most periodic.
 
@@ -144,18 +156,7 @@ def speed_from_periodicity(elapsed: np.ndarray, values: Sequence[np.ndarray], lo
     """
     step = tau * SPEED_STEP / max(float(elapsed[-1]), 1e-300)
     speeds = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 2) + 1)
-
-    def aperiodic_share(speed: float) -> float:
-        angle = np.arange(1, SPEED_HARMONICS + 1) * (speed * elapsed)[:, None]
-        series, total = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)]), 0.0
-        for value in values:
-            finite = np.isfinite(value)
-            centred = value[finite] - value[finite].mean()
-            residual = centred - series[finite] @ np.linalg.lstsq(series[finite], centred, rcond=None)[0]
-            total += float(residual @ residual) / max(float(centred @ centred), 1e-300)
-        return total
-
-    misfit = np.array([aperiodic_share(speed) for speed in speeds])
+    misfit = np.array([aperiodic_share(speed, elapsed, values) for speed in speeds])
     best = int(np.argmin(misfit))
     if not 0 < best < speeds.size - 1:
         return float(speeds[best])

@@ -1,7 +1,6 @@
 """Statistics of non-periodic motion."""
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -110,14 +109,17 @@ class CycleStatistics:
         """Standard deviation (channels,) [SI] of noise: excess spread of measured over noise-free simulated channels,
         averaged over bins by inverse variance.
         """
-        squares, variances = [], []
-        for angles, values in ((angle, measured), (simulated_angle, simulated)):
-            rows = self.cycles(angles, values).reshape(-1, len(self.channels), len(KINDS), BINS)[:, :, 1]
-            mean = np.nanmean(rows, axis=0)
-            squares.append(mean**2)
-            variances.append(4.0 * mean**2 * cycle_variance(rows) / np.isfinite(rows).sum(axis=0))
-        weight = 1.0 / sum(variances)
-        excess = np.sum(weight * (squares[0] - squares[1]), axis=1) / np.sum(weight, axis=1)
+        clean, rows = (
+            self.cycles(angles, values).reshape(-1, len(self.channels), len(KINDS), BINS)[:, :, 1]
+            for angles, values in ((simulated_angle, simulated), (angle, measured))
+        )
+        cycles, simulated_cycles = (np.isfinite(each).sum(axis=0) for each in (rows, clean))
+        square, simulated_square = np.nan_to_num(cycle_mean(rows)) ** 2, cycle_mean(clean) ** 2
+        variance = simulated_square * cycle_variance(clean)
+        several, own = cycles >= MIN_SCATTER_CYCLES, variance.copy()  # few scatter as simulated ones
+        own[several] = square[several] * cycle_variance(rows[:, several])
+        weight = (cycles > 0) / (variance / simulated_cycles + own / np.maximum(cycles, 1))
+        excess = np.sum(weight * (square - simulated_square), axis=1) / np.maximum(np.sum(weight, axis=1), 1e-300)
         return np.sqrt(np.maximum(excess, 0.0) * (np.pi / 2.0))  # from mean absolute to standard deviation
 
     def split(self, row: np.ndarray) -> dict[str, np.ndarray]:
@@ -134,7 +136,7 @@ def _within_revolution(angle: np.ndarray) -> np.ndarray:
 def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Least-squares weights of the predicting statistics, for each statistic."""
     places = np.arange(rows.shape[1]).reshape(channels, len(KINDS), BINS)
-    centred = rows - np.nanmean(rows, axis=0)
+    centred = rows - cycle_mean(rows)
     sizes = np.maximum(np.nanstd(rows, axis=0), 1e-300)
     centred = np.nan_to_num(centred / sizes)
     predictions = []
@@ -148,16 +150,24 @@ def _predictions(rows: np.ndarray, channels: int) -> list[tuple[np.ndarray, np.n
     return predictions
 
 
+def cycle_mean(rows: np.ndarray, axis: int = 0) -> np.ndarray:
+    """Mean of statistics over cycles; NaN for a bin without samples."""
+    with np.errstate(invalid="ignore"):
+        return np.nansum(rows, axis) / np.isfinite(rows).sum(axis)
+
+
 def cycle_variance(rows: np.ndarray) -> np.ndarray:
-    """Variance (m,) from cycle to cycle of statistics `rows` (cycles, m)."""
-    return np.maximum(np.nanvar(rows, axis=0, ddof=1), 1e-300)
+    """Variance (m,) from cycle to cycle of statistics `rows` (cycles, m); NaN for a bin of less than two cycles."""
+    free = np.isfinite(rows).sum(axis=0) - 1.0
+    squares = np.nansum((rows - cycle_mean(rows)) ** 2, axis=0)
+    return np.maximum(squares / np.where(free > 0.0, free, np.nan), 1e-300)
 
 
 def persistence(rows: np.ndarray, block: int) -> np.ndarray:
     """Variance of the mean of many cycles over that of independent cycles."""
-    blocks = np.nanmean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
-    ratio = block * np.nanvar(blocks, axis=0, ddof=1) / cycle_variance(rows)
-    return np.repeat(np.maximum(np.nanmean(ratio.reshape(-1, BINS), axis=1), 1.0), BINS)
+    blocks = cycle_mean(rows[: len(rows) // block * block].reshape(-1, block, rows.shape[1]), axis=1)
+    ratio = block * cycle_variance(blocks) / cycle_variance(rows)
+    return np.repeat(np.fmax(cycle_mean(ratio.reshape(-1, BINS), axis=1), 1.0), BINS)
 
 
 # quasi-random sequence: multiples of the golden and the plastic ratio
@@ -230,7 +240,9 @@ def chaotic_run(
     dense = learnt.independent(learnt.cycles(angle, noisy))
     error = np.sqrt(persistence(dense, cycles) * cycle_variance(dense) / (members * cycles))
     persistent = persistence(rows, len(rows) // many)
-    return ChaoticRun(of_length(cycles), learnt, cycle_variance(rows), persistent, members, error, sds)
+    variance = cycle_variance(rows)
+    variance = np.where(np.isfinite(variance), variance, cycle_variance(dense))  # bins that the samples hardly fill
+    return ChaoticRun(of_length(cycles), learnt, variance, persistent, members, error, sds)
 
 
 def measured_statistics(
@@ -251,10 +263,7 @@ def measured_statistics(
         weight = count[several] / (count[several] + PRIOR_CYCLES)
         variance[several] *= weight * ratio + (1.0 - weight) * np.median(ratio)
     error = np.sqrt(chaotic.persistence * variance / count + chaotic.error**2)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a bin without samples
-        mean = np.nanmean(rows, axis=0)
-    values, errors = own.split(mean), own.split(error)
+    values, errors = own.split(cycle_mean(rows)), own.split(error)
     return {name: (values[name], errors[name]) for name in values}
 
 
@@ -265,7 +274,7 @@ def simulated_statistics(
     angle, read = _ensemble(campaign, chaotic.plan, values, effects, numerics, chaotic.members)
     own = chaotic.statistics
     noisy = [_noisy(read[channel], chaotic.noise[channel], place) for place, channel in enumerate(own.channels)]
-    return own.split(np.nanmean(own.independent(own.cycles(angle, noisy)), axis=0))
+    return own.split(cycle_mean(own.independent(own.cycles(angle, noisy))))
 
 
 def _noisy(values: np.ndarray, sd: float, seed: int) -> np.ndarray:
