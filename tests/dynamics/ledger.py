@@ -125,6 +125,9 @@ def crank_losses(moved: Motion) -> np.ndarray:
         moment = moment - e.torque_N_m * (1 - e.varying_share + e.varying_share * wave) * np.tanh(w / CRANK_SIGN_SPEED)
     if e := moved.made.effect("crank_viscous_friction"):
         moment = moment - e.damping_N_m_s * w
+    if e := moved.made.effect("crank_brake"):
+        rise = np.abs(w / e.reference_speed_rad_s) ** e.exponent
+        moment = moment - e.torque_N_m * rise * np.tanh(w / CRANK_SIGN_SPEED)
     if e := moved.made.effect("crank_periodic_torque"):
         moment = moment + e.torque_N_m * np.cos(e.order * moved.angles - e.phase_rad)
     if moved.made.effect("discovered_crank_torque"):

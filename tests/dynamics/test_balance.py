@@ -37,6 +37,7 @@ CRANK = [
     effect("crank_coulomb_friction", torque_N_m=0.3),
     effect("crank_angle_friction", torque_N_m=0.2, tightest_angle_rad=1.0, varying_share=0.7),
     effect("crank_viscous_friction", damping_N_m_s=0.01),
+    effect("crank_brake", torque_N_m=0.4, reference_speed_rad_s=25.0, exponent=1.7),
     effect("crank_periodic_torque", torque_N_m=0.2, order=5, phase_rad=-1.1),
     effect("discovered_crank_torque", formula="-0.3*cos(theta)^2"),
 ]

@@ -40,11 +40,11 @@ def gas_force(degrees):
 def table(tmp_path):
     """The entry of an effect with a table of a load over an angle or over time."""
 
-    def write(place, load, unit="deg", kind="force", load_unit="N", **more):
-        pd.DataFrame({"at": place, "F": load}).to_csv(tmp_path / "load.csv", index=False)
+    def write(place, load, unit="deg", kind="force", load_unit="N", name="load", **more):
+        pd.DataFrame({"at": place, "F": load}).to_csv(tmp_path / f"{name}.csv", index=False)
         columns = {"angle" if unit == "deg" else "time": ("at", unit), kind: ("F", load_unit)}
         given = {name: {"column": column, "unit": unit} for name, (column, unit) in columns.items()}
-        return effect("slider_force_table", **{"file": str(tmp_path / "load.csv")} | given | more)
+        return effect("slider_force_table", **{"file": str(tmp_path / f"{name}.csv")} | given | more)
 
     return write
 
@@ -91,6 +91,40 @@ def test_a_four_stroke_load_repeats_after_two_revolutions_and_one_over_time_in_i
     entry = table(time, 30.0 * np.cos(math.tau * 37.0 * time + 0.4), "s", period=1.0 / 37.0)
     expected = torque(effect("harmonic_force", force_N=30.0, frequency_Hz=37.0, phase_rad=0.4), revolutions=3)
     assert away(torque(entry, revolutions=3), expected) < 1e-6
+
+
+def test_several_tables_at_the_slider_act_together(table):
+    """Of two strokes and of four, of one over an angle that is reversed and shifted; and two over time."""
+    coarse, fine = np.arange(0.0, 360.0, 3.0), np.arange(-180.0, 540.0, 1.7)
+    two = table(coarse, gas_force(coarse), name="two", reversed=True, zero="40 deg")
+    four = table(fine, four_stroke(fine), name="four")
+    time = np.linspace(0.0, 1.0, 300, endpoint=False)
+    slow = table(time * 0.3, 30.0 * np.cos(math.tau * time), "s", name="slow", period=0.3)
+    fast = table(time * 0.1, 9.0 * np.sin(math.tau * time), "s", name="fast", period=0.1)
+    long = np.linspace(0.0, 720.0, 3601)
+    rows = [table(long + shift, four_stroke(long + shift), name=f"of {shift}") for shift in (0.0, 0.1)]
+    alone = torque(revolutions=3)
+    for one, other in ((two, four), (slow, fast), rows):
+        parts = [torque(each, revolutions=3) - alone for each in (one, other)]
+        assert min(np.abs(part).max() for part in parts) > 0.1
+        assert away(torque(one, other, revolutions=3) - alone, sum(parts)) < 1e-7
+    refused(lambda *given: listed(*given), [(two, slow, "one load is over the crank angle and another one over time")])
+    odd = table(time * 0.123, 9.0 * np.sin(math.tau * time), "s", name="odd", period=0.123456)
+    refused(lambda *given: listed(*given), [(slow, odd, "no common multiple")])
+
+
+def test_the_pressure_on_the_side_of_the_crank_pushes_outwards_and_a_sensor_has_a_zero_and_a_gain(table):
+    degrees, area = np.arange(0.0, 361.0, 1.0), math.pi * 0.07**2 / 4
+    bar = 2.0 + np.sin(np.radians(degrees))
+    keys = {"kind": "pressure", "load_unit": "bar", "bore": "70 mm", "ambient_pressure": "1 bar"}
+    head, crank = torque(table(degrees, bar, **keys)), torque(table(degrees, bar, side="crank", **keys))
+    assert away(crank - torque(), torque() - head) < 1e-12
+    read = (bar - 0.3) / 1.1
+    for side, expected in (("head", head), ("crank", crank)):
+        entry = table(degrees, read, side=side, pressure_gain=1.1, pressure_zero="0.3 bar", **keys)
+        assert away(torque(entry), expected) < 1e-12
+    force = table(degrees, area * bar, side="crank")
+    refused(lambda given: listed(given), [(force, "pressure_gain are only for a pressure")])
 
 
 DEGREES, TIME = np.arange(0.0, 720.0, 1.0), np.linspace(0.0, 0.3, 300, endpoint=False)

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any
 
@@ -11,7 +11,7 @@ import yaml
 
 from jointgap.campaign.fits_on_disk import Outcome, clockwise, nuisances_as_read
 from jointgap.campaign.sentences import estimate_row, format_effect, format_estimate, is_fault, parameter_rows
-from jointgap.config import Mechanism, Simulate
+from jointgap.config import Effect, Mechanism, Simulate
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import validate
 from jointgap.core.errors import InputError
@@ -22,6 +22,7 @@ from jointgap.dynamics.compile_mechanism import parameters
 from jointgap.dynamics.equations import crank_losses, slider_force
 from jointgap.dynamics.simulation import simulate
 from jointgap.identification.fit import determined_values, effect_estimates, is_taken_over
+from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.simulate_run import augmented_mechanism, tolerance_for
 
 DIGITS = 7  # significant digits of identified values
@@ -57,20 +58,27 @@ def in_file_convention(new: Any, old: Any, text: Any = None, digits: int = DIGIT
 
 
 def missing_force(
-    base: Mechanism, augmented: Mechanism, speeds: Mapping[str, float], clockwise: Collection[str] = ()
+    base: Mechanism,
+    augmented: Mechanism,
+    speeds: Mapping[str, float],
+    clockwise: Collection[str] = (),
+    loads: Mapping[str, Sequence[Effect]] | None = None,
 ) -> pd.DataFrame:
-    """Slider force and crank torque of the augmented model minus those of the base, at the same motion.
+    """Slider force and crank torque of the augmented model minus those of the base, at the same motion; `loads` are
+    those of single runs.
 
     Both are zero for masses, lengths, clearances and sensor faults.
     """
     parts = []
     for run, speed in speeds.items():
+        models = [one.applied().mirrored() if run in clockwise else one for one in (base, augmented)]
+        models = [with_loads(one, (loads or {}).get(run, ())) for one in models]
         if run in clockwise:
-            part = _along(run, base.applied().mirrored(), augmented.applied().mirrored(), speed).iloc[::-1]
+            part = _along(run, *models, speed).iloc[::-1]
             turned = {"crank_angle": math.tau - part["crank_angle"], "crank_torque": -part["crank_torque"]}
             parts.append(part.assign(**turned))
         else:
-            parts.append(_along(run, base, augmented, speed))
+            parts.append(_along(run, *models, speed))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -98,8 +106,15 @@ def mechanisms(campaign: Campaign, outcome: Outcome) -> tuple[Mechanism, Mechani
     return augmented_mechanism(campaign.mechanism, (), determined_values(plain)), augmented
 
 
-def augment(campaign: Campaign, outcome: Outcome, text: Mapping[str, Any] | None = None) -> tuple[str, pd.DataFrame]:
-    """The augmented mechanism as YAML with the user's keys and units, and table `MISSING_FORCE`."""
+def augment(
+    campaign: Campaign,
+    outcome: Outcome,
+    text: Mapping[str, Any] | None = None,
+    loads: Mapping[str, Sequence[Effect]] | None = None,
+) -> tuple[str, pd.DataFrame]:
+    """The augmented mechanism as YAML with the user's keys and units, and table `MISSING_FORCE`, under the `loads` of
+    single runs.
+    """
     plain, augmented = mechanisms(campaign, outcome)
     new, old = (mechanism.model_dump(mode="json") for mechanism in (augmented, campaign.mechanism))
     content = in_file_convention(new, old, text)
@@ -111,7 +126,7 @@ def augment(campaign: Campaign, outcome: Outcome, text: Mapping[str, Any] | None
     speeds = {run.id: run.speed for run in campaign.runs if run.role != "confirm"}
     force = pd.DataFrame(columns=MISSING_FORCE.names)
     if any(not candidate.sensor for candidate in outcome.chosen.hypothesis):
-        force = missing_force(plain, augmented, speeds, clockwise(campaign))
+        force = missing_force(plain, augmented, speeds, clockwise(campaign), loads)
     return "\n".join([*(f"# {line}" for line in _header(campaign, outcome)), body]), force
 
 
@@ -127,4 +142,6 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
         note = " (a sensor fault, not part of the mechanism)" if is_fault(effect) else ""
         for name, *row in parameter_rows([effect]):
             lines.append(f"{format_effect(effect)}: {name}: {format_estimate(*row)}{note}")
+    if campaign.own_loads:
+        lines.append(f"Not in this file, but in the analysis: the known loads of {'; '.join(campaign.own_loads)}.")
     return [*lines, "Run-specific values and intervals are for information only. Numbers without a unit are in SI."]

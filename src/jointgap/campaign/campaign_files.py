@@ -78,7 +78,7 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
                 raise InputError(
                     f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` or `folder`"
                 )
-        planned = (*plan(file), *campaign.mechanism.files)
+        planned = (*plan(file), *campaign.load_files)
         data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
         if braced := [read for read in (*planned, *data) if "}" in read.partition("{")[2]]:
             raise InputError(

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from jointgap.campaign.sentences import format_detectable, format_label, names_to_labels, unit_of
-from jointgap.config.campaign import CHANNELS, Campaign, Channel
+from jointgap.config.campaign import CHANNELS, PRESSURES, Campaign, Channel
 from jointgap.core.candidates import Model
 from jointgap.core.schema import CONFUSABILITY
 from jointgap.core.words import joined, number
@@ -128,7 +128,7 @@ def extended(campaign: Campaign) -> Campaign:
         )
         for speed in (_SLOWER * speeds[0], _FASTER * speeds[-1])
     ]
-    inputs = ("time", "crank_angle", "crank_speed")  # prescribed by the drive
+    inputs = ("time", "crank_angle", "crank_speed", *PRESSURES)  # prescribed by the drive, and known loads
     channels = {
         name: Channel(column=f"({name})", unit=unit.replace("^", "**"))
         for name, unit in CHANNELS.items()

@@ -285,20 +285,23 @@ def augment(state: "CampaignState") -> None:
     from jointgap.campaign.augment import augment as augmented
     from jointgap.config.load import mechanism_as_written
 
-    text, force = augmented(state.campaign, state.outcome("verdict"), mechanism_as_written(state.file))
+    written = mechanism_as_written(state.file)
+    text, force = augmented(state.campaign, state.outcome("verdict"), written, state.own_loads)
     write_text(state.folder.path / MECHANISM, text)
     state.folder.write(schema.MISSING_FORCE, force)
 
 
 @stage(reads=_CONFIRMED, writes=(schema.CAMPAIGN_OPTIMUM,), does="optimise lengths before and after", minutes=60)
 def reoptimise(state: "CampaignState") -> None:
-    """Optimise the link lengths for the model with and without the effects, at the speed of the fastest fitted run.
+    """Optimise the link lengths for the model with and without the effects, at the speed and with the known loads of
+    the fastest fitted run.
 
     The table is empty if no effect was added or all joints are ideal.
     """
     from jointgap.campaign.augment import mechanisms
     from jointgap.campaign.reoptimise import reoptimise as reoptimised
     from jointgap.config import load_mechanism
+    from jointgap.rig.cylinder_pressure import with_loads
 
     models = {}
     # with ideal joints the transmission angle depends on the lengths only
@@ -309,6 +312,8 @@ def reoptimise(state: "CampaignState") -> None:
     fastest = max((run for run in state.campaign.runs if run.role != "confirm"), key=lambda run: run.speed)
     if fastest.direction == "clockwise":
         models = {name: mechanism.applied().mirrored() for name, mechanism in models.items()}
+    loads = state.own_loads.get(fastest.id, ()) if models else ()
+    models = {name: with_loads(mechanism, loads) for name, mechanism in models.items()}
     state.folder.write(schema.CAMPAIGN_OPTIMUM, reoptimised(models, fastest.speed))
 
 

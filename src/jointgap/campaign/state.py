@@ -26,6 +26,7 @@ from jointgap.identification.verdict import NO_DISAGREEMENT, UNEXPLAINED, Thresh
 from jointgap.rig.recording import Contradiction, from_frame, sentences
 
 if TYPE_CHECKING:
+    from jointgap.config import Effect
     from jointgap.rig.recording import Measurements
 
 Noise = dict[tuple[str, str], NoiseEstimate]
@@ -47,7 +48,7 @@ class CampaignState:
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
         data = (self.campaign.folder / run.file for run in self.campaign.runs)
         results = [table.path for table in TABLES.values() if table.path and "{" not in table.path]
-        inputs = (*files.plan(campaign), *self.campaign.mechanism.files, *data)
+        inputs = (*files.plan(campaign), *self.campaign.load_files, *data)
         self.folder.check_apart(inputs, (*results, files.MECHANISM, files.VERDICT, files.ORIGIN, *files.SUMMARIES))
         self.clockwise = disk.clockwise(self.campaign)
 
@@ -86,6 +87,11 @@ class CampaignState:
         from jointgap.rig.model import build_model
 
         return build_model(self.campaign, self.measurements)
+
+    @property
+    def own_loads(self) -> dict[str, tuple["Effect", ...]]:
+        """Known loads of each run besides those of the mechanism, for a crank that turns counter-clockwise."""
+        return {run: plan.loads for run, plan in self.model.plans.items()} if self.campaign.own_loads else {}
 
     @cached_property
     def library(self) -> list[Candidate]:

@@ -1,7 +1,7 @@
 """The campaign file: a mechanism, the measured runs, their columns, and bounds of uncertain quantities."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import date as Date
 from decimal import Decimal
 from pathlib import Path
@@ -25,6 +25,7 @@ from jointgap.core.joints import PINS
 from jointgap.core.section import ConfigModel, Name, Word, checked, text_of
 from jointgap.core.units import (
     Angle,
+    PositiveLength,
     quantity,
     respelled,
     scaled_unit_factor,
@@ -33,7 +34,9 @@ from jointgap.core.units import (
     to_si,
     unit_factor,
 )
+from jointgap.effects import AnyEffect
 from jointgap.effects.clearance import LEAST_CLEARANCE
+from jointgap.effects.slider_force_table import ForceTableParameters
 
 CHANNELS = {
     "time": "s",
@@ -50,8 +53,13 @@ CHANNELS = {
     "guide_force": "N",
     "frame_force_x": "N",
     "frame_force_y": "N",
+    "cylinder_pressure": "Pa",
+    "crank_side_pressure": "Pa",
 }
 """SI unit of every possible channel."""
+
+PRESSURES = {"cylinder_pressure": "head", "crank_side_pressure": "crank"}
+"""Channels of known loads on the slider, which are not compared, and the side of the slider on which they act."""
 
 UNITS = {
     "s": ("s", "ms", "us"),
@@ -62,6 +70,7 @@ UNITS = {
     "rad/s": ("rad/s", "deg/s", "rpm", "turn/s"),
     "N*m": ("N*m", "N*cm", "N*mm", "kN*m", "lbf*ft"),
     "N": ("N", "kN", "lbf", "mN"),
+    "Pa": ("Pa", "bar", "kPa", "MPa", "mbar", "psi"),
 }
 """Units, by SI unit, suggested where none is given or the given one does not convert."""
 
@@ -106,6 +115,10 @@ class Channel(ConfigModel):
     )
     repeated: Literal["first", "last"] | None = Field(None, description="of time: row to keep of rows with equal times")
     reads_gravity: bool = Field(False, description="whether an accelerometer's reading includes gravity")
+    bore: PositiveLength | None = Field(None, description="of a pressure: diameter on which it acts")
+    ambient_pressure: quantity("Pa", ge=0) | None = Field(
+        None, description="of a pressure: on the slider's other side, 0 for gauge pressures; null: 101325 Pa"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -191,8 +204,17 @@ _ANGLES = {"crank_angle", "rod_angle"}
 _NEEDS_CHANNEL = (
     (("counts_per_turn", "resolution"), _ANGLES, "only crank_angle and rod_angle are encoder readings"),
     (("rate", "repeated", "jitter"), {"time"}, "it applies to time only"),
-    (("noise", "bandwidth", "filter", "sign"), CHANNELS.keys() - {"time"}, "time is exact except for its jitter"),
-    (("high_pass", "average"), CHANNELS.keys() - {"time", "crank_angle"}, "time and crank angle are read directly"),
+    (
+        ("noise", "bandwidth", "filter", "sign"),
+        CHANNELS.keys() - {"time", *PRESSURES},
+        "time is exact except for its jitter, and a pressure is a known load, averaged over the cycles",
+    ),
+    (
+        ("high_pass", "average"),
+        CHANNELS.keys() - {"time", "crank_angle", *PRESSURES},
+        "it applies to measured quantities only",
+    ),
+    (("bore", "ambient_pressure"), PRESSURES.keys(), f"it applies to {' and '.join(PRESSURES)} only"),
     (("reads_gravity",), {name for name in CHANNELS if "acceleration" in name}, "only accelerations include gravity"),
 )
 """Keys, the channels that accept them, and the reason why others do not."""
@@ -205,6 +227,8 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
             given = [key for key in keys if getattr(channel, key) != Channel.model_fields[key].default]
             if given and name not in allowed:
                 yield f"{name}.{given[0]} does not apply: {why}; remove it"
+        if name in PRESSURES and channel.bore is None:
+            yield f"{name} requires bore, the diameter on which it acts; add it, such as 'bore: 60 mm'"
         if channel.filter != "zero_phase" and channel.bandwidth is None:
             yield f"{name}.filter requires bandwidth; add bandwidth, or remove filter"
         try:
@@ -227,7 +251,11 @@ MOTOR_LINE = ("stall_torque", "no_load_speed")
 """The torque-speed line of a motor: supply and winding may differ between runs."""
 
 RUN_NUISANCES = ("speed", "encoder_zero", "slider_position_zero", *MOTOR_LINE)
-"""Quantities with one value per run."""
+"""Quantities with one value per run; `PRESSURE_ZERO` too if the runs have their own pressures."""
+
+PRESSURE_ZERO = "pressure_zero"
+PRESSURE_SENSOR = (PRESSURE_ZERO, "pressure_gain")
+"""Zero and gain of the sensor of all pressures on the slider."""
 
 NEEDED_CHANNELS = {
     "encoder_zero": ("crank_angle",),
@@ -247,6 +275,9 @@ _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
     **SHARED,
     **{f"{key}_{pin}": own for key, own in SHARED.items() for pin in PINS},
     "speed": ("rad/s", _POSITIVE),
+    "crank_inertia": ("kg*m^2", _POSITIVE),
+    PRESSURE_ZERO: ("Pa", {}),
+    "pressure_gain": ("", _POSITIVE),
     "stall_torque": ("N*m", _POSITIVE),
     "no_load_speed": ("rad/s", _POSITIVE),
     "slider_offset": ("m", {}),
@@ -259,7 +290,7 @@ _LIMITS: dict[str, tuple[str, dict[str, float]]] = {
 NUISANCES = {key: unit for key, (unit, _) in _LIMITS.items()}
 """SI unit of every quantity accepted under ``nuisance``; ``''`` for pure numbers."""
 
-_AMOUNT_EXAMPLES = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'"}
+_AMOUNT_EXAMPLES = {"m": "'1 mm'", "rad": "'5 deg'", "s": "'5 ms'", "Pa": "'0.2 bar'"}
 """Example of a deviation from nominal, by unit."""
 
 
@@ -317,6 +348,13 @@ def _nominal_values(mechanism: Mechanism, key: str) -> tuple[float, ...]:
     return tuple(value for value in values if value is not None)
 
 
+def _pressure_sensor(key: str, effects: Iterable[Any], channels: Iterable[str]) -> tuple[float, ...]:
+    """Nominal values of the nuisance `key` of a pressure sensor; () without a pressure."""
+    tables = {getattr(one.parameters, key) for one in effects if getattr(one.parameters, "bore", None)}
+    recorded = {ForceTableParameters.model_fields[key].default} if PRESSURES.keys() & set(channels) else set()
+    return tuple(sorted(tables | recorded))
+
+
 RESERVED_IDS = ("all", "look", "measured", "remarks", "contradictions", "config_snapshot")
 """Reserved names of results: a sum over runs, and tables next to the figures of the runs."""
 
@@ -343,6 +381,10 @@ class Start(ConfigModel):
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
 
+LOADS_OF_A_RUN = ("slider_force_table", "crank_brake")
+"""Effects that may be listed for a single run."""
+
+
 class CampaignRun(ConfigModel):
     """One file of samples, measured at one speed."""
 
@@ -353,6 +395,7 @@ class CampaignRun(ConfigModel):
     start: Literal[_STARTS] | Start = Field("settled", description="beginning of the motion, or its angle, turns, time")
     first_angle: Angle | None = Field(None, description="crank angle at the first sample, without such a channel")
     direction: Literal["counter_clockwise", "clockwise"] = "counter_clockwise"
+    effects: tuple[AnyEffect, ...] = Field((), description="known loads of this run: slider_force_table, crank_brake")
 
     @field_validator("start", mode="before")
     @classmethod
@@ -368,6 +411,12 @@ class CampaignRun(ConfigModel):
             yield f"speed {self.speed:g} rad/s must be greater than 0; or give 'direction: clockwise'"
         if self.id in RESERVED_IDS:
             yield f"id '{self.id}' is a reserved name of results; choose another id"
+        for effect in self.effects:
+            if effect.name not in LOADS_OF_A_RUN:
+                yield (
+                    f"effects: {effect.name} is no load of a single run ({' and '.join(LOADS_OF_A_RUN)} are); list it "
+                    "in the mechanism file"
+                )
 
 
 def _day(given: Any) -> Any:
@@ -421,7 +470,10 @@ class Campaign(ConfigModel):
         mechanism = info.data.get("mechanism")  # None where it is invalid itself
         if mechanism is None:
             return {}
+        runs, channels = info.data.get("runs", ()), info.data.get("channels", {})
+        loads = (*mechanism.effects, *(effect for run in runs for effect in run.effects))
         nominals = {key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key) for key in given}
+        nominals |= {key: _pressure_sensor(key, loads, channels) for key in PRESSURE_SENSOR if key in given}
         return {key: _share_or_bounds(key, value, nominals[key]) for key, value in given.items()}
 
     @field_serializer("nuisance")
@@ -431,6 +483,10 @@ class Campaign(ConfigModel):
     def errors(self) -> Iterator[str]:
         yield from self._errors_of_runs()
         self.mechanism.applied().check_contacts(max(run.speed for run in self.runs))
+        for run in self.runs:
+            if run.effects:
+                together = self.mechanism.model_copy(update={"effects": (*self.mechanism.effects, *run.effects)})
+                yield from (f"runs: '{run.id}': {error}" for error in together.errors())
         yield from self._errors_of_drive()
         ids = [run.id for run in self.runs]
         for name, channel in self.channels.items():
@@ -464,9 +520,11 @@ class Campaign(ConfigModel):
         if missing := sorted(needed - has):
             yield f"channels: drive {self.drive} requires the channel {' and '.join(missing)}; add it"
         inputs = {"time"} if self.drive != "measured_angle" and "time" in has else {"time", "crank_angle"}
-        if not has - inputs:
+        if not has - inputs - PRESSURES.keys():
             yield "channels: no measured quantity to compare; add a channel such as crank_torque"
         for run in self.runs:
+            if has & PRESSURES.keys() and "crank_angle" not in has and run.first_angle is None:
+                yield f"runs: '{run.id}': a pressure requires the channel crank_angle, or first_angle of runs; add it"
             if self.drive == "measured_angle" and isinstance(run.start, Start):
                 yield f"runs: '{run.id}' has a start angle, but none was measured; give start: settled or dead_centre"
             if run.first_angle is not None and "crank_angle" in has:
@@ -474,6 +532,9 @@ class Campaign(ConfigModel):
 
     def _errors_of_nuisance(self, key: str) -> Iterator[str]:
         nominals = self.nominals(key)
+        if key in PRESSURE_SENSOR and len(nominals) > 1:
+            values = " and ".join(f"{value:g}" for value in nominals)
+            yield f"nuisance: {key} is one value of all pressures, but the tables have {values}; give them the same"
         if key in SHARED and len(set(nominals)) > 1:
             values = " and ".join(f"{value:g} in {pin}" for value, pin in zip(nominals, PINS, strict=True))
             own = " and ".join(f"{key}_{pin}" for pin in PINS)
@@ -497,6 +558,9 @@ class Campaign(ConfigModel):
             return tuple(run.speed for run in self.runs)
         if key in MOTOR_LINE:
             return () if self.motor is None else (getattr(self.motor, key),)
+        if key in PRESSURE_SENSOR:
+            loads = (*self.mechanism.effects, *(effect for run in self.runs for effect in run.effects))
+            return _pressure_sensor(key, loads, self.channels)
         given = self.nuisance.get(key)
         if key in NEEDED_CHANNELS and isinstance(given, tuple) and not given[0] <= 0.0 <= given[1]:
             return (0.5 * (given[0] + given[1]),)  # [170 deg, 190 deg]: an encoder mounted the other way round
@@ -527,9 +591,35 @@ class Campaign(ConfigModel):
         def is_idle(key: str) -> bool:
             if key == "speed":
                 return recorded
+            if key == "crank_inertia" and self.drive == "constant_speed":
+                return self.mechanism.effect("speed_fluctuation") is None
             return not (self.nominals(key) and self.channels.keys() >= set(NEEDED_CHANNELS.get(key, ())))
 
         return tuple(key for key in self.nuisance if is_idle(key))
+
+    @property
+    def run_nuisances(self) -> tuple[str, ...]:
+        """Nuisances with one value per run: with pressures of the single runs also the zero of their sensor."""
+        own = _pressure_sensor(PRESSURE_ZERO, (effect for run in self.runs for effect in run.effects), self.channels)
+        return (*RUN_NUISANCES, PRESSURE_ZERO) if own else RUN_NUISANCES
+
+    @property
+    def own_loads(self) -> tuple[str, ...]:
+        """The known loads of single runs, one line each; the mechanism does not contain them."""
+        listed = tuple(
+            f"run {run.id}: {effect.name}"
+            + (f" of {effect.parameters.file}" if hasattr(effect.parameters, "file") else "")
+            for run in self.runs
+            for effect in run.effects
+        )
+        recorded = (f"every run: {name}, averaged over its cycles" for name in PRESSURES if name in self.channels)
+        return (*listed, *recorded)
+
+    @property
+    def load_files(self) -> tuple[str, ...]:
+        """Files of the loads in the mechanism and of single runs."""
+        own = (effect.parameters for run in self.runs for effect in run.effects)
+        return (*self.mechanism.files, *(load.file for load in own if hasattr(load, "file")))
 
     @property
     def jitter(self) -> float | None:

@@ -10,7 +10,17 @@ from pydantic import BaseModel, Field, ValidationError
 from jointgap.config.campaign import NUISANCES, Campaign
 from jointgap.config.mechanism import Mechanism
 from jointgap.config.scenario import Scenario
-from jointgap.config.yaml_files import Layer, leaves, mechanism_layers, merged, read_json, read_yaml, sources, with_file
+from jointgap.config.yaml_files import (
+    Layer,
+    leaves,
+    mechanism_layers,
+    merged,
+    read_json,
+    read_yaml,
+    sources,
+    with_effect_files,
+    with_file,
+)
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import MOST_PARTS
 from jointgap.core.section import ConfigModel, Name, Word, complaints, whole_number
@@ -180,6 +190,10 @@ def load_campaign(path: Path | str) -> Campaign:
     """The campaign in a YAML or JSON file; relative paths in it start from its folder."""
     path = Path(path)
     data = _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ")
+    if isinstance(runs := data.get("runs"), list):
+        data = data | {
+            "runs": [with_effect_files(run, (path.parent,), f"{path}: runs.{i}") for i, run in enumerate(runs)]
+        }
     if isinstance(data.get("folder", ""), str):
         data = data | {"folder": path.parent / data.get("folder", "")}
     return validate(Campaign, data, str(path))

@@ -191,8 +191,8 @@ class Joints(ConfigModel):
     piston_pin: _joint("piston_pin") = Field(description="joint 3 of the paper")
 
 
-_INERTIA_ARM = 2.0
-"""Largest radius of gyration over the length of a link; a uniform rod has 0.29."""
+_INERTIA_ARM = {"crank": 20.0, "rod": 2.0}
+"""Largest radius of gyration over the length of a link, of a crank with its flywheel; a uniform rod has 0.29."""
 
 
 class Link(ConfigModel):
@@ -209,12 +209,6 @@ class Link(ConfigModel):
             distance = getattr(self, name)
             if abs(distance) > self.length:
                 yield f"{name} {distance:g} m is beyond the link's length {self.length:g} m; correct one of them"
-        most = self.mass * (_INERTIA_ARM * self.length) ** 2
-        if self.inertia > most:
-            yield (
-                f"inertia {self.inertia:g} kg*m^2 is too large for mass {self.mass:g} kg and length {self.length:g} m; "
-                f"give at most {most:.3g} kg*m^2 (check the units), and a flywheel's inertia as that of the motor"
-            )
 
     def with_length(self, length: float) -> "Link":
         """The link with another length [m]; `mass_centre` is scaled, all else is unchanged."""
@@ -280,6 +274,14 @@ class Mechanism(ConfigModel):
     def errors(self) -> Iterator[str]:
         if self.rod.mass_centre_across != 0:
             yield "rod.mass_centre_across must be 0: only a crank's mass centre may lie off its line; remove it"
+        for name, arm in _INERTIA_ARM.items():
+            link = getattr(self, name)
+            most = link.mass * (arm * link.length) ** 2
+            if link.inertia > most:
+                yield (
+                    f"{name}.inertia {link.inertia:g} kg*m^2 is too large for mass {link.mass:g} kg and length "
+                    f"{link.length:g} m; give at most {most:.3g} kg*m^2 (check the units)"
+                )
         clearances = sum(self.clearance(name) for name in self.loose)
         if self.crank.length + abs(self.slider.offset) + clearances >= self.rod.length:
             yield (
@@ -287,7 +289,7 @@ class Mechanism(ConfigModel):
                 f"{clearances:g} m exceed rod.length {self.rod.length:g} m: the crank cannot turn; lengthen the rod, "
                 "shorten the crank, or check the units of the lengths and radii"
             )
-        places = [(effect.name, effect.place) for effect in self.effects]
+        places = [(effect.name, effect.place) for effect in self.effects if not effect.SEVERAL]
         for name, place in places:
             if places.count((name, place)) > 1:
                 yield f"effects: {name} at {place} is listed more than once; combine its parameters in one entry"

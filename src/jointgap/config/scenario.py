@@ -65,8 +65,12 @@ class MotorDrive(ConfigModel):
     """A motor on the crank with a falling torque-speed line: M = stall_torque (1 - w / no_load_speed)."""
 
     kind: Literal["motor"] = "motor"
-    stall_torque: quantity("N*m", gt=0) = Field(description="torque at standstill")
-    no_load_speed: quantity("rad/s", gt=0) = Field(description="speed at which the torque is zero")
+    stall_torque: quantity("N*m", ge=0) = Field(
+        description="torque at standstill; 0: a flywheel without motor, as of an engine that a gas table drives"
+    )
+    no_load_speed: quantity("rad/s", gt=0) = Field(
+        description="speed at which the torque is zero; without motor the highest expected speed"
+    )
     inertia: quantity("kg*m^2", ge=0) = Field(0.0, description="of rotor and flywheel, on the crank's axis")
 
 

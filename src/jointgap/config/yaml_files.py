@@ -201,7 +201,7 @@ def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: 
                 raise InputError(f"{key}: '{mechanism}' is its own base; remove the last reference to it")
             passed.append(file.resolve())
             mechanism, source, folders, key = read_yaml(file), str(file), (file.parent, *folders), f"{file}: {BASE}"
-        own = _with_files(mechanism, folders, key.removesuffix(f": {BASE}"))
+        own = with_effect_files(mechanism, folders, key.removesuffix(f": {BASE}"))
         if not isinstance(mechanism, Mapping) or BASE not in mechanism:
             return [Layer(source, {"mechanism": own}), *reversed(layers)]
         mechanism, key = own.pop(BASE), key if key.endswith(BASE) else f"{key}.{BASE}"
@@ -210,8 +210,8 @@ def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: 
             raise InputError(f"{key} = {mechanism!r}: must be the path of a mechanism file")
 
 
-def _with_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
-    """The content of a `mechanism` with the files of its effects resolved in `folders`."""
+def with_effect_files(mechanism: Any, folders: Sequence[Path], key: str) -> Any:
+    """The content of a `mechanism`, or of a run, with the files of its effects resolved in `folders`."""
     if not isinstance(mechanism, Mapping):
         return mechanism
     mechanism = dict(mechanism)

@@ -168,6 +168,8 @@ def crank_losses(p, x, v, crank_speed, crank_angle, time):
         torque -= e.angle_friction * varying(e.angle_friction_share, crank_angle - e.angle_friction_tightest) * sign
     if e.crank_periodic != 0.0:
         torque += e.crank_periodic * math.cos(e.crank_periodic_order * crank_angle - e.crank_periodic_phase)
+    if e.crank_brake != 0.0:
+        torque -= e.crank_brake * (abs(crank_speed) / e.crank_brake_speed) ** e.crank_brake_exponent * sign
     if p.crank_formula.length > 0:
         torque += formula_value(p.crank_formula, v, x, crank_speed, crank_angle, time)
     return torque

@@ -139,6 +139,9 @@ class EffectParameters(NamedTuple):
     angle_friction: float = 0.0
     angle_friction_tightest: float = 0.0
     angle_friction_share: float = 0.0
+    crank_brake: float = 0.0
+    crank_brake_speed: float = 1.0
+    crank_brake_exponent: float = 0.0
     crank_sign_speed: float = 1.0
 
 

@@ -196,6 +196,8 @@ class Effect(ConfigModel):
         For the law of a family: the shape parameter, and shapes of common laws.
     ACTS_AT_ZERO : bool
         Whether it changes the mechanism even with amplitude 0.
+    SEVERAL : bool
+        Whether several entries may act at one location; their sum acts.
     """
 
     model_config = ConfigDict(ignored_types=(EffectParameter,))
@@ -218,6 +220,7 @@ class Effect(ConfigModel):
     SHAPE: ClassVar[str] = ""
     IN_USE: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)
     ACTS_AT_ZERO: ClassVar[bool] = False
+    SEVERAL: ClassVar[bool] = False
 
     @classmethod
     def sites(cls) -> tuple[str, ...]:

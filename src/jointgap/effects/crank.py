@@ -83,6 +83,21 @@ class CrankViscousFriction(CrankEffect):
     damping_N_m_s = parameter("N*m*s", "c, torque per speed", 0.01, ge=0, compiled="crank_viscous", step=_damping)
 
 
+@register_effect(order=123)
+class CrankBrake(CrankEffect):
+    """The known torque of a brake, generator or dynamometer that loads the crank; not a candidate."""
+
+    LAW = f"M = -T |w / w0|^n sgn w, {CRANK_SIGN}"
+    WORDS = "a brake of the crank"
+    torque_N_m = parameter("N*m", "T, torque at the reference speed", 10.0, ge=0, compiled="crank_brake")
+    reference_speed_rad_s = parameter(
+        "rad/s", "w0, speed at which the torque is T", 150.0, gt=0, compiled="crank_brake_speed"
+    )
+    exponent = parameter(
+        "", "n: 0 constant, 1 generator with a resistor, 2 water brake", 1.0, 1.0, "crank_brake_exponent", ge=0, le=4
+    )
+
+
 class PeriodicEffect(CrankEffect):
     """An effect with ``order`` cycles per revolution."""
 

@@ -197,6 +197,7 @@ def _orders(campaign: Campaign, recording: Recording, angle: np.ndarray, speed: 
     per_turn = finite.size * tau / abs(finite[-1] - finite[0])
     count = int(np.clip(per_turn / 4, 1, MAX_ORDER))
     loaded = campaign.drive != "constant_speed" or any(one.name != "gravity" for one in campaign.mechanism.effects)
+    loaded = loaded or bool(campaign.own_loads)
     expected, orders = ideal_orders(campaign.mechanism, speed, count), {}
     turning = np.exp(1j * angle)[:, None] ** np.arange(1, count + 1)
     columns = np.column_stack([np.ones(angle.size), turning.real, turning.imag])

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.sparse import eye_array
 from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
-from jointgap.config import Mechanism, MotorDrive, Simulate
+from jointgap.config import Effect, Mechanism, MotorDrive, Simulate
 from jointgap.config.campaign import MOTOR_LINE, CampaignRun, Start
 from jointgap.core.errors import InputError
 from jointgap.dynamics.compile_mechanism import parameters
@@ -69,6 +69,7 @@ class RunPlan:
     samples: SampleGrid
     channels: tuple[str, ...]  # Compared channels
     measured: "MeasuredDrive | None" = None  # A measured angle that drives the crank
+    loads: tuple[Effect, ...] = ()  # Known loads of this run besides those of the mechanism
     tolerance: float = TOLERANCE  # [m] Local error of a step
 
 
@@ -324,10 +325,14 @@ def motor_run(
         inertia = motor.inertia + crank.inertia + crank.mass * (crank.mass_centre**2 + crank.mass_centre_across**2)
         # an upper bound for the reciprocating masses
         inertia += (mechanism.slider.mass + mechanism.rod.mass) * crank.length**2
-        back = _settling(inertia * motor.no_load_speed / motor.stall_torque, speed) + earlier
+        falling = motor.stall_torque / motor.no_load_speed  # of the torque with the speed
+        if brake := mechanism.effect("crank_brake"):
+            slope = brake.exponent * brake.torque_N_m / brake.reference_speed_rad_s
+            falling += slope * (speed / brake.reference_speed_rad_s) ** (brake.exponent - 1.0)
+        back = _settling(inertia / falling if falling else 0.0, speed) + earlier
     p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
     # a little more than at no-load speed
-    reach = 1.05 * max(samples.elapsed[-1] * motor.no_load_speed, tau)
+    reach = 1.05 * max(samples.elapsed[-1] * max(motor.no_load_speed, speed), tau)
     count = math.ceil((back + reach) / tau * MOTOR_SAMPLES_PER_REVOLUTION)
     coarse = p.drive.start_angle + np.arange(count + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
     angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jointgap.config import Mechanism
-from jointgap.config.campaign import CHANNELS, NUISANCES, RUN_NUISANCES, Campaign, CampaignRun
+from jointgap.config.campaign import CHANNELS, NUISANCES, PRESSURES, Campaign, CampaignRun
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from jointgap.core.errors import InputError, SimulationError
@@ -22,6 +22,7 @@ from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
 from jointgap.rig.checks import is_computed
 from jointgap.rig.consistency_checks import consistency_checks
+from jointgap.rig.cylinder_pressure import loads_of_run, perturbed
 from jointgap.rig.drives import SETTLING_REVOLUTIONS, RunPlan, Values, measured_drive, starts_with_record
 from jointgap.rig.read_files import check_runs_left
 from jointgap.rig.recording import OF_SAMPLES, Measurements, Recording, noise_of
@@ -100,7 +101,7 @@ def _listed(campaign: Campaign, keys: Iterable[str], run: str | None = None) -> 
 
 def shared_nuisances(campaign: Campaign) -> tuple[Parameter, ...]:
     """Nuisances shared by all runs."""
-    found = _listed(campaign, (key for key in campaign.nuisance if key not in RUN_NUISANCES))
+    found = _listed(campaign, (key for key in campaign.nuisance if key not in campaign.run_nuisances))
     if (width := friction_speed(campaign.mechanism)) is not None:
         low, high = width / FRICTION_SPEED_FACTOR, width * FRICTION_SPEED_FACTOR
         found.append(_parameter("friction_speed", width, low, high, "m/s"))
@@ -132,7 +133,7 @@ def run_nuisances(campaign: Campaign, run: CampaignRun, samples: SampleGrid, sea
 
     If the measured angle drives the crank, speed and first angle are no nuisances.
     """
-    found = _listed(campaign, (key for key in RUN_NUISANCES if key != "speed"), run.id)
+    found = _listed(campaign, (key for key in campaign.run_nuisances if key != "speed"), run.id)
     if campaign.drive == "measured_angle":
         return tuple(found)
     speed, first, reach = samples.speed, samples.first_angle, samples.speed_reach
@@ -232,11 +233,12 @@ class SliderCrankModel:
     def drive_errors(self, run: str, values: Values) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Driven.drive_errors`."""
         plan = replace(self.plans[run], channels=self._sampled(run))
-        if plan.measured is None or not plan.channels:
+        others = [replace(plan, measured=each) for each in plan.measured.perturbed] if plan.measured else []
+        others += [replace(plan, loads=each) for each in perturbed(plan.loads)]
+        if not others or not plan.channels:
             return {}
-        nominal = self._read(plan, values)
-        perturbed = [self._read(replace(plan, measured=each), values) for each in plan.measured.perturbed]
-        changes = {channel: [each[channel] - nominal[channel] for each in perturbed] for channel in nominal}
+        nominal, read = self._read(plan, values), [self._read(each, values) for each in others]
+        changes = {channel: [each[channel] - nominal[channel] for each in read] for channel in nominal}
         return {channel: np.array(each).reshape(-1, nominal[channel].size).T for channel, each in changes.items()}
 
     @cached_property
@@ -369,13 +371,13 @@ def build_model(
 
 def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
     drives, encoder = campaign.drive == "measured_angle", "crank_angle" in campaign.channels
-    channels = [name for name in campaign.channels if name not in ("time", "crank_angle")]
+    channels = [name for name in campaign.channels if name not in ("time", "crank_angle", *PRESSURES)]
     channels += ["crank_angle"] if encoder and samples.encoded and not (drives or samples.computed) else []
     drive = None
     if drives:
         back = 0 if starts_with_record(run) else SETTLING_REVOLUTIONS
         drive = measured_drive(samples, _resolution(campaign), noise_of(campaign, run.id).get("crank_angle"), back)
-    return RunPlan(run, samples, tuple(channels), drive)
+    return RunPlan(run, samples, tuple(channels), drive, loads=loads_of_run(campaign, run))
 
 
 def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) -> RunData:
@@ -414,6 +416,7 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
             plan = replace(plan, samples=own)
         if searched := run.first_angle is None:
             plan = _with_first_angle(campaign, plan, fitted)
+    plan = replace(plan, loads=loads_of_run(campaign, run, plan.samples.angle, recording.channels))
     for channel, read in channels_read(campaign, plan, _nominal(campaign, plan)).items():
         if not np.isfinite(read).all():
             raise SimulationError(f"the simulated {channel} is not finite")

@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign import CHANNELS, MOTOR_LINE, Campaign, CampaignRun, channel_factor
+from jointgap.config.campaign import (
+    CHANNELS,
+    MOTOR_LINE,
+    PRESSURE_SENSOR,
+    PRESSURES,
+    Campaign,
+    CampaignRun,
+    channel_factor,
+)
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share
@@ -72,7 +80,11 @@ class RunFile:
         return {unit: channel_factor(channel, unit) / self.campaign.factor(channel) for unit in PROPOSED_UNITS[channel]}
 
 
-_IDLE = dict.fromkeys(MOTOR_LINE, "requires drive: motor") | {"speed": "follows from time and crank_angle"}
+_IDLE = dict.fromkeys(MOTOR_LINE, "requires drive: motor") | {
+    "speed": "follows from time and crank_angle",
+    "crank_inertia": "requires drive: motor or measured_angle",
+    **dict.fromkeys(PRESSURE_SENSOR, "requires a slider_force_table of a pressure, or the channel cylinder_pressure"),
+}
 """Why a nuisance has no effect, if the mechanism is not the reason."""
 
 
@@ -151,7 +163,8 @@ def _recording(file: RunFile, columns: Columns) -> Recording:
         _check_varies(file, name, samples)
         samples = samples.copy()
         samples[absent[name]] = np.nan
-        if not _is_stuck(file, name, samples, samples, angle if has_angle else turned):
+        # a pressure has plateaus
+        if name not in PRESSURES and not _is_stuck(file, name, samples, samples, angle if has_angle else turned):
             if (text := checks.clipped(samples)) is not None:
                 file.doubt("clipped", name, text)
         if (places := checks.outliers(samples)).size:

@@ -22,7 +22,9 @@ from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.integrate import beginning
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.simulation import IntegrationResult, integrate_on, start_state
+from jointgap.effects.slider_force_table import with_pressure_sensor
 from jointgap.rig import drives, sensors
+from jointgap.rig.cylinder_pressure import with_loads
 from jointgap.rig.drives import TOLERANCE, RunPlan, Values
 from jointgap.rig.recording import noise_of
 from jointgap.rig.sensors import Faults
@@ -83,10 +85,10 @@ def with_nuisances(mechanism: Mechanism, values: Values) -> Mechanism:
         if f"{pin}_clearance" in values:
             change["bearing_radius"] = joint.journal_radius + values[f"{pin}_clearance"]
         joints[pin] = joint.model_copy(update=change)
-    changes = {"rod": rod, "slider": slider, "joints": joints}
-    return modified.model_copy(
-        update={part: getattr(modified, part).model_copy(update=change) for part, change in changes.items()}
-    )
+    crank = {"inertia": values["crank_inertia"]} if "crank_inertia" in values else {}
+    changes = {"crank": crank, "rod": rod, "slider": slider, "joints": joints}
+    update = {part: getattr(modified, part).model_copy(update=change) for part, change in changes.items()}
+    return modified.model_copy(update=update | {"effects": with_pressure_sensor(modified.effects, values)})
 
 
 def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
@@ -199,6 +201,11 @@ def prepared(
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
     if clockwise:
         mechanism = mechanism.mirrored()
+    samples = plan.samples
+    offset = float(np.nanmean(faults.of_reading(samples.angle)))
+    offset -= faults.lag * nuisances.get("speed", samples.speed)  # a lagging encoder reads less
+    later = nuisances.get("first_angle", samples.first_angle) - samples.first_angle
+    mechanism = with_loads(mechanism, plan.loads, nuisances, later - offset)
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, tolerance or plan.tolerance)
     other_start = numerics == len(NUMERICS) and drives.began_anywhere(plan.run)
@@ -207,7 +214,7 @@ def prepared(
     change(driven.numbers)
     harmonic = driven.numbers.effects
     # phases refer to time 0 of the record, not of the simulation
-    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
+    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (samples.time[0] - driven.begin)
     return Prepared(driven, faults, tolerance)
 
 
@@ -242,7 +249,13 @@ def _threlfall(p: Parameters) -> None:
 
 
 def _driven_run(
-    campaign: Campaign, plan: RunPlan, mechanism: Mechanism, values, faults: Faults, tolerance: float, earlier: float
+    campaign: Campaign,
+    plan: RunPlan,
+    mechanism: Mechanism,
+    values: Values,
+    faults: Faults,
+    tolerance: float,
+    earlier: float,
 ) -> drives.DrivenRun:
     samples = plan.samples
     late = faults.lag * values.get("speed", samples.speed)  # a lagging encoder reads less

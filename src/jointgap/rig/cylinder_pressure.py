@@ -1,0 +1,173 @@
+"""Known loads of single runs: effects that a run lists, and pressures in its record, averaged over its cycles."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from math import radians, tau
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from scipy.linalg import eigh
+from scipy.sparse import csr_array
+
+from jointgap.config import Effect, Mechanism
+from jointgap.config.campaign import PRESSURES, Campaign, CampaignRun
+from jointgap.core.errors import InputError
+from jointgap.core.section import ConfigModel
+from jointgap.effects.base import Records
+from jointgap.effects.slider_force_table import Table, add_table, corrected, piston_area, with_pressure_sensor
+
+_FINEST = radians(1.0)  # [rad] Distance of the knots of an averaged pressure
+_LEAST_KNOTS = 16
+_LEVELS = np.linspace(-18.0, 18.0, 73)  # [1] Logarithms of the smoothing that are tried
+_FOUR_STROKE = 1.5, 0.02  # [1] Residual of one turn over that of two, and over the deviation of the pressure
+_KEPT_ERRORS, _MOST_ERRORS = 0.999, 100  # [1] Share of the variance in independent errors of the average
+
+
+class PressureParameters(ConfigModel):
+    """An averaged pressure on the slider; keys as of ``slider_force_table``."""
+
+    pieces: Any  # Force by the pressure as read: see `jointgap.effects.slider_force_table.Table`
+    deviations: Any  # (m, k, 4) Changes of their polynomials by independent errors
+    period: float  # [rad]
+    begin: float = 0.0  # [rad]
+    bore: float
+    ambient_pressure: float
+    side: Literal["head", "crank"]
+    pressure_zero: float = 0.0
+    pressure_gain: float = 1.0
+
+
+class RecordedPressure(Effect):
+    """A pressure on the slider over the crank angle, from the record of a run."""
+
+    GROUP, SITE, DESCRIBED = "slider", "slider", {}
+    NAME: ClassVar[str] = "cylinder_pressure"
+    SEVERAL = True
+    name: str = NAME
+    parameters: PressureParameters
+
+    def compile_into(self, records: Records) -> None:
+        given = self.parameters
+        pieces = corrected(given.pieces, given, given.pressure_zero, given.pressure_gain)
+        add_table(records, Table(1, 1.0, given.begin, given.period, pieces))
+
+    def largest_force(self, stroke: float) -> float:
+        return float(np.abs(self.parameters.pieces[:, -1]).max())
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """A periodic average over the crank angle."""
+
+    period: float  # [rad]
+    pieces: np.ndarray  # (k, 5) as in `jointgap.effects.slider_force_table.Table`
+    errors: np.ndarray  # (m, k, 4) Changes of the polynomials by independent errors, of one standard deviation each
+    residual: float  # Standard deviation from the average
+
+
+def averaged(angle: np.ndarray, values: np.ndarray, period: float) -> Averaged:
+    """The smooth average of `values` (n,) at crank angles (n,) [rad] over cycles of a `period` [rad].
+
+    A periodic cubic spline whose second differences are penalised, by generalised cross-validation (P. H. C. Eilers and
+    B. D. Marx, Statistical Science 11 (1996) 89-121); the errors have its posterior covariance.
+    """
+    step = float(np.ptp(angle)) / (angle.size - 1)
+    count = max(round(period / max(step, _FINEST)), _LEAST_KNOTS)
+    place = np.mod(angle, period) / period * count
+    first = np.minimum(place.astype(int), count - 1)
+    t = place - first
+    weights = np.column_stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6.0
+    columns = (first[:, None] + np.arange(-1, 3)) % count
+    basis = csr_array((weights.ravel(), columns.ravel(), np.arange(angle.size + 1) * 4), (angle.size, count))
+    bends = np.eye(count) - 2.0 * np.roll(np.eye(count), 1, axis=1) + np.roll(np.eye(count), 2, axis=1)
+    roughness, mean = bends.T @ bends, float(np.mean(values))
+    least = 1e-9 * angle.size / count  # so that the matrix is regular where there is no sample
+    rough, modes = eigh(roughness, (basis.T @ basis).toarray() + least * roughness)
+    known, sizes = 1.0 - least * rough, modes.T @ (basis.T @ (values - mean))
+    best = math.inf, 0.0, np.ones(count)
+    for level in np.exp(_LEVELS) * angle.size / count:
+        kept = 1.0 / (1.0 + level * rough)
+        squares = float(np.sum((values - mean) ** 2) - np.sum((2.0 - kept * known) * kept * sizes**2))
+        free = angle.size - float(np.sum(kept * known))
+        if free > 0.5 and squares > 0.0 and squares / free**2 < best[0]:
+            best = squares / free**2, math.sqrt(squares / free), kept
+    _, residual, kept = best
+
+    def polynomials(c: np.ndarray) -> np.ndarray:
+        """Of the pieces (k, 4) of splines with the coefficients `c` (k,)."""
+        before, after, last = np.roll(c, 1), np.roll(c, -1), np.roll(c, -2)
+        cubic, square = -before + 3 * c - 3 * after + last, 3 * before - 6 * c + 3 * after
+        parts = cubic, square, 3 * (after - before), before + 4 * c + after
+        return np.column_stack([part / 6.0 * (count / period) ** (3 - i) for i, part in enumerate(parts)])
+
+    begins = np.arange(count) * (period / count)
+    pieces = np.column_stack([begins, polynomials(mean + modes @ (kept * sizes))])
+    scaled = residual * np.sqrt(kept) * modes
+    order = np.argsort(-np.sum(scaled**2, axis=0))
+    share = np.cumsum(np.sum(scaled**2, axis=0)[order])
+    chosen = order[: min(int(np.searchsorted(share, _KEPT_ERRORS * share[-1])) + 1, _MOST_ERRORS)]
+    errors = np.array([polynomials(scaled[:, i]) for i in chosen])
+    return Averaged(period, pieces, errors, residual)
+
+
+def average_cycle(angle: np.ndarray, values: np.ndarray) -> Averaged:
+    """The average over one turn, or over two (four-stroke engines) if consecutive turns differ."""
+    turned, one = float(np.ptp(angle)), averaged(angle, values, tau)
+    if turned * angle.size / (angle.size - 1) < 1.9 * tau:
+        return one
+    two, (ratio, share) = averaged(angle, values, 2.0 * tau), _FOUR_STROKE
+    return two if one.residual > max(ratio * two.residual, share * float(np.std(values))) else one
+
+
+def loads_of_run(
+    campaign: Campaign, run: CampaignRun, angle: np.ndarray | None = None, channels: dict[str, np.ndarray] | None = None
+) -> tuple[Effect, ...]:
+    """The known loads of a `run`, for a crank that turns counter-clockwise.
+
+    Pressures from the `channels` of its record with the crank `angle` (n,) [rad]; without them (planned runs) none.
+    """
+    loads = [effect.mirrored() if run.direction == "clockwise" else effect for effect in run.effects]
+    for name in PRESSURES.keys() & (channels or {}).keys():
+        given, finite = campaign.channels[name], np.isfinite(angle) & np.isfinite(channels[name])
+        ambient = 101325.0 if given.ambient_pressure is None else given.ambient_pressure
+        where = f"{campaign.folder / run.file}, column {given.column}"
+        if ambient > 0.0 and channels[name][finite].min() < 0.0:
+            raise InputError(f"{where}: negative absolute pressure; give 'ambient_pressure: 0 bar' for gauge pressures")
+        if np.count_nonzero(finite) < _LEAST_KNOTS:
+            raise InputError(f"{where}: {np.count_nonzero(finite)} values; give {_LEAST_KNOTS} or more a turn")
+        cycle = average_cycle(angle[finite], channels[name][finite])
+        stated = {"bore": given.bore, "ambient_pressure": ambient, "side": PRESSURES[name]}
+        parameters = PressureParameters(pieces=None, deviations=None, period=cycle.period, **stated)
+        area = piston_area(parameters)
+        pieces = cycle.pieces * [1.0, -area, -area, -area, -area] + [0.0, 0.0, 0.0, 0.0, ambient * area]
+        forces = {"pieces": pieces, "deviations": -area * cycle.errors}
+        loads.append(RecordedPressure(parameters=parameters.model_copy(update=forces)))
+    return tuple(loads)
+
+
+def perturbed(loads: Sequence[Effect]) -> Iterator[tuple[Effect, ...]]:
+    """The `loads` with each independent error of a recorded pressure, of one standard deviation."""
+    for i, load in enumerate(loads):
+        for error in load.parameters.deviations if isinstance(load, RecordedPressure) else ():
+            pieces = load.parameters.pieces.copy()
+            pieces[:, 1:] += error
+            yield (*loads[:i], load.with_parameters(pieces=pieces), *loads[i + 1 :])
+
+
+def with_loads(
+    mechanism: Mechanism, loads: Iterable[Effect], values: dict[str, float] | None = None, angle: float = 0.0
+) -> Mechanism:
+    """`mechanism` with the `loads` of a run and the `values` of its nuisances.
+
+    Crank angles of the simulation exceed those of the record by `angle` [rad].
+    """
+    loads = with_pressure_sensor(loads, values or {})
+    if not loads:
+        return mechanism
+    turned = (
+        one.with_parameters(begin=one.parameters.begin + angle) if isinstance(one, RecordedPressure) else one
+        for one in loads
+    )
+    mechanism = mechanism.applied()
+    return mechanism.model_copy(update={"effects": (*mechanism.effects, *turned)})
