@@ -85,6 +85,7 @@ def optimisation() -> dict[str, pd.DataFrame]:
     point = {"source": "networks", "box": "paper"}
     valley = pd.DataFrame({"crank_length": cranks.ravel(), "rod_length": rods.ravel(), "allowed": True})
     valley = valley.assign(**point, rms=size, mean_absolute=0.8 * size, peak=3.0 * size, sum_of_squares=size**2)
+    valley["objective"] = valley["sum_of_squares"]
     rod = np.linspace(0.555, 0.564, 5)
     floor = pd.concat(
         pd.DataFrame(
@@ -95,6 +96,7 @@ def optimisation() -> dict[str, pd.DataFrame]:
         for factor, measure in enumerate(("rms", "mean_absolute", "peak", "sum_of_squares"), 1)
     )
     steps = pd.DataFrame({"crank_length": [0.1485, 0.1497], "rod_length": [0.556, 0.564], "sum_of_squares": [2.0, 1.0]})
+    steps["objective"] = steps["sum_of_squares"]
     paths = pd.concat(steps.assign(**point, start=start, iteration=[0, 1]) for start in range(6))
     population = pd.concat(
         steps.assign(**point, generation=generation, individual=[0, 1], origin="first", evaluations=2)

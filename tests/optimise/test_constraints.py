@@ -8,7 +8,7 @@ from jointgap.config import Box, Constraints, Genetic, load_mechanism, resolve
 from jointgap.core.errors import InputError
 from jointgap.dynamics.kinematics import clearance_lift
 from jointgap.lengths.objective import frozen_objective
-from jointgap.lengths.region import PinForce, Region, check_constraints, geometric
+from jointgap.lengths.region import Region, Surface, check_constraints, geometric
 from jointgap.lengths.search import evolve, search_from_all
 from tests.catalogue import each
 
@@ -90,7 +90,7 @@ def test_what_no_lengths_can_meet_is_refused_before_the_search_with_the_scenario
 def test_a_largest_force_bends_the_search_to_lengths_that_carry_no_more(objective):
     cranks, rods = (np.linspace(*ends, 7) for ends in (BOX.crank_length, BOX.rod_length))
     forces = 2000.0 * (cranks[:, None] / 0.150) * (rods[None, :] / 0.564) ** 2
-    surface = PinForce(RectBivariateSpline(cranks, rods, forces))
+    surface = Surface(RectBivariateSpline(cranks, rods, forces))
     free = found(objective, region(offset=0.0))
     most = float(surface.value(free[0])) - 30.0
     for lengths in found(objective, Region.of(BOX, None).under([surface.limited(most)])):

@@ -14,7 +14,7 @@ from jointgap.dynamics.kinematics import ideal_cycle
 from jointgap.dynamics.simulation import simulate
 from jointgap.lengths import optimise as stage
 from jointgap.lengths.optimise import objectives, optimise
-from jointgap.lengths.region import PinForce, Region
+from jointgap.lengths.region import Region, Surface
 from jointgap.lengths.search import Point
 from jointgap.scenario.figures import draw
 from jointgap.scenario.outcome import headline, outcome
@@ -92,7 +92,7 @@ def grid_of(force):
 
     def surface(mechanism, simulate, optimise, region):
         cranks, rods = (np.linspace(*ends, 7) for ends in zip(region.lower, region.upper, strict=True))
-        return PinForce(RectBivariateSpline(cranks, rods, force(cranks[:, None], rods[None, :])))
+        return Surface(RectBivariateSpline(cranks, rods, force(cranks[:, None], rods[None, :])))
 
     return surface
 

@@ -613,7 +613,9 @@ class Optimum(Result):
     tables: Mapping[str, pd.DataFrame]
     _outcome: Any  # jointgap.scenario.outcome.Outcome, which is not in the documentation
 
-    _HEADLINE = "Link lengths with the smallest error of the transmission angle"
+    @property
+    def _HEADLINE(self) -> str:
+        return f"Link lengths with the smallest {self._outcome.goal.words.removeprefix('largest ')}"
 
     @property
     def lengths(self) -> tuple[float, float]:
@@ -627,9 +629,9 @@ class Optimum(Result):
 
     @property
     def gain(self) -> float:
-        """Relative reduction of the RMS error of the transmission angle [1]: simulated again, median.
+        """Relative reduction of the objective [1]: simulated again, median.
 
-        Over a settled revolution, or over the configured window.
+        By default of the RMS error of the transmission angle, over a settled revolution or over the configured window.
         """
         return float(self._outcome.gain["reduction"])
 
@@ -659,7 +661,8 @@ class Optimum(Result):
         found, gain = self._outcome, self._outcome.gain
         (old_crank, old_rod), (crank, rod) = found.original, found.lengths
         before, after = (row for _, row in found.pair("optimise_worth", "simulated").iterrows())
-        error = f"RMS error of the transmission angle over {found.stretch_label(found.stretch)}"
+        words = f"RMS {found.goal.words}" if found.is_of_angle else found.goal.words
+        size, unit = f"{words} over {found.stretch_label(found.stretch)}", found.goal.unit
         shares = {
             "": "reduction",
             ", 5 % of pairs of runs": "reduction_low",
@@ -671,8 +674,7 @@ class Optimum(Result):
             ("rod length", 1e3 * rod, "mm"),
             ("change of the rod length", 1e3 * (rod - old_rod), "mm"),
             ("active bounds", joined(found.bounds) or "none", ""),
-            (f"{error}, before", float(np.degrees(gain["original_error"])), "deg"),
-            (f"{error}, after", float(np.degrees(gain["error"])), "deg"),
+            *((f"{size}, {when}", value, unit) for when, value in zip(("before", "after"), found.sizes, strict=True)),
             *((f"reduction{which}", 100.0 * float(gain[share]), "%") for which, share in shares.items()),
             *(
                 (f"change of the {format_name(name)}", 1e3 * float(after[name] - before[name]), "mm")
@@ -691,11 +693,12 @@ def optimise(
     surrogate: Surrogate | None = None,
     **keys: Any,
 ) -> Optimum:
-    """Optimise the link lengths for the smallest error of the transmission angle.
+    """Optimise the link lengths for the smallest error of the transmission angle, or for another objective.
 
-    The mechanism is simulated. With frozen joint motion, a genetic and a local optimiser search crank and rod length.
-    The optima are simulated again from several slightly perturbed starts. The result has the smallest error over a
-    settled revolution (or over the configured window). Requires pymoo: the extra ``learn``.
+    The mechanism is simulated. A genetic and a local optimiser search crank and rod length: with frozen joint motion,
+    or, for a force or torque, on a grid of simulations with and without clearance. The optima are simulated again from
+    several slightly perturbed starts. The result has the smallest objective over a settled revolution (for the
+    transmission angle: or over the configured window). Requires pymoo: the extra ``learn``.
 
     Parameters
     ----------
@@ -709,9 +712,11 @@ def optimise(
     surrogate : Surrogate, optional
         Training of the networks.
     **keys
-        Keys of `jointgap.Optimise`: ``boxes`` (bounds of the lengths by name, the first for the result; default: 5 %
-        around the mechanism's lengths), ``constraints`` (stroke, dead centres, space, largest pin force),
-        ``ratio_limit``, ``window``, ``genetic``, ``ensemble``.
+        Keys of `jointgap.Optimise`: ``objective`` (``"transmission_angle"``, ``"largest_pin_force"`` or
+        ``"torque_ripple"``), ``boxes`` (bounds of the lengths by name, the first for the result; default: 5 % around
+        the mechanism's lengths), ``constraints`` (stroke, dead centres, space, largest pin force), ``ratio_limit``,
+        ``window``, ``genetic``, ``ensemble``. Keys of `jointgap.Simulate` as `jointgap.simulate` takes them, such as
+        ``speed``, override `options`.
 
     Returns
     -------
@@ -729,19 +734,22 @@ def optimise(
     >>> import jointgap as jg
     >>> mechanism = jg.load_mechanism("erkaya2009")
     >>> box = {"crank_length": ("147 mm", "153 mm"), "rod_length": ("555 mm", "564 mm")}
-    >>> best = jg.optimise(mechanism, jg.Simulate(speed="600 rpm"), boxes={"near": box})
+    >>> best = jg.optimise(mechanism, speed="600 rpm", boxes={"near": box})
     >>> best.plot("valley").save("valley.png")
     """
     from jointgap.lengths.optimise import optimise as optimised
 
-    simulated_so = simulate_options(options, {})
+    driven = {key: keys.pop(key) for key in Simulate.model_fields if key in keys}
+    simulated_so = simulate_options(options, driven)
     sections = {"mechanism": checked_mechanism(mechanism), "simulate": simulated_so, "optimise": Optimise(**keys)}
     if networks or surrogate:
-        sections["surrogate"] = surrogate or Surrogate()
+        sections |= {"surrogate": surrogate or Surrogate(), "networks": True}
     scenario = Scenario(**sections)
     applied = scenario.mechanism.applied()
     if not applied.loose:
-        raise InputError("optimise: all joints are ideal, so the transmission angle has no error; make a joint loose")
+        raise InputError(
+            "optimise: all joints are ideal, so the optimum cannot be checked with clearance; make a joint loose"
+        )
     motion = simulate(mechanism, scenario.simulate)
     trained = {}
     if "surrogate" in sections:

@@ -237,6 +237,9 @@ class Constraints(ConfigModel):
 class Optimise(ConfigModel):
     """The optimisation of the link lengths."""
 
+    objective: Literal["transmission_angle", "largest_pin_force", "torque_ripple"] = Field(
+        "transmission_angle", description="quantity to minimise"
+    )
     window: Window = Field((0.0, 2 * math.pi), description="crank angles after the start over which the error counts")
     boxes: dict[Word, Box] = Field({}, description="bounds by name, the main ones first; none: the rod within 5 %")
     ratio_limit: OpenFraction | None = Field(None, description="of crank length to rod length; null: no limit")
@@ -251,6 +254,11 @@ class Optimise(ConfigModel):
     def _boxes_set_to_null_are_left_out(cls, boxes: Any) -> Any:
         """An overriding configuration removes a box with null."""
         return {name: box for name, box in boxes.items() if box is not None} if isinstance(boxes, dict) else boxes
+
+    def errors(self) -> Iterator[str]:
+        whole = type(self).model_fields["window"].default
+        if self.objective != "transmission_angle" and self.window != whole:
+            yield f"window belongs to the transmission angle; remove it: {self.objective} is of a settled revolution"
 
 
 class Figures(ConfigModel):
@@ -347,6 +355,7 @@ class Scenario(DrivenMechanism):
         if self.paper and "networks" in self.model_fields_set and not self.networks:
             yield "paper = true requires networks: true; set it, or set paper to false"
         checks = (
+            ({"optimise"}, self._errors_of_objective),
             ({"mechanism", "simulate"}, super().errors),
             ({"simulate", "surrogate"}, self._errors_of_samples),
             ({"mechanism", "optimise"}, self._errors_of_lengths),
@@ -395,6 +404,17 @@ class Scenario(DrivenMechanism):
             if crank + offset >= rod:
                 lengths = f"a crank of {1e3 * crank:g} mm with an offset of {1e3 * offset:g} mm"
                 yield f"optimise.boxes.{name}: {lengths} cannot turn with a rod of {1e3 * rod:g} mm; lengthen the rod"
+
+    def _errors_of_objective(self) -> Iterator[str]:
+        """Sections that concern the transmission angle only."""
+        set_so = {
+            "networks: true": self.networks,
+            "sweep.best_lengths": self.sweep.best_lengths,
+            "optimise_robust.uncertain": self.optimise_robust.uncertain,
+        }
+        if self.optimise.objective != "transmission_angle" and (given := [key for key, on in set_so.items() if on]):
+            objective = f"optimise.objective {self.optimise.objective}"
+            yield f"{objective} cannot be combined with {given[0]}, which is for transmission_angle; remove one"
 
     def _errors_of_measures(self) -> Iterator[str]:
         known = {column.name for column in measured(self.sweep.best_lengths, self.sweep.printed_numbers)}

@@ -64,6 +64,8 @@ class Ensemble:
         [rad], [m].
     pin_force, normal_force : dict of str to (runs, samples) array
         By joint: magnitude of the force between its bodies, and its component along the clearance [N].
+    crank_torque : (runs, samples) array
+        Torque of the drive [N m].
     """
 
     crank_angle: np.ndarray
@@ -73,6 +75,7 @@ class Ensemble:
     slider_position: np.ndarray
     pin_force: dict[str, np.ndarray]
     normal_force: dict[str, np.ndarray]
+    crank_torque: np.ndarray
 
     @property
     def transmission_angle(self) -> np.ndarray:
@@ -180,7 +183,8 @@ def simulate_ensemble(mechanism: Mechanism, options: Simulate, perturbations, wo
         seen = result.observed(p)
         forces = [np.hypot(seen[f"{joint}_force_x"], seen[f"{joint}_force_y"]) for joint in JOINTS]
         normal = [seen[f"{joint}_normal_force"] for joint in JOINTS]
-        rows.append((result.times, result.states, rod_angle, position, np.array(forces), np.array(normal)))
-    times, states, rod_angle, position, forces, normal = map(np.array, zip(*rows, strict=True))
+        loads = np.array(forces), np.array(normal), seen["crank_torque"]
+        rows.append((result.times, result.states, rod_angle, position, *loads))
+    times, states, rod_angle, position, forces, normal, torque = map(np.array, zip(*rows, strict=True))
     by_joint = ({joint: each[:, n].copy() for n, joint in enumerate(JOINTS)} for each in (forces, normal))
-    return Ensemble(crank_angles(options), times, states, rod_angle, position, *by_joint)
+    return Ensemble(crank_angles(options), times, states, rod_angle, position, *by_joint, torque)

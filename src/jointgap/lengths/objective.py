@@ -1,5 +1,6 @@
-"""The error of the transmission angle as a function of the lengths."""
+"""The objectives as functions of the lengths."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,7 +11,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from jointgap.config import Mechanism
 from jointgap.dynamics.kinematics import transmission_angle
-from jointgap.lengths.region import Region
+from jointgap.lengths.region import Region, Surface
 
 
 class Measures(NamedTuple):
@@ -54,10 +55,18 @@ class Objective:
         pairs = zip(self.measures(lengths), self.measures(self.original), strict=True)
         return Measures(*(1.0 - new / original for new, original in pairs))
 
-    def value(self, lengths: ArrayLike) -> np.ndarray:
-        """f(x), the sum of squares [rad^2], shape (...), for lengths (L2, L3) of shape (..., 2) [m]."""
+    def sum_of_squares(self, lengths: ArrayLike) -> np.ndarray:
+        """f(x) [rad^2], shape (...), for lengths (L2, L3) of shape (..., 2) [m]."""
         error = self.error(lengths)
         return np.einsum("...n,...n->...", error, error)
+
+    def value(self, lengths: ArrayLike) -> np.ndarray:
+        """The quantity to minimise, shape (...), for lengths (L2, L3) of shape (..., 2) [m]."""
+        return self.sum_of_squares(lengths)
+
+    def sizes(self, lengths: ArrayLike) -> dict[str, np.ndarray]:
+        """The quantities of the table optimise_floor by name, shape (...), for lengths of shape (..., 2) [m]."""
+        return self.measures(lengths)._asdict()
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
         """Gradient of `value` with respect to (L2, L3) [rad^2/m], shape (2,), for lengths of shape (2,) [m]."""
@@ -69,6 +78,50 @@ class Objective:
     def _cosine(self, lengths: ArrayLike) -> np.ndarray:
         lengths = np.asarray(lengths)[..., None]
         return (lengths[..., 0, :] * self.sine + self.lift) / lengths[..., 1, :]
+
+
+@dataclass(frozen=True)
+class SimulatedObjective(Objective):
+    """A force or torque of simulations; measures and reductions remain those of the transmission angle."""
+
+    name: str  # Key of `GOALS`
+    surface: Surface
+
+    def value(self, lengths: ArrayLike) -> np.ndarray:
+        return self.surface.value(lengths)
+
+    def gradient(self, lengths: ArrayLike) -> np.ndarray:
+        return self.surface.gradient(lengths)
+
+    def sizes(self, lengths: ArrayLike) -> dict[str, np.ndarray]:
+        return {self.name: self.value(lengths)}
+
+
+@dataclass(frozen=True)
+class Goal:
+    """How an objective is reported."""
+
+    words: str
+    measure: str  # In the table optimise_resimulated
+    unit: str  # Display unit
+    definition: str  # After "over a settled revolution"
+
+    @property
+    def factor(self) -> float:
+        """Display units per SI unit."""
+        return np.degrees(1.0) if self.unit == "deg" else 1.0
+
+
+GOALS = {
+    "transmission_angle": Goal("error of the transmission angle", "rms", "deg", ""),
+    "largest_pin_force": Goal(
+        "largest pin force", "largest_pin_force", "N", "largest force in crank pin and piston pin"
+    ),
+    "torque_ripple": Goal(
+        "torque ripple", "torque_ripple", "N m", "largest minus smallest torque of the drive on the crank"
+    ),
+}
+"""By `optimise.objective`."""
 
 
 def frozen_objective(mechanism: Mechanism, crank_angle: ArrayLike, lift: ArrayLike) -> Objective:
@@ -106,7 +159,7 @@ CRANK_LENGTHS, ROD_LENGTHS = 61, 37  # grid points: every 0.1 mm by 0.25 mm in t
 
 
 def grid(objective: Objective, region: Region) -> pd.DataFrame:
-    """The four measures over the box."""
+    """The objective and the four measures over the box."""
     ends = zip(region.lower, region.upper, (CRANK_LENGTHS, ROD_LENGTHS), strict=True)
     rods, cranks = np.meshgrid(*[np.linspace(*each) for each in ends][::-1], indexing="ij")
     lengths = np.stack([cranks, rods], axis=-1)
@@ -116,6 +169,7 @@ def grid(objective: Objective, region: Region) -> pd.DataFrame:
             "crank_length": cranks.ravel(),
             "rod_length": rods.ravel(),
             "allowed": region.contains(lengths, slack=1e-12).ravel(),
+            "objective": np.concatenate([objective.value(row) for row in lengths]),
             **dict(zip(MEASURES, measures, strict=True)),
         }
     )
@@ -127,16 +181,27 @@ def invariant(reduction: float, rod_length: float, name: str) -> float:
 
 
 def best_cranks(objective: Objective, region: Region) -> pd.DataFrame:
-    """The best crank length for each rod length and measure, regardless of the crank's bounds and the inequality."""
-    rows = []
+    """The best crank length for each rod length and measure.
+
+    For the transmission angle regardless of the crank's bounds and the inequality; for another objective within the
+    crank lengths that the constraints allow.
+    """
+    rows, original = [], objective.sizes(objective.original)
+    is_simulated = isinstance(objective, SimulatedObjective)
+    allowed = region.samples[:, 0] if region.constraints else np.array([region.lower[0], region.upper[0]])
+    cranks = np.linspace(allowed.min(), allowed.max(), CRANK_LENGTHS)
     for rod in np.linspace(region.lower[1], region.upper[1], ROD_LENGTHS):
-        best = {name: _best_crank(objective, region, rod, name) for name in MEASURES[:3]}
-        best["sum_of_squares"] = best["rms"]  # a monotonic function of it
+        if is_simulated:  # has many minima
+            values = objective.value(np.stack([cranks, np.full_like(cranks, rod)], axis=-1))
+            best = {objective.name: float(cranks[np.argmin(values)])}
+        else:
+            best = {name: _best_crank(objective, region, rod, name) for name in MEASURES[:3]}
+            best["sum_of_squares"] = best["rms"]  # a monotonic function of it
         for name, crank in best.items():
             found = {"measure": name, "crank_length": crank, "rod_length": rod, "ratio": crank / rod}
-            found["value"] = float(getattr(objective.measures((crank, rod)), name))
-            found["reduction"] = float(getattr(objective.reductions((crank, rod)), name))
-            rows.append(found | {"invariant": invariant(found["reduction"], rod, name)})
+            found["value"] = float(objective.sizes((crank, rod))[name])
+            found["reduction"] = 1.0 - found["value"] / float(original[name])
+            rows.append(found | {"invariant": None if is_simulated else invariant(found["reduction"], rod, name)})
     return pd.DataFrame(rows)
 
 
@@ -166,13 +231,17 @@ def tolerance_effect(objective: Objective, lengths: tuple[float, float], toleran
     """Columns of the table optimise_optima about the rod's tolerance."""
     crank, rod = map(float, lengths)
     width = it7(rod) if tolerance is None else tolerance
-    original = float(objective.measures(objective.original).rms)
 
-    def rms(deviation: float) -> float:
-        return max(float(objective.measures((crank, rod + side * deviation)).rms) for side in (-1, 1))
+    def rms(lengths: tuple[float, float]) -> float:
+        return float(objective.measures(lengths).rms)
 
-    allowed = 0.0
-    if rms(0.0) < original:
+    size = objective.value if isinstance(objective, SimulatedObjective) else rms
+
+    def off(deviation: float, size: Callable[[tuple[float, float]], float] = size) -> float:
+        return max(float(size((crank, rod + side * deviation))) for side in (-1, 1))
+
+    allowed, original = 0.0, float(size(objective.original))
+    if off(0.0) < original:
         most = _MOST * rod
-        allowed = most if rms(most) <= original else brentq(lambda deviation: rms(deviation) - original, 0.0, most)
-    return {"rod_tolerance": width, "rms_rod_off": rms(width / 2), "rod_deviation_allowed": float(allowed)}
+        allowed = most if off(most) <= original else brentq(lambda deviation: off(deviation) - original, 0.0, most)
+    return {"rod_tolerance": width, "rms_rod_off": off(width / 2, rms), "rod_deviation_allowed": float(allowed)}

@@ -8,12 +8,14 @@ import numpy as np
 import pandas as pd
 
 from jointgap.config import Mechanism, Optimise, Simulate
+from jointgap.core.errors import InputError
 from jointgap.core.joints import JOINT_NUMBERS
 from jointgap.core.words import number
 from jointgap.dynamics.kinematics import Fit, clearance_lift, ideal_cycle
-from jointgap.lengths.objective import Objective, best_cranks, frozen_objective, grid
+from jointgap.lengths.objective import Objective, SimulatedObjective, best_cranks, frozen_objective, grid
 from jointgap.lengths.region import FORCE_TOLERANCE, LEAST_FORCE, Region, regions
 from jointgap.lengths.resimulate import (
+    SIZES,
     Resimulation,
     compare,
     peak_pin_force,
@@ -21,6 +23,7 @@ from jointgap.lengths.resimulate import (
     resimulate,
     sample_ranges,
     spread,
+    surface,
 )
 from jointgap.lengths.search import Point, Search, labelled, optima, paths, printed_points, search_all, tolerances
 
@@ -79,9 +82,12 @@ def optimise(
     surrogates: Mapping[str, Mapping[str, Fit]],
 ) -> Optimisation:
     """Optimise the lengths for every source in every box, and simulate the optima again."""
-    by_source = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
-    original = Point("original", "original", (mechanism.crank.length, mechanism.rod.length))
+    frozen = objectives(mechanism, simulate, options, training_points, trajectory, surrogates)
+    original, by_source = Point("original", "original", (mechanism.crank.length, mechanism.rod.length)), frozen
     fixed = [original, *printed_points(mechanism, simulate)]
+    if options.objective in SIZES:
+        fixed = [original]
+        by_source = simulated_objectives(mechanism, simulate, options, frozen["simulation_settled"])
 
     @cache
     def at_lengths(lengths: tuple[float, ...]) -> Resimulation:
@@ -94,6 +100,8 @@ def optimise(
     fixed += unmet
     points = [*fixed, *(point for search in searches for point, _ in search.found)]
     simulated = {point.name: again(point) for point in points}
+    used = dict.fromkeys((point.name for point in fixed), next(iter(by_source.values())))
+    used |= {point.name: search.objective for search in searches for point, _ in search.found}
     return Optimisation(
         optima=optima(by_source, searches, fixed, options.rod_tolerance),
         population=labelled("population", searches, lambda search: search.genetic.population),
@@ -101,10 +109,34 @@ def optimise(
         tolerance=labelled("tolerance", searches, tolerances),
         valley=labelled("valley", searches, lambda search: grid(search.objective, search.region)),
         floor=labelled("floor", searches, lambda search: best_cranks(search.objective, search.region)),
-        resimulated=_resimulated(simulated, by_source, options.ensemble.members),
+        resimulated=_resimulated(simulated, frozen, used, options.ensemble.members),
         worth=_cycle_extremes(simulated, mechanism.slider.offset),
         loads=_loads(simulated),
     )
+
+
+def simulated_objectives(
+    mechanism: Mechanism, simulate: Simulate, options: Optimise, angle: Objective
+) -> dict[str, Objective]:
+    """The configured force or torque over all boxes, with ideal joints and with clearance, by source.
+
+    `angle` is the error of the transmission angle.
+    """
+    joints = {name: mechanism.joint(name).model_copy(update={"loose": False}) for name in mechanism.loose}
+    ideal = mechanism.model_copy(update={"joints": mechanism.joints.model_copy(update=joints)})
+    boxes = regions(mechanism, options).values()
+    lower, upper = np.min([box.lower for box in boxes], axis=0), np.max([box.upper for box in boxes], axis=0)
+    if upper[0] + abs(mechanism.slider.offset) >= lower[1]:
+        raise InputError(
+            f"optimise.boxes: {options.objective} is simulated over all boxes together, where a crank of "
+            f"{1e3 * upper[0]:g} mm cannot turn with a rod of {1e3 * lower[1]:g} mm; optimise in one box at a time"
+        )
+    given = simulate, options, Region(lower, upper, 1.0), SIZES[options.objective]
+    surfaces = {"ideal_joints": surface(ideal, *given), "with_clearance": surface(mechanism, *given)}
+    return {
+        source: SimulatedObjective(**vars(angle), name=options.objective, surface=found)
+        for source, found in surfaces.items()
+    }
 
 
 def _searched(
@@ -166,15 +198,19 @@ def _search_under_force(
     return replace(nearest, status=status)
 
 
-def _resimulated(simulated: dict[str, Resimulation], by_source: dict[str, Objective], members: int) -> pd.DataFrame:
-    """The table optimise_resimulated."""
-    frozen = {"window": by_source["simulation"], "settled": by_source["simulation_settled"]}
+def _resimulated(
+    simulated: dict[str, Resimulation], frozen: dict[str, Objective], used: dict[str, Objective], members: int
+) -> pd.DataFrame:
+    """The table optimise_resimulated; `used` has the objective that a point was found with."""
+    sources = {"window": frozen["simulation"], "settled": frozen["simulation_settled"]}
     rows = []
     for name, ensemble in simulated.items():
-        reductions = {key: objective.reductions(ensemble.lengths) for key, objective in frozen.items()}
+        estimates = {key: objective.reductions(ensemble.lengths)._asdict() for key, objective in sources.items()}
+        if isinstance(own := used[name], SimulatedObjective):
+            estimates["settled"][own.name] = 1.0 - own.value(ensemble.lengths) / own.value(own.original)
         for row in compare(ensemble, simulated["original"]):
-            reduction = float(getattr(reductions[row["stretch"]], row["measure"]))
-            rows.append(_point(name, ensemble) | row | {"frozen_reduction": reduction, "members": members})
+            estimate = {"frozen_reduction": float(estimates[row["stretch"]][row["measure"]])}
+            rows.append(_point(name, ensemble) | row | estimate | {"members": members})
     return pd.DataFrame(rows)
 
 

@@ -126,24 +126,24 @@ def depends_on_offset(options: Constraints) -> str:
 
 
 @dataclass(frozen=True)
-class PinForce:
-    """The largest pin force [N] as a surface over a box of lengths [m], through a grid of simulations."""
+class Surface:
+    """A quantity [SI] over a box of lengths [m], through a grid of simulations."""
 
     surface: RectBivariateSpline
     factor: float = 1.0  # Correction
 
     def value(self, lengths: ArrayLike) -> np.ndarray:
-        """The force [N], shape (...), at lengths of shape (..., 2) [m]."""
+        """The quantity, shape (...), at lengths of shape (..., 2) [m]."""
         return self.factor * self.surface.ev(*np.moveaxis(np.asarray(lengths), -1, 0))
 
     def gradient(self, lengths: ArrayLike) -> np.ndarray:
-        """Its gradient with respect to lengths of shape (..., 2) [N/m], shape (..., 2)."""
+        """Its gradient with respect to lengths of shape (..., 2) [m], shape (..., 2)."""
         at = np.moveaxis(np.asarray(lengths), -1, 0)
         slopes = [self.surface.ev(*at, dx=1), self.surface.ev(*at, dy=1)]
         return self.factor * np.stack(slopes, axis=-1)
 
     def limited(self, most: float) -> Constraint:
-        """The constraint that the force is at most `most` [N]."""
+        """The constraint that the quantity, a pin force, is at most `most` [N]."""
         words = "largest force in a pin"
         return Constraint("largest_pin_force", words, "N", -math.inf, most, self.value, self.gradient)
 

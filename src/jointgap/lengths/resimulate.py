@@ -1,11 +1,11 @@
-"""Re-simulation of new lengths, as an ensemble of slightly perturbed starts.
+"""Re-simulation of new lengths, as an ensemble of slightly perturbed starts, and surfaces through simulations.
 
 The frozen objective keeps the clearance motion of the original lengths; here it depends on the lengths. Motion in loose
 joints can be chaotic, so a reduction from one run is meaningless. Every pair of lengths, the original one included, is
 simulated from the same perturbed starts, and each member of one ensemble is compared with each of the other."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,9 +18,9 @@ from jointgap.dynamics.parallel import Ensemble as Motions
 from jointgap.dynamics.parallel import Run, simulate_ensemble, simulate_runs
 from jointgap.dynamics.simulation import perturbed_start
 from jointgap.lengths.objective import MEASURES, Measures, evaluation_samples, measure
-from jointgap.lengths.region import PinForce, Region
+from jointgap.lengths.region import Region, Surface
 
-FORCE_GRID = 21, 41  # grid points of crank and rod length for the simulated pin forces
+SURFACE_GRID = 21, 41  # grid points of crank and rod length of a surface
 LOW, HIGH = 0.05, 0.95  # quantiles of a spread
 
 
@@ -40,6 +40,7 @@ class Resimulation:
     outer_dead_centre: np.ndarray
     inner_dead_centre: np.ndarray
     loads: dict[str, dict[str, np.ndarray]]  # Of `_load` by joint, from the frame to the slider
+    quantities: dict[str, np.ndarray] = field(default_factory=dict)  # Other objectives, settled, (members,) each
 
 
 def perturbations(options: Ensemble, loose: Iterable[str]) -> np.ndarray:
@@ -76,6 +77,11 @@ def resimulate(
     samples = sample_ranges(simulate, optimise, training_points)
     angles = ensemble.transmission_angle[:, samples["settled"]]
     slider = ensemble.slider_position[:, samples["settled"]]
+    quantities = {}
+    if optimise.objective in SIZES:
+        observed = {"crank_torque": ensemble.crank_torque, **ensemble.pin_force}
+        settled = {name: values[:, samples["settled"]] for name, values in observed.items()}
+        quantities[optimise.objective] = SIZES[optimise.objective](settled)
     return Resimulation(
         lengths=lengths,
         errors={name: measure(error[:, chosen]) for name, chosen in samples.items()},
@@ -83,7 +89,26 @@ def resimulate(
         outer_dead_centre=np.max(slider, axis=1),
         inner_dead_centre=np.min(slider, axis=1),
         loads={joint: _load(ensemble, joint, samples["settled"], joint in mechanism.loose) for joint in FROM_FRAME},
+        quantities=quantities,
     )
+
+
+Settled = Mapping[str, np.ndarray]
+"""Torque of the drive [N m] and forces in the pins [N] by name over a settled revolution, shape (..., n) each."""
+
+
+def largest_pin_force(settled: Settled) -> np.ndarray:
+    """The largest force in either pin [N], shape (...)."""
+    return np.max([settled[pin].max(axis=-1) for pin in PINS], axis=0)
+
+
+def torque_ripple(settled: Settled) -> np.ndarray:
+    """The largest minus the smallest torque of the drive [N m], shape (...)."""
+    return np.ptp(settled["crank_torque"], axis=-1)
+
+
+SIZES = {"largest_pin_force": largest_pin_force, "torque_ripple": torque_ripple}
+"""Objectives other than the transmission angle, by `optimise.objective`."""
 
 
 def _load(ensemble: Motions, joint: str, settled: np.ndarray, loose: bool) -> dict[str, np.ndarray]:
@@ -109,13 +134,18 @@ def reduction_pairs(new: np.ndarray, original: np.ndarray) -> np.ndarray:
 
 def compare(new: Resimulation, original: Resimulation) -> list[dict[str, object]]:
     """Errors and reduction with their spreads, per range of samples and measure."""
+    compared = [
+        (stretch, *each)
+        for stretch in new.errors
+        for each in zip(MEASURES, new.errors[stretch], original.errors[stretch], strict=True)
+    ]
+    compared += [("settled", name, own, original.quantities[name]) for name, own in new.quantities.items()]
     rows = []
-    for stretch in new.errors:
-        for name, error, before in zip(MEASURES, new.errors[stretch], original.errors[stretch], strict=True):
-            pairs = reduction_pairs(error, before)
-            row = {"stretch": stretch, "measure": name}
-            row |= spread("original_error", before) | spread("error", error) | spread("reduction", pairs)
-            rows.append(row | {"share_better": float(np.mean(pairs > 0.0))})
+    for stretch, name, error, before in compared:
+        pairs = reduction_pairs(error, before)
+        row = {"stretch": stretch, "measure": name}
+        row |= spread("original_error", before) | spread("error", error) | spread("reduction", pairs)
+        rows.append(row | {"share_better": float(np.mean(pairs > 0.0))})
     return rows
 
 
@@ -124,20 +154,30 @@ def peak_pin_force(resimulation: Resimulation) -> float:
     return max(float(np.median(resimulation.loads[joint]["peak_force"])) for joint in PINS)
 
 
-def pin_force(mechanism: Mechanism, simulate: Simulate, optimise: Optimise, region: Region) -> PinForce:
-    """The largest pin force over a region: a surface through one simulation per grid point."""
-    first = (optimise.ensemble.settled_revolution - 1) * simulate.samples_per_revolution
-    settled = slice(first, first + simulate.samples_per_revolution)
+def pin_force(mechanism: Mechanism, simulate: Simulate, optimise: Optimise, region: Region) -> Surface:
+    """The largest pin force over a region."""
+    return surface(mechanism, simulate, optimise, region, largest_pin_force)
+
+
+def surface(
+    mechanism: Mechanism,
+    simulate: Simulate,
+    optimise: Optimise,
+    region: Region,
+    size: Callable[[Settled], np.ndarray],
+) -> Surface:
+    """A quantity over a region: a surface through one simulation per grid point."""
+    settled = sample_ranges(simulate, optimise, 2)["settled"]
     cranks, rods = (
-        np.linspace(low, high, points) for low, high, points in zip(region.lower, region.upper, FORCE_GRID, strict=True)
+        np.linspace(low, high, points)
+        for low, high, points in zip(region.lower, region.upper, SURFACE_GRID, strict=True)
     )
     runs = (Run(mechanism.with_lengths(crank, rod), simulate) for crank in cranks for rod in rods)
-    forces = []
+    sizes = []
     for outcome in simulate_runs(runs):
         if outcome.error is not None:
             raise outcome.error
         observed = outcome.result.observed(outcome.parameters)
-        forces.append(
-            max(np.hypot(observed[f"{pin}_force_x"], observed[f"{pin}_force_y"])[settled].max() for pin in PINS)
-        )
-    return PinForce(RectBivariateSpline(cranks, rods, np.reshape(forces, FORCE_GRID)))
+        forces = {pin: np.hypot(observed[f"{pin}_force_x"], observed[f"{pin}_force_y"])[settled] for pin in PINS}
+        sizes.append(float(size({"crank_torque": observed["crank_torque"][settled], **forces})))
+    return Surface(RectBivariateSpline(cranks, rods, np.reshape(sizes, SURFACE_GRID)))

@@ -64,8 +64,8 @@ class Found:
     """Result of one search."""
 
     lengths: np.ndarray  # shape (2,); the best (L2, L3) [m]
-    value: float  # Its sum of squares [rad^2]
-    values: np.ndarray  # shape (evaluations,); all values in order of evaluation, an elite's once [rad^2]
+    value: float  # The objective there [SI]
+    values: np.ndarray  # shape (evaluations,); all values in order of evaluation, an elite's once [SI]
     status: str  # Stopping criterion
     population: pd.DataFrame | None = None  # Of the genetic algorithm: a row per individual and generation
     path: np.ndarray | None = None  # shape (k, 2); of a local search: iterates, from the start [m]
@@ -134,7 +134,8 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> Found:
             "origin": state.pop.get("origin"),
             "crank_length": crank,
             "rod_length": rod,
-            "sum_of_squares": state.pop.get("F")[:, 0],
+            "objective": state.pop.get("F")[:, 0],
+            "sum_of_squares": objective.sum_of_squares(state.pop.get("X")),
             "evaluations": len(problem.values),
         }
         generations.append(pd.DataFrame(generation))
@@ -143,10 +144,10 @@ def evolve(objective: Objective, region: Region, options: Genetic) -> Found:
     run_algorithm(problem, _Evolution(options), ("n_gen", count + 1), seed=options.seed, callback=record)
     population = pd.concat(generations, ignore_index=True)
     violations = np.maximum(region.violation(population[["crank_length", "rod_length"]].to_numpy()) - FEASIBLE, 0.0)
-    best = population.iloc[np.lexsort((population["sum_of_squares"], violations))[0]]
+    best = population.iloc[np.lexsort((population["objective"], violations))[0]]
     return Found(
         lengths=best[["crank_length", "rod_length"]].to_numpy(dtype=float),
-        value=float(best["sum_of_squares"]),
+        value=float(best["objective"]),
         values=np.array(problem.values),
         status=f"stopped after {count} generations of {options.population}",
         population=population,
@@ -191,7 +192,7 @@ def search(objective: Objective, region: Region, start: ArrayLike, tolerance: fl
     end = np.clip(region.unscaled(result.x), region.lower, region.upper)  # exact bounds despite rounding
     if region.violation(end) > FEASIBLE:  # the tolerance also applies to constraints
         end = region.nearest(end)
-    status = f"stopped: the sum of squares changes by less than {tolerance:g} of its value at the original lengths"
+    status = f"stopped: the objective changes by less than {tolerance:g} of its value at the original lengths"
     if not result.success:
         reason = str(result.message).strip().lower()
         status = f"not converged ({reason}): raise the tolerance {tolerance:g} or check the box"
@@ -300,6 +301,8 @@ def _optimum(source: str, objective: Objective, point: Point, tolerance: float |
         "crank_length": crank,
         "rod_length": rod,
         "ratio": crank / rod,
+        "objective": (value := float(objective.value(point.lengths))),
+        "objective_reduction": 1.0 - value / float(objective.value(objective.original)),
         **{name: float(value) for name, value in measures._asdict().items()},
         **{f"{name}_reduction": float(value) for name, value in reductions._asdict().items()},
         **tolerance_effect(objective, point.lengths, tolerance),
@@ -321,8 +324,9 @@ def paths(search: Search) -> pd.DataFrame:
     """Rows of the table optimise_paths."""
     columns = ["crank_length", "rod_length"]
     frames = {start: pd.DataFrame(result.path, columns=columns) for start, result in enumerate(search.local)}
-    squares = np.concatenate([search.objective.value(result.path) for result in search.local])
-    return pd.concat(frames, names=["start", "iteration"]).reset_index().assign(sum_of_squares=squares)
+    lengths = np.concatenate([result.path for result in search.local])
+    values = {"objective": search.objective.value(lengths), "sum_of_squares": search.objective.sum_of_squares(lengths)}
+    return pd.concat(frames, names=["start", "iteration"]).reset_index().assign(**values)
 
 
 def tolerances(search: Search) -> pd.DataFrame:
@@ -333,7 +337,8 @@ def tolerances(search: Search) -> pd.DataFrame:
             "start": number,
             "crank_length": result.lengths[0],
             "rod_length": result.lengths[1],
-            "sum_of_squares": result.value,
+            "objective": result.value,
+            "sum_of_squares": float(search.objective.sum_of_squares(result.lengths)),
             "rms_reduction": float(search.objective.reductions(result.lengths).rms),
             "evaluations": result.evaluations,
             "converged": result.converged,

@@ -33,7 +33,9 @@ DEGREES = 180.0 / np.pi
 def described(name: str, scenario: Scenario) -> plot.FigureSpec:
     """A figure with the title and caption that hold for the `scenario`."""
     loose = bool(scenario.mechanism.applied().loose)
-    return FIGURES[name].where(paper=scenario.paper, networks=scenario.networks, loose=loose)
+    angle, networks = scenario.optimise.objective == "transmission_angle", scenario.networks
+    known = {"angle": angle, "networks": networks, "unsettled": networks or not angle}
+    return FIGURES[name].where(paper=scenario.paper, loose=loose, **known)
 
 
 def by_source(tables: Tables) -> dict[str, pd.DataFrame]:
@@ -507,6 +509,8 @@ LENGTHS = {  # labels of printed points, and of the sources searched by the gene
     "clearance": "second surrogate",
     "simulation": "simulation",
     "simulation_settled": "simulation, settled",
+    "ideal_joints": "ideal joints",
+    "with_clearance": "with clearance",
 }
 
 
@@ -580,16 +584,20 @@ def _without_optimum(name: str, optima: pd.DataFrame, scenario: Scenario) -> Dra
     ("optimise_valley", "optimise_floor", "optimise_paths", "optimise_population", "optimise_optima"),
 )
 def valley(tables: Tables, scenario: Scenario) -> Drawing:
-    """Frozen joint motion from [networks:the networks][not networks:a settled revolution of the simulation]. Left: RMS
-    error over both lengths in the main box, with bounds, constraint, starts and paths of the local optimiser, the best
+    """[networks:Frozen joint motion from the networks. ][not unsettled:Frozen joint motion from a settled revolution of
+    the simulation. ][not angle:Simulated with clearance. ]Left: [angle:RMS error][not angle:objective] over both
+    lengths in the main box, with bounds, constraint, starts and paths of the local optimiser, the best
     of each generation of the genetic algorithm, [not paper:and ]both
-    optima[paper: and the paper's three points]. The error depends
-    almost only on the ratio of the lengths: one flat valley, not many minima. Right: reduction of the error along the
-    valley's floor, for each measure at its best crank length."""
+    optima[paper: and the paper's three points]. [angle:The error depends
+    almost only on the ratio of the lengths: one flat valley, not many minima. ]Right: reduction of the [angle:error
+    along the valley's floor, for each measure at its best crank length][not angle:objective for each rod length, at the
+    best crank length that the constraints allow]."""
     if (lacking := _without_optimum("valley", tables["optimise_optima"], scenario)) is not None:
         return lacking
+    from jointgap.lengths.objective import GOALS  # loads scipy
+
     box, sources = next(iter(scenario.optimise.boxes)), set(tables["optimise_optima"]["source"])
-    source = "networks" if "networks" in sources else "simulation_settled"  # without networks
+    source = next(name for name in ("networks", "with_clearance", "simulation_settled") if name in sources)
     shown = {
         name.removeprefix("optimise_"): frame[
             (frame["source"] == source) & (frame["box"].isna() | (frame["box"] == box))
@@ -599,17 +607,23 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
     }
     sheet = Sheet(4.9, 1, 2, width_ratios=[1.35, 1.0])
     _map(sheet, shown, scenario, box)
-    panel = sheet.panel((0, 1), "along the valley's floor", ROD, REDUCTION)
-    for measure, (words, colour) in MEASURES.items():
+    goal = GOALS[scenario.optimise.objective]
+    reduced, title, measures = REDUCTION, "along the valley's floor", MEASURES
+    if source == "with_clearance":
+        reduced, title = Quantity(f"reduction of the {goal.words}", "%"), "best crank for each rod"
+        measures = {goal.measure: (goal.words, "simulation")}
+    panel = sheet.panel((0, 1), title, ROD, reduced)
+    for measure, (words, colour) in measures.items():
         part = shown["floor"][shown["floor"]["measure"] == measure]
         dashes = "--" if measure == "mean_absolute" else "-"  # may coincide with the RMS
         panel.line(words, part["rod_length"], 100 * part["reduction"], colour, linewidth=1.3, linestyle=dashes)
-    measures = panel.axes.get_lines()
-    gained = shown["optima"].assign(reduction=100 * shown["optima"]["rms_reduction"])
+    lines = panel.axes.get_lines()
+    gain = "objective_reduction" if source == "with_clearance" else "rms_reduction"
+    gained = shown["optima"].assign(reduction=100 * shown["optima"][gain])
     _points(panel, gained, "rod_length", "reduction")
     bottom, top = panel.axes.get_ylim()
     panel.axes.set_ylim(bottom, top + 0.5 * (top - bottom))  # room for the legend
-    panel.axes.legend(handles=measures, loc="upper left")
+    panel.axes.legend(handles=lines, loc="upper left")
     sheet.legend(sheet.panels[:1])
     return sheet.drawing()
 
@@ -617,17 +631,25 @@ def valley(tables: Tables, scenario: Scenario) -> Drawing:
 def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: str) -> None:
     """The objective over both lengths [mm], with the paths of the optimisers."""
     from matplotlib.colors import LogNorm
+    from matplotlib.ticker import MaxNLocator
 
-    rms = Quantity("RMS error of μ", "deg")
-    panel = sheet.panel((0, 0), f"error over both lengths, box '{box}'", CRANK, ROD)
-    grid = np.degrees(shown["valley"].pivot(index="rod_length", columns="crank_length", values="rms"))
+    from jointgap.lengths.objective import GOALS  # loads scipy
+
+    goal, is_angle = GOALS[scenario.optimise.objective], scenario.optimise.objective == "transmission_angle"
+    size, title = ("RMS error of μ", "error") if is_angle else (goal.words,) * 2
+    size, values = Quantity(size, goal.unit), "rms" if is_angle else "objective"
+    panel = sheet.panel((0, 0), f"{title} over both lengths, box '{box}'", CRANK, ROD)
+    grid = goal.factor * shown["valley"].pivot(index="rod_length", columns="crank_length", values=values)
     low, high = grid.min(axis=None), grid.max(axis=None)
     look = {"levels": np.geomspace(low, high, 15), "cmap": "Blues_r", "norm": LogNorm()}
-    drawn = panel.contours("objective", grid.columns.to_numpy(), grid.index.to_numpy(), grid.to_numpy(), rms, **look)
-    bar = sheet.figure.colorbar(drawn, ax=panel.axes, label=rms.label, location="bottom", shrink=0.9, aspect=30)
-    ticks = [tick for tick in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if low <= tick <= high]
-    bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    bar.minorticks_off()
+    if not is_angle:
+        look = {"levels": MaxNLocator(15).tick_values(low, high), "cmap": "Blues_r"}
+    drawn = panel.contours("objective", grid.columns.to_numpy(), grid.index.to_numpy(), grid.to_numpy(), size, **look)
+    bar = sheet.figure.colorbar(drawn, ax=panel.axes, label=size.label, location="bottom", shrink=0.9, aspect=30)
+    if is_angle:
+        ticks = [tick for tick in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if low <= tick <= high]
+        bar.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        bar.minorticks_off()
 
     bounds = scenario.optimise.boxes[box]
     (left, right), (low, high) = (1e3 * np.array(edges) for edges in (bounds.crank_length, bounds.rod_length))
@@ -635,13 +657,14 @@ def _map(sheet: Sheet, shown: dict[str, pd.DataFrame], scenario: Scenario, box: 
     if (ratio := scenario.optimise.ratio_limit) is not None:
         limit = np.array([low, high])
         panel.line(f"$L_2$ = {ratio:g} $L_3$", ratio * limit, limit, "ideal", linestyle=":")
-    floor = shown["floor"][shown["floor"]["measure"] == "rms"]
-    panel.line("valley's floor", floor["crank_length"], floor["rod_length"], "second surrogate", linewidth=2.2)
+    floor = shown["floor"][shown["floor"]["measure"] == goal.measure]
+    floor_words = "valley's floor" if is_angle else "best crank for each rod"
+    panel.line(floor_words, floor["crank_length"], floor["rod_length"], "second surrogate", linewidth=2.2)
     for number, path in shown["paths"].groupby("start"):
         x, y = path["crank_length"], path["rod_length"]
         panel.line("local paths", x, y, "local")
         panel.marks("starting points", x.iloc[:1], y.iloc[:1], "local", markerfacecolor="white", labels=[str(number)])
-    best = shown["population"].loc[shown["population"].groupby("generation")["sum_of_squares"].idxmin()]
+    best = shown["population"].loc[shown["population"].groupby("generation")["objective"].idxmin()]
     generations, mark = "genetic, generations' best", {"marker": "+", "zorder": 4}
     panel.marks(generations, best["crank_length"], best["rod_length"], "genetic", **mark)
     _points(panel, shown["optima"], "crank_length", "rod_length")
@@ -664,10 +687,14 @@ def _points(panel: Panel, optima: pd.DataFrame, x: str, y: str) -> None:
 
 @figure("resimulation", "Reductions, frozen and simulated again", "Optimum", ("optimise_resimulated",))
 def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
-    """Reduction of the error of the transmission angle for the lengths listed on the left ([paper:from the paper, and
-    ]from the genetic algorithm on each source). Open diamonds: estimate with unchanged joint motion (frozen). Dots:
-    simulated again, median of an ensemble of perturbed starts; bars: 5 to 95 %. Left: window of the first revolution.
-    Right: a settled revolution. A bar that crosses zero means no significant gain."""
+    """Reduction of the [angle:error of the transmission angle][not angle:objective] for the lengths listed on the left
+    ([paper:from the paper, and ]from the genetic algorithm on each source). Open diamonds: estimate
+    [angle:with unchanged joint motion (frozen)][not angle:of the search]. Dots: simulated again, median of an ensemble
+    of perturbed starts; bars: 5 to 95 %. [angle:Left: window of the first revolution. Right: a settled revolution.
+    ][not angle:Left: the objective. Right: error of the transmission angle, a side effect. ]A bar that crosses zero
+    means no significant gain."""
+    from jointgap.lengths.objective import GOALS  # loads scipy
+
     table, box = tables["optimise_resimulated"], next(iter(scenario.optimise.boxes))
     if (lacking := _without_optimum("resimulation", table, scenario)) is not None:
         return lacking
@@ -678,20 +705,28 @@ def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
     place = np.arange(len(wanted))[::-1]
     sheet = Sheet(1.6 + 0.72 * len(wanted), 1, 2)
     numbers = ["reduction", "reduction_low", "reduction_high", "frozen_reduction"]
-    for column, (stretch, title) in enumerate(
-        (("window", "window of the first revolution"), ("settled", "whole settled revolution"))
-    ):
-        panel = sheet.panel((0, column), title, REDUCTION, Quantity("lengths from", ""))
+    goal, apart = GOALS[scenario.optimise.objective], (0.3, 0.0, -0.3)
+    columns = [
+        ("window", "window of the first revolution", REDUCTION, MEASURES),
+        ("settled", "whole settled revolution", REDUCTION, MEASURES),
+    ]
+    if scenario.optimise.objective != "transmission_angle":
+        size = Quantity(f"reduction of the {goal.words}", "%")
+        columns[0] = ("settled", goal.words, size, {goal.measure: (goal.words, "limit")})
+        columns[1] = ("settled", "error of the transmission angle", REDUCTION, MEASURES)
+    for column, (stretch, title, reduced, measures) in enumerate(columns):
+        panel = sheet.panel((0, column), title, reduced, Quantity("lengths from", ""))
         for lengths in place[::2]:
             panel.axes.axhspan(lengths - 0.5, lengths + 0.5, color="#F4F4F4", zorder=0)
-        for shift, measure in ((0.3, "rms"), (0.0, "mean_absolute"), (-0.3, "peak")):
-            words, colour = MEASURES[measure]
+        shown = [(measure, *look) for measure, look in measures.items() if measure != "sum_of_squares"]
+        for shift, (measure, words, colour) in zip(apart if len(shown) > 1 else (0.0,), shown, strict=True):
             rows = table[(table["stretch"] == stretch) & (table["measure"] == measure)].set_index("point")
             again, low, high, frozen = 100 * rows.loc[wanted, numbers].to_numpy().T
             more = {"labels": wanted, "along": "x"}
             panel.marks(f"{words}, simulated again", again, place + shift - _APART, colour, low, high, **more)
             look = {"labels": wanted, "marker": "D", "markerfacecolor": "white"}
-            panel.marks(f"{words}, motion frozen", frozen, place + shift + _APART, colour, **look)
+            estimate = "motion frozen" if measure in MEASURES else "search"
+            panel.marks(f"{words}, {estimate}", frozen, place + shift + _APART, colour, **look)
         panel.vertical_line("no change", 0.0, named=False)
         panel.rows(["" if column else origin[point] for point in wanted], place)
         panel.axes.set_ylim(-0.5, len(wanted) - 0.5)

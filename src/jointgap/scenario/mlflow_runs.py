@@ -22,6 +22,7 @@ from jointgap.scenario import outcome
 from jointgap.scenario.figure_data import MODES
 
 MEASURES = ("rms", "mean_absolute", "peak", "sum_of_squares")
+_UNITS = {"largest_pin_force": "N", "torque_ripple": "N_m"}  # of objectives other than the transmission angle
 _UNUSED = ["undefined_points", "range", "iterations_to_paper", "held_out_mse_at_paper", "seed"]
 _OVERALL = {"weights", "iterations", "paper_mse"}  # equal in all regions
 _LOGARITHMS = ("training_mse", "held_out_mse", "paper_mse", "spline_held_out_mse", "smoothing_spline_held_out_mse")
@@ -218,6 +219,11 @@ def _optimum(finished: _Finished, row: dict, params: Mapping[str, str]) -> Recor
         metrics[f"{link}_length_change_um"] = round(1e6 * (row[f"{link}_length"] - original), 3)
     sizes = (*MEASURES, *(f"{measure}_reduction" for measure in MEASURES))
     metrics |= numbers(OPTIMISE_OPTIMA, row, *sizes, section="frozen/")
+    name = finished.options.optimise.objective
+    is_angle, unit = name == "transmission_angle", _UNITS.get(name, "rad2")
+    if not is_angle:
+        metrics[f"search/{name}_{unit}"] = row["objective"]
+        metrics[f"search/{name}_reduction_percent"] = 100 * row["objective_reduction"]
     resimulated, worth = finished.read("optimise_resimulated"), finished.read("optimise_worth")
     for again in resimulated[resimulated["point"] == point].to_dict("records"):
         metrics |= _resimulated(**again)
@@ -227,20 +233,28 @@ def _optimum(finished: _Finished, row: dict, params: Mapping[str, str]) -> Recor
         metrics |= numbers(OPTIMISE_WORTH, lengths, *names, section=f"{lengths['cycle']}_cycle/")
     notes = {name: row[name] or "" for name in ("point", "source", "box", "method", "active_bounds", "status")}
     path = _path(finished, row)
-    return Record("optimise", point, params, metrics, {"sum_of_squares_rad2": path} if len(path) else {}, notes=notes)
+    curve = f"{'sum_of_squares' if is_angle else name}_{unit}"
+    return Record("optimise", point, params, metrics, {curve: path} if len(path) else {}, notes=notes)
 
 
 def _resimulated(stretch: str, measure: str, **row: Any) -> dict[str, float]:
-    """Re-simulated reductions with their spread, and errors; the RMS reduction also as ``gain_*``."""
+    """Re-simulated reductions with their spread, and errors; those of the RMS error and of another objective also as
+    ``gain_*``.
+    """
     metrics, section = {}, f"resimulated_{stretch}/{measure}"
     for end in ("", "_low", "_high"):
         metrics[f"{section}_reduction{end}_percent"] = 100 * row[f"reduction{end}"]
         if measure == "rms":
             over = {"window": "window", "settled": "revolution"}[stretch]
             metrics[f"gain_{over}{end}_percent"] = round(100 * row[f"reduction{end}"], 4)
-    metrics[f"{section}_reduction_if_frozen_percent"] = 100 * row["frozen_reduction"]
+        elif measure in _UNITS:
+            metrics[f"gain_{measure}{end}_percent"] = round(100 * row[f"reduction{end}"], 4)
+    estimate = "of_search" if measure in _UNITS else "if_frozen"
+    metrics[f"{section}_reduction_{estimate}_percent"] = 100 * row["frozen_reduction"]
     metrics[f"{section}_share_better"] = row["share_better"]
-    unit, factor = ("rad2", 1.0) if measure == "sum_of_squares" else ("deg", np.rad2deg(1.0))
+    unit, factor = ({"sum_of_squares": "rad2"} | _UNITS).get(measure, "deg"), 1.0
+    if unit == "deg":
+        factor = np.rad2deg(1.0)
     return metrics | {f"{section}_{name}_{unit}": factor * row[name] for name in ("error", "original_error")}
 
 
@@ -250,8 +264,8 @@ def _path(finished: _Finished, row: dict) -> pd.Series:
     rows = finished.read(f"optimise_{table}")
     rows = rows[(rows["source"] == row["source"]) & (rows["box"] == row["box"])]
     if row["method"] == "local" and len(rows):
-        rows = rows[rows["start"] == rows.sort_values("iteration").groupby("start")["sum_of_squares"].last().idxmin()]
-    return rows.groupby(step)["sum_of_squares"].min()
+        rows = rows[rows["start"] == rows.sort_values("iteration").groupby("start")["objective"].last().idxmin()]
+    return rows.groupby(step)["objective"].min()
 
 
 def _compare(finished: _Finished) -> list[Record]:

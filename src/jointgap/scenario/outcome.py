@@ -15,6 +15,7 @@ from jointgap.core.schema import FIT_ERRORS
 from jointgap.core.words import format_falls, format_name, format_range, format_size, joined, number
 from jointgap.dynamics import mechanism_warnings
 from jointgap.dynamics.kinematics import ideal_cycle
+from jointgap.lengths.objective import GOALS, Goal
 from jointgap.lengths.region import FEASIBLE, FORCE_TOLERANCE, LEAST_FORCE, Constraint, geometric, regions
 from jointgap.paper.printed import departures
 from jointgap.scenario.figures import FIGURES, described
@@ -27,6 +28,8 @@ MOTIONS = {  # sources of the frozen joint motion; the closest to steady operati
     "simulation": "simulation, the first revolution",
     "clearance": "second surrogate, the first revolution",
     "networks": "networks, the first revolution",
+    "with_clearance": "simulations with clearance",
+    "ideal_joints": "simulations with ideal joints",
 }
 EQUIVALENT = 1.01  # factor of the smallest error within which the lengths nearest to the original are chosen
 REMARKABLE = {"stroke": 0.002, "force": 0.05, "peak": 0.01}  # relative changes that cause a remark
@@ -47,6 +50,16 @@ class Outcome:
     found: Mapping[str, str]  # better point of the two optimisers, by source of the motion; empty without an optimum
     stretch: str  # part of the motion that the result refers to: settled (a revolution) or window (configured)
     gains: pd.DataFrame  # rows of the table optimise_resimulated of the chosen point, by stretch and measure
+
+    @property
+    def goal(self) -> Goal:
+        """The objective."""
+        return GOALS[self.scenario.optimise.objective]
+
+    @property
+    def is_of_angle(self) -> bool:
+        """Whether the objective is the error of the transmission angle."""
+        return self.scenario.optimise.objective == "transmission_angle"
 
     @property
     def original(self) -> tuple[float, float]:
@@ -77,8 +90,13 @@ class Outcome:
 
     @property
     def gain(self) -> pd.Series:
-        """Reduction of the RMS error over `stretch`."""
-        return self.gains.loc[(self.stretch, "rms")]
+        """Reduction of the objective (of the transmission angle: the RMS error) over `stretch`."""
+        return self.gains.loc[(self.stretch, self.goal.measure)]
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """The objective before and after in its display unit, median."""
+        return tuple(self.goal.factor * self.gain[["original_error", "error"]].astype(float))
 
     def stretch_label(self, stretch: str) -> str:
         """Label of a stretch, ``settled`` or ``window``."""
@@ -113,14 +131,15 @@ class Outcome:
 
 
 def outcome(frames: Mapping[str, pd.DataFrame], scenario: Scenario) -> Outcome:
-    """The lengths in the main box with the smallest re-simulated error, and their effects.
+    """The lengths in the main box with the smallest re-simulated objective, and their effects.
 
-    The error refers to a settled revolution, or to the window where the scenario configures one.
+    It refers to a settled revolution, or to the window where the scenario configures one.
     """
     first, last = scenario.optimise.window
     stretch = "settled" if last - first >= _WHOLE_TURN else "window"
     optima, again, loads = (frames[f"optimise_{name}"] for name in ("optima", "resimulated", "loads"))
-    error = again[(again["measure"] == "rms") & (again["stretch"] == stretch)].set_index("point")["error"]
+    measure = GOALS[scenario.optimise.objective].measure
+    error = again[(again["measure"] == measure) & (again["stretch"] == stretch)].set_index("point")["error"]
     force = loads[loads["joint"].isin(PINS)].groupby("point")["peak_force"].max()
     most = FORCE_TOLERANCE * (scenario.optimise.constraints.largest_pin_force or math.inf)
     applied = scenario.mechanism.applied()
@@ -161,14 +180,23 @@ def _gain(outcome: Outcome) -> str:
     gain, row, options = outcome.gain, outcome.chosen, outcome.scenario.optimise
     low, high = -100 * gain["reduction_high"], -100 * gain["reduction_low"]
     spread = f"{_interval(gain)} % over {outcome.stretch_label(outcome.stretch)}"
+    quantity = "error" if outcome.is_of_angle else outcome.goal.words
     if low > 0.0:
         meets_all = outcome.within_force_limit(after=False)
         meets_all &= all(each.violation(outcome.original) <= FEASIBLE for each in _geometric(outcome))
         advice = "keep the original lengths" if meets_all else "this is the cost of the constraints"
-        return f"Simulated again, the error increases at the lengths found ({spread}): {advice}."
+        return f"Simulated again, the {quantity} increases at the lengths found ({spread}): {advice}."
     if high >= 0.0:
-        return f"The gain is not significant: simulated again from perturbed starts, the error changes by {spread}."
+        return (
+            f"The gain is not significant: simulated again from perturbed starts, the {quantity} changes by {spread}."
+        )
     half, allowed = float(row["rod_tolerance"]) / 2, float(row["rod_deviation_allowed"])
+    if not outcome.is_of_angle:
+        size = f"{number(np.subtract(*outcome.sizes))} {outcome.goal.unit}"
+        return (
+            f"The gain is {size}. It requires a rod length within ±{format_size(allowed, 'm')} (estimate of the "
+            f"search); the tolerance is ±{format_size(half, 'm')}."
+        )
     name = "The tolerance IT7" if options.rod_tolerance is None else "The configured tolerance"
     lost = format_size(row["rms_rod_off"] - row["rms"], "rad")
     does = f"reduces the gain by up to {lost}" if allowed >= half else "cancels the gain"
@@ -204,14 +232,18 @@ def _changes(outcome: Outcome) -> Iterator[str]:
             f"The stroke changes by {1e3 * (new - stroke):+.3g} mm ({100 * (new / stroke - 1):+.1f} %); fix it with "
             "`optimise.constraints.stroke`."
         )
-    before, after = np.degrees(outcome.gains.loc[(outcome.stretch, "peak"), ["original_error", "error"]].astype(float))
+    measure = "peak" if outcome.is_of_angle else "rms"
+    before, after = np.degrees(outcome.gains.loc[(outcome.stretch, measure), ["original_error", "error"]].astype(float))
     if after / before - 1 > REMARKABLE["peak"]:
+        error = "peak error" if outcome.is_of_angle else "RMS error of the transmission angle"
+        minimised = "RMS error" if outcome.is_of_angle else outcome.goal.words
         yield (
-            f"The peak error grows from {before:.3g} to {after:.3g} deg ({100 * (after / before - 1):+.0f} %) over "
-            f"{outcome.stretch_label(outcome.stretch)}; the RMS error was minimised."
+            f"The {error} grows from {before:.3g} to {after:.3g} deg ({100 * (after / before - 1):+.0f} %) over "
+            f"{outcome.stretch_label(outcome.stretch)}; the {minimised} was minimised."
         )
     before, after = outcome.peak_force
-    if constraints.largest_pin_force is None and after / before - 1 > REMARKABLE["force"]:
+    is_free = constraints.largest_pin_force is None and outcome.goal.measure != "largest_pin_force"
+    if is_free and after / before - 1 > REMARKABLE["force"]:
         yield (
             f"The largest force in a pin grows from {number(before)} to {number(after)} N "
             f"({100 * (after / before - 1):+.0f} %); limit it with `optimise.constraints.largest_pin_force`."
@@ -251,7 +283,7 @@ def headline(outcome: Outcome) -> str:
     (crank, rod), gain = (_rounded(1e3 * length, 2) for length in outcome.lengths), outcome.gain
     unsure = "" if gain["reduction_low"] > 0 or gain["reduction_high"] < 0 else " (not significant)"
     change = f"{abs(100 * gain['reduction']):.1f} % {'smaller' if gain['reduction'] > 0 else 'larger'}"
-    return f"Crank {crank} mm, rod {rod} mm: error of the transmission angle {change}{unsure}"
+    return f"Crank {crank} mm, rod {rod} mm: {outcome.goal.words} {change}{unsure}"
 
 
 def details(outcome: Outcome) -> str:
@@ -264,7 +296,8 @@ def details(outcome: Outcome) -> str:
             "simulations from perturbed starts."
         )
     (crank, rod), (new_crank, new_rod), gain = outcome.original, outcome.lengths, outcome.gain
-    before, after = _aligned(*np.degrees([gain["original_error"], gain["error"]]))
+    before, after = _aligned(*outcome.sizes)
+    quantity = "RMS error" if outcome.is_of_angle else outcome.goal.words.capitalize()
     ends = _interval(gain)
     ends = f"{ends} % over the starts" if " to " in ends else "the same for every start"
     lengths = [
@@ -274,24 +307,39 @@ def details(outcome: Outcome) -> str:
         for name, old, new in (("Crank", crank, new_crank), ("rod", rod, new_rod))
     ]
     return (
-        f"RMS error over {outcome.stretch_label(outcome.stretch)}, simulated again: {before} → {after} deg ({ends}). "
+        f"{quantity} over {outcome.stretch_label(outcome.stretch)}, simulated again: {before} → {after} "
+        f"{outcome.goal.unit} ({ends}). "
         f"{', '.join(lengths)}; crank over rod {crank / rod:.4f} → {new_crank / new_rod:.4f}."
     )
 
 
 def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, Any]:
     """The content of ``summary.json``."""
-    gain, is_found = outcome.gain, outcome.status != "infeasible"
+    error, is_found = outcome.gains.loc[(outcome.stretch, "rms")], outcome.status != "infeasible"
     crank, rod = (
         {"before": 1e3 * old, "after": 1e3 * new if is_found else None}
         for old, new in zip(outcome.original, outcome.lengths, strict=True)
     )
     fall = {"median": "reduction", "5_percent": "reduction_low", "95_percent": "reduction_high"}
-    fall |= {"motion_frozen": "frozen_reduction"}
+
+    def reduction(gain: pd.Series, **more: str) -> dict[str, float | None]:
+        return {key: 100 * float(gain[column]) if is_found else None for key, column in (fall | more).items()}
+
+    minimised = {}
+    if not outcome.is_of_angle:
+        before, after = outcome.sizes
+        minimised[outcome.goal.measure] = {
+            "unit": outcome.goal.unit.replace(" ", "*"),
+            "before": before,
+            "after": after if is_found else None,
+            "reduction_percent": reduction(outcome.gain, search="frozen_reduction"),
+        }
     return {
         "scenario": name,
         "status": outcome.status,
         "headline": headline(outcome),
+        "objective": outcome.scenario.optimise.objective,
+        **minimised,
         "details": details(outcome),
         "remarks": list(remarks),
         "found_on": outcome.chosen["source"] if outcome.found else None,
@@ -299,10 +347,10 @@ def document(outcome: Outcome, name: str, remarks: Sequence[str]) -> dict[str, A
         "rod_length_mm": rod,
         "at_bounds": list(outcome.bounds),
         "rms_error_deg": {
-            "before": math.degrees(gain["original_error"]),
-            "after": math.degrees(gain["error"]) if is_found else None,
+            "before": math.degrees(error["original_error"]),
+            "after": math.degrees(error["error"]) if is_found else None,
         },
-        "reduction_percent": {key: 100 * float(gain[column]) if is_found else None for key, column in fall.items()},
+        "reduction_percent": reduction(error, motion_frozen="frozen_reduction"),
         "speed_rpm": outcome.scenario.simulate.speed * 30 / math.pi,
         "largest_force_N": {joint: _largest_force(outcome, joint) for joint in PINS},
     } | ({} if is_found else {"smallest_force": _smallest_force(outcome)})
@@ -447,7 +495,7 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
         yield Paragraph(f"No bound is active.{kept}")
     floor = outcome.frames["optimise_floor"]
     floor = floor[(floor["source"] == outcome.chosen["source"]) & (floor["box"] == outcome.box)]
-    if floor.empty:  # the search did not converge
+    if floor.empty or not outcome.is_of_angle:  # empty: the search did not converge
         return
     ratios, reductions = (floor.loc[floor["measure"] == "rms", column] for column in ("ratio", "reduction"))
     yield Paragraph(
@@ -459,6 +507,18 @@ def _lengths(outcome: Outcome) -> Iterator[Block]:
 
 
 def _gains(outcome: Outcome) -> Iterator[Block]:
+    runs = f"{outcome.gains['members'].iloc[0]} pairs of runs with perturbed starts"
+    if not outcome.is_of_angle:
+        gain, (before, after) = outcome.gain, _aligned(*outcome.sizes)
+        row = {"objective": outcome.goal.words, f"before [{outcome.goal.unit}]": before}
+        row |= {f"after [{outcome.goal.unit}]": after} | _reductions(gain, "search [%]")
+        yield TableBlock.of([row], "lrrrrrr")
+        yield Paragraph(
+            f"{outcome.goal.words.capitalize()}: {outcome.goal.definition}, over "
+            f"{outcome.stretch_label(outcome.stretch)}. Simulated again: the result that counts; median and spread "
+            f"over {runs}. Search: estimate from one simulation."
+        )
+        yield Heading("Transmission angle", 3)
     rows = []
     for stretch in (outcome.stretch, "window" if outcome.stretch == "settled" else "settled"):
         for measure, words in _MEASURES.items():
@@ -469,19 +529,25 @@ def _gains(outcome: Outcome) -> Iterator[Block]:
                     "error": f"{words}, {outcome.stretch_label(stretch)}",
                     "before [deg]": before,
                     "after [deg]": after,
-                    "simulated again [%]": _percent(gain["reduction"]),
-                    "5 to 95 % [%]": _interval(gain),
-                    "frozen [%]": _percent(gain["frozen_reduction"]),
-                    "improved in [% of run pairs]": f"{100 * gain['share_better']:.0f}",
+                    **_reductions(gain, "frozen [%]"),
                 }
             )
     yield TableBlock.of(rows, "lrrrrrr")
     yield Paragraph(_definition(outcome))
     yield Paragraph(
-        "Simulated again: the result that counts; median and spread over "
-        f"{outcome.gains['members'].iloc[0]} pairs of runs with perturbed starts. Frozen: estimate with unchanged "
+        f"Simulated again: the result that counts; median and spread over {runs}. Frozen: estimate with unchanged "
         "joint motion."
     )
+
+
+def _reductions(gain: pd.Series, estimate: str) -> dict[str, str]:
+    """Cells of the changes of a row of the table optimise_resimulated; `estimate` labels that of the search."""
+    return {
+        "simulated again [%]": _percent(gain["reduction"]),
+        "5 to 95 % [%]": _interval(gain),
+        estimate: _percent(gain["frozen_reduction"]),
+        "improved in [% of run pairs]": f"{100 * gain['share_better']:.0f}",
+    }
 
 
 def _side_effects(outcome: Outcome) -> Iterator[Block]:
@@ -546,20 +612,25 @@ def _motions(outcome: Outcome) -> Iterator[Block]:
         return
     yield Heading("Motion used by the search")
     optima, again = outcome.frames["optimise_optima"], outcome.frames["optimise_resimulated"]
-    again = again[again["measure"] == "rms"].set_index(["point", "stretch"])
-    rows = []
+    again = again[again["measure"] == outcome.goal.measure].set_index(["point", "stretch"])
+    quantity, rows = ("RMS error" if outcome.is_of_angle else outcome.goal.words), []
     for source, point in outcome.found.items():
         own = optima[(optima["source"] == source) & (optima["point"] == point)].iloc[0]
         chosen = " (chosen)" if source == outcome.chosen["source"] else ""
         row = {"motion from": f"{MOTIONS[source]}{chosen}"}
         row |= {f"{link} [mm]": f"{1e3 * own[f'{link}_length']:.3f}" for link in ("crank", "rod")}
-        for stretch in ("settled", "window"):
+        for stretch in ("settled", "window") if outcome.is_of_angle else ("settled",):
             own_gain = again.loc[(point, stretch)]
             shown = f"{_percent(own_gain['reduction'])} ({_interval(own_gain)})"
-            row[f"RMS error, {outcome.stretch_label(stretch)} [%]"] = shown
+            row[f"{quantity}, {outcome.stretch_label(stretch)} [%]"] = shown
         rows.append(row)
-    yield Paragraph(
-        "The search uses frozen joint motion from several sources. The result is the pair of lengths with the smallest "
-        f"re-simulated RMS error over {outcome.stretch_label(outcome.stretch)}."
+    motion = (
+        "frozen joint motion from several sources"
+        if outcome.is_of_angle
+        else "one simulation for each pair of lengths on a grid"
     )
-    yield TableBlock.of(rows, "lrrrr")
+    yield Paragraph(
+        f"The search uses {motion}. The result is the pair of lengths with the smallest re-simulated {quantity} "
+        f"over {outcome.stretch_label(outcome.stretch)}."
+    )
+    yield TableBlock.of(rows, "l" + "r" * (len(rows[0]) - 1))

@@ -159,7 +159,7 @@ def kinematics(results: "ScenarioResults") -> None:
     does="optimise the link lengths",
 )
 def optimise(results: "ScenarioResults") -> None:
-    """Optimise the link lengths for the transmission angle, and simulate the optima again."""
+    """Optimise the link lengths for the configured objective, and simulate the optima again."""
     from jointgap.lengths.optimise import optimise as optimised
     from jointgap.scenario.trained import trained_surrogates
 
