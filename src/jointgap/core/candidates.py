@@ -90,6 +90,8 @@ class Candidate:
         quantity evenly in the logarithm of what is left of that.
     families : tuple of LawFamily
         Laws of which the effect is one shape.
+    formula : str
+        Of a law that the user states: the formula, whose parameters are the coordinates.
     """
 
     name: str
@@ -105,6 +107,7 @@ class Candidate:
     is_perturbation: bool = False
     search_range: tuple[float, ...] = ()
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
+    formula: str = ""
 
     def __post_init__(self) -> None:
         """Refuse finite amplitudes that nothing could be derived from."""

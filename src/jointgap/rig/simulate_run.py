@@ -22,6 +22,7 @@ from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.integrate import beginning
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.simulation import IntegrationResult, integrate_on, start_state
+from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.rig import drives, sensors
 from jointgap.rig.drives import TOLERANCE, RunPlan, Values
 from jointgap.rig.recording import noise_of
@@ -98,15 +99,21 @@ def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
         elif not candidate.sensor:
             # keys of amplitudes with and without run
             sizes = {name for key in candidate.amplitudes for name in (key, key.partition("@")[0])}
-            if EFFECTS[candidate.name].ACTS_AT_ZERO or any(values[key] for key in sizes & values.keys()):
+            is_there = any(values[key] for key in sizes & values.keys())
+            if candidate.formula and is_there:
+                parameters = {"formula": candidate.formula, "coefficients": dict(values)}
+                name = FORMULA_EFFECTS[candidate.site]
+                added.append(_effect(name, candidate.site, parameters, label=candidate.name))
+            elif is_there or (not candidate.formula and EFFECTS[candidate.name].ACTS_AT_ZERO):
                 added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
     added += [_formula(name, terms) for name, terms in formulas.items()]
     return mechanism.model_copy(update={"effects": (*mechanism.effects, *added)})
 
 
-def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
+def _effect(name: str, site: str, parameters: Mapping[str, Any], **keys: str) -> Effect:
     effect = EFFECTS[name]
-    data = {"name": name, "parameters": dict(parameters)} | ({"site": site} if "site" in effect.model_fields else {})
+    data = {"name": name, "parameters": dict(parameters)} | keys
+    data |= {"site": site} if "site" in effect.model_fields else {}
     return validate(effect, data, name)
 
 
