@@ -106,7 +106,9 @@ def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
                 added.append(_effect(name, candidate.site, parameters, label=candidate.name))
             elif is_there or (not candidate.formula and EFFECTS[candidate.name].ACTS_AT_ZERO):
                 added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
-    added += [_formula(name, terms) for name, terms in formulas.items()]
+    for name, terms in formulas.items():
+        is_listed = mechanism.effect(name, EFFECTS[name].SITE) is not None
+        added.append(_formula(name, terms, label="found" if is_listed else ""))
     return mechanism.model_copy(update={"effects": (*mechanism.effects, *added)})
 
 
@@ -117,7 +119,7 @@ def _effect(name: str, site: str, parameters: Mapping[str, Any], **keys: str) ->
     return validate(effect, data, name)
 
 
-def _formula(name: str, terms: Effects) -> Effect:
+def _formula(name: str, terms: Effects, label: str) -> Effect:
     """One law of several terms, each with a coefficient: ``discovered_slider_force[v^3]``."""
     parts, coefficients = [], {}
     for place, (candidate, values) in enumerate(terms, 1):
@@ -126,7 +128,7 @@ def _formula(name: str, terms: Effects) -> Effect:
             raise InputError(f"{candidate.name}: has no term; use a name such as {name}[v^3]")
         parts.append(f"c{place}*({term})")
         coefficients[f"c{place}"] = values[candidate.amplitudes[0]]
-    return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients})
+    return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients}, label=label)
 
 
 def simulated_effects(effects: Effects) -> tuple[list, list, float]:
