@@ -281,3 +281,34 @@ def test_the_readme_names_every_channel_and_nuisance_and_its_campaign_is_one(tmp
         (tmp_path / folder).mkdir()
         (tmp_path / folder / name).write_text(content, encoding="utf-8")
     assert load_campaign(tmp_path / "campaigns/rig.yaml").name == "rig-a"
+
+
+def test_a_law_of_the_campaign_file_that_cannot_be_one_is_refused(load, tmp_path):
+    slider, c = {"site": "slider", "force": "-c*v^3"}, "0 to 100 N*s^3/m^3"
+    cases = [
+        (slider | {"c": "0 to 9 N*s/m"}, "force = '-c*v^3' ~ N*m^2/s^2 and must have N ~ give c in N*s^3/m^3"),
+        (slider | {"force": "-c*u"}, "unknown name 'u'"),
+        (slider | {"d": "0 to 1"}, "does not use the coefficient 'd'"),
+        (slider | {"force": "-c*v*t"}, "the time t differs between runs"),
+        (slider | {"force": "1 - c*v"}, "not proportional to a parameter"),
+        (slider | {"force": "-c*d*v", "d": "0 to 1"}, "only the product of c and d"),
+        (slider | {"c": 3}, "my_law.c = 3 ~ is not a range ~ 0 to 100"),
+        (slider | {"c": "9 to 100 N*s^3/m^3"}, "c = '9 to 100 N*s^3/m^3' must include 0"),
+        (slider | {"c": "1 to 0 N*s^3/m^3"}, "my_law.c = '1 to 0 N*s^3/m^3' ~ wrong order"),
+        (slider | {"c": "0 N to 1 m"}, "two units of different dimensions"),
+        (slider | {"c": "0 to 1 foo"}, "there is no unit 'foo'"),
+        (slider | {"force": "-c*sin(v)", "c": "0 to 1 N"}, "'sin(v)' is of a quantity in m/s"),
+        (slider | {"force": "-c*(v + d)", "c": "0 to 1", "d": "0 to 1 m"}, "adds m/s and m"),
+        (slider | {"site": "crank"}, "site crank requires the key torque [N*m], and not force"),
+        (slider | {"site": "rod"}, "my_law.site = 'rod'"),
+        ({"site": "slider", "force": "-v"}, "has 0 parameters; give one"),
+    ]
+    starts = f"{tmp_path / 'rig.yaml'}: candidates.my_law"
+    refused(lambda law: load({"candidates": {"my_law": {"c": c} | law if "-v" not in law.values() else law}}), cases)
+    for name in ("slider_spring", "slider_mass", "crank_torque", "sensor_gain", "encoder_zeros", "discovered_law"):
+        with pytest.raises(InputError, match=f"{name} is, or begins like, the name of another"):
+            load({"candidates": {name: slider | {"c": c}}})
+    with pytest.raises(InputError, match=f"^{re.escape(starts)}"):
+        load({"candidates": {"my_law": slider | {"c": "0 to 9 N*s/m"}}})
+    kept = load({"candidates": {"my_law": slider | {"c": [0, c.partition(" to ")[2]]}}})
+    assert again(kept, tmp_path) == kept and kept.candidates["my_law"].spans["c"].high == 100.0

@@ -40,7 +40,7 @@ def written(folder: Path, runs: dict, mechanism=MECHANISM, noise=None, **keys) -
     return path
 
 
-def with_hidden(folder: Path, *hidden: dict) -> Path:
+def with_hidden(folder: Path, *hidden: dict, noise: float = 0.02, **keys) -> Path:
     """A campaign of three runs, whose channels have 2 % of noise, of a mechanism with `hidden` effects."""
     rng, runs = np.random.default_rng(5), {}
     for run, rpm in {"slow": 200.0, "mid": 350.0, "fast": 500.0}.items():
@@ -48,9 +48,9 @@ def with_hidden(folder: Path, *hidden: dict) -> Path:
         seen = samples(*hidden, speed=speed, revolutions=5, samples_per_revolution=72).iloc[2 * 72 :]
         table = seen[["time", "crank_angle", "slider_acceleration", "crank_torque"]].copy()
         for channel in ("slider_acceleration", "crank_torque"):
-            table[channel] += 0.02 * table[channel].std() * rng.standard_normal(len(table))
+            table[channel] += noise * table[channel].std() * rng.standard_normal(len(table))
         runs[run] = speed, table
-    return written(folder, runs)
+    return written(folder, runs, **keys)
 
 
 def law(formula: str, **coefficients: float) -> dict:

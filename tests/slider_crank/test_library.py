@@ -11,6 +11,7 @@ from jointgap.identification.thresholds import thresholds
 from jointgap.rig.model import SliderCrankModel, library
 from jointgap.rig.simulate_run import augmented_mechanism
 from tests.slider_crank.campaigns import law, model_of, with_hidden
+from tests.slider_crank.rigs import mechanism, read, rig, worst
 
 
 def regressed(model: SliderCrankModel) -> ForceLawResult:
@@ -30,3 +31,13 @@ def test_a_cubic_resistance_is_found_with_its_size_and_goes_into_a_mechanism_fil
     assert found.law.coefficients["c1"] == pytest.approx(-0.1, rel=0.05)
     augmented = augmented_mechanism(model.campaign.mechanism, found.fit.hypothesis, found.fit.mapping)
     assert augmented.effect("discovered_slider_force").coefficients == found.law.coefficients
+
+
+def test_a_known_load_with_a_formula_stays_where_a_law_is_searched_beside_it():
+    model = rig(mechanism(effects=[law("20*cos(theta)")]))
+    cube = next(term for term in library(model) if "v^3" in term.name)
+    beside = model.simulate("slow", model.nominal("slow"), [(cube, {"coefficient": -0.1})])
+    both = rig(mechanism(effects=[law("20*cos(theta) - 0.1*v^3")]))
+    assert worst(beside, read(both)) < 1e-9
+    augmented = augmented_mechanism(model.campaign.mechanism, (cube,), {f"{cube.label}.coefficient": -0.1})
+    assert [effect.label for effect in augmented.effects] == ["", "found"]

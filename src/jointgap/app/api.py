@@ -843,7 +843,7 @@ class Verdict(Result):
             words, name, site = say.format_effect(effect), effect["name"], effect["site"]
             for parameter, own in effect["parameters"].items():
                 size, interval = (
-                    (own["value"], say.unit_of(name, site, parameter), own.get("sd")),
+                    (own["value"], say.estimate_unit(effect, parameter), own.get("sd")),
                     own.get("interval_90"),
                 )
                 found.append(Finding(words, name, site, parameter, *size, interval and tuple(interval)))

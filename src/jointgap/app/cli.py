@@ -129,7 +129,7 @@ cli.removed = {
 }
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 cli.sections = {
-    "Your mechanism": ["simulate", "ensemble", "growth", "cycles", "effects"],
+    "Your mechanism": ["look", "simulate", "ensemble", "growth", "cycles", "effects"],
     "Your measurement": ["preflight", "analyse", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
@@ -233,6 +233,35 @@ def trend(campaigns: tuple[Path, ...], results: Path, folder: Path) -> None:
     from jointgap.campaign.trend import trend as write_trend
 
     click.echo(write_trend(campaigns, results, folder))
+
+
+@cli.command()
+@click.argument("mechanism")
+@click.option("--speed", "speeds", multiple=True, help="Crank speed, such as '240 rpm'; repeatable.")
+def look(mechanism: str, speeds: tuple[str, ...]) -> None:
+    """Show motion and joint forces of a MECHANISM, a file or a shipped name, at one or several speeds, on one page.
+
+    Writes look_NAME.html to the current folder: slider, crank torque, and the force in each joint, with peaks and
+    their crank angles.
+
+    \b
+    Example:
+      jointgap look erkaya2009 --speed "240 rpm" --speed "480 rpm"
+    """
+    from jointgap.app.look import write_look
+    from jointgap.config import load_mechanism
+    from jointgap.core.errors import InputError
+
+    if not speeds:
+        raise InputError("--speed is missing; give one or several, such as --speed '240 rpm'")
+    name = Path(mechanism).stem
+    path = Path(f"look_{name}.html")
+    values = [_quantity("--speed", speed, "rad/s") for speed in speeds]
+    if 0.0 in values:
+        raise InputError(f"--speed '{speeds[values.index(0.0)]}': must not be 0; give a speed such as '240 rpm'")
+    check_writable(path)
+    write_look(load_mechanism(mechanism), values, name, path)
+    click.echo(path)
 
 
 WIDTH = 100  # columns, also without a terminal

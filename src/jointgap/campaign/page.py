@@ -279,7 +279,7 @@ _NEXT = {
     "parameters_only": (f"Use `{MECHANISM}`: it contains the re-fitted parameters.", _SMALLER),
     "unexplained": (
         "Locate the residual in the map of disagreement, and look for a cause on the rig there.",
-        "Add your own effect as a formula: see `jointgap effects discovered_slider_force`.",
+        "State a law of your own under `candidates` of the campaign file, and repeat.",
         "List uncertain masses, lengths and zeros under `nuisance` of the campaign file, and repeat.",
     ),
 }

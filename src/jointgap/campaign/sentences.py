@@ -26,11 +26,13 @@ Effect = Mapping[str, Any]
 
 def format_effect(effect: Effect) -> str:
     """``Coulomb friction of the slider``; of a family
-    ``drag of the slider (exponent 1.6 to 5, 99 % interval; quadratic drag of the slider fits)``. The interval of a
-    shape that is a parameter of the effect is that of 90 %, as in the table of the parameters.
+    ``drag of the slider (exponent 1.6 to 5, 99 % interval; quadratic drag of the slider fits)``; of a law of the
+    campaign file ``my drag (-c*v^3)``. The interval of a shape that is a parameter of the effect is that of 90 %, as in
+    the table of the parameters.
     """
     site = effect["site"].replace("_", " ")
     words, named = _words(effect["name"]).format(site=site), []
+    words += f" ({effect['formula']})" if "formula" in effect else ""
     for family in effect.get("families", ()):
         if family["named"]:
             low, high = (f"{end:.2g}" for end in family["interval_99"])
@@ -72,7 +74,8 @@ def _format_terms(terms: Sequence[str]) -> str:
 def label_of(effect: Effect) -> str:
     """The label of an effect, with its site if the effect has several."""
     name, site = effect["name"], effect["site"]
-    return name if name in EFFECTS and "site" not in EFFECTS[name].model_fields else f"{name}:{site}"
+    has_site = name in FAULTS or "site" in getattr(EFFECTS.get(name), "model_fields", ())
+    return f"{name}:{site}" if has_site else name
 
 
 def is_fault(effect: Effect) -> bool:
@@ -100,7 +103,7 @@ def _first_number(effect: Effect) -> str:
     if "formula" in own:
         return f": {own['formula']['value']}"
     units = {
-        name: unit_of(effect["name"], effect["site"], name)
+        name: estimate_unit(effect, name)
         for name, estimate in own.items()
         if isinstance(estimate["value"], int | float)
     }
@@ -144,13 +147,18 @@ def unit_of(name: str, site: str, parameter: str) -> str:
     return CHANNELS.get(site, "SI") if unit is None else unit
 
 
+def estimate_unit(effect: Effect, parameter: str) -> str:
+    """SI unit of a `parameter` of an effect, which states that of a law of the campaign file itself."""
+    return effect["parameters"][parameter].get("unit") or unit_of(effect["name"], effect["site"], parameter)
+
+
 def parameter_rows(effects: Sequence[Effect]) -> tuple[tuple[str, ...], ...]:
     """Rows of `estimate_row` of all parameters, prefixed by the effect if there are several."""
     rows = []
     for effect in effects:
         of_effect = f"{format_effect({**effect, 'families': ()})}: " if len(effects) > 1 else ""
         for name, estimate in effect.get("parameters", {}).items():
-            unit = unit_of(effect["name"], effect["site"], name)
+            unit = estimate_unit(effect, name)
             rows.append(estimate_row(of_effect + format_parameter(effect["name"], name), estimate, unit))
     return tuple(rows)
 
@@ -175,7 +183,7 @@ def format_detectable(row: Any) -> str:
     """Smallest detectable size of a row of table `DETECTABLE`: ``0.03 N``; ``up to 50 Hz`` if the effect decreases with
     its parameter."""
     effect = row.label.partition(":")[0]
-    name = f"{format_parameter(effect, row.parameter)} " if len(_parameters(effect)) > 1 else ""
+    name = f"{format_parameter(effect, row.parameter)} " if len(_parameters(effect)) != 1 else ""
     unit, factor = reading_unit(row.unit, row.smallest_detectable)
     size = words.with_unit(number(factor * row.smallest_detectable), words.format_unit(unit))
     return f"{name}{'up to ' * row.falls}{size}"

@@ -12,7 +12,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
 from jointgap.campaign import verdict_json
 from jointgap.campaign.campaign_files import VERDICT, check_unchanged, config_snapshot
 from jointgap.campaign.page import frame_block
-from jointgap.campaign.sentences import format_label, format_parameter, label_of, unit_of
+from jointgap.campaign.sentences import estimate_unit, format_label, format_parameter, label_of
 from jointgap.campaign.state import FALSE_ALARM_RATE
 from jointgap.config.campaign import Campaign
 from jointgap.config.load import load_campaign
@@ -104,7 +104,7 @@ def _stated(verdict: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         for effect in effects:
             parameter, estimate = next(iter(effect["parameters"].items()), ("", {}))
             if isinstance(estimate.get("value"), int | float):  # not the formula of a law
-                unit = unit_of(effect["name"], effect["site"], parameter)
+                unit = estimate_unit(effect, parameter)
                 size = {"parameter": parameter, "unit": unit, "source": source, "estimate": estimate}
                 stated[label_of(effect)] = size
     return stated

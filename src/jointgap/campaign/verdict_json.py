@@ -175,7 +175,8 @@ def _effect(
     """One effect; delta_bic: BIC without it minus BIC; None if the explanation without it was not fitted."""
     left = label_of(tuple(candidate for candidate in fit.hypothesis if candidate not in own))
     cost = gains[left] - fit.bic if left in gains else None
-    return {"name": name, "site": site, "delta_bic": cost, "parameters": parameters}
+    law = {"formula": own[0].formula} if own[0].formula else {}
+    return {"name": name, "site": site, **law, "delta_bic": cost, "parameters": parameters}
 
 
 def _with_families(named: list[dict[str, Any]], families: pd.DataFrame) -> list[dict[str, Any]]:

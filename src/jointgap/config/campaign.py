@@ -34,8 +34,9 @@ from jointgap.core.units import (
     to_si,
     unit_factor,
 )
-from jointgap.effects import AnyEffect
+from jointgap.effects import EFFECTS, AnyEffect
 from jointgap.effects.clearance import LEAST_CLEARANCE
+from jointgap.effects.own_law import OwnLaw
 from jointgap.effects.slider_force_table import ForceTableParameters
 
 CHANNELS = {
@@ -378,6 +379,9 @@ class Start(ConfigModel):
             yield "is empty; give angle, turned or ran, such as {angle: 40 deg, turned: 3 turn}"
 
 
+_OF_OTHERS = ("sensor_", "encoder_", "discovered_")
+"""Beginnings of the names of sensor faults and of terms of formulas."""
+
 _STARTS = ("settled", "at_rest", "dead_centre", "unknown")
 
 
@@ -440,6 +444,7 @@ class Campaign(ConfigModel):
     runs: tuple[CampaignRun, ...] = Field(min_length=1, description="the runs, one file each")
     channels: dict[Literal[tuple(CHANNELS)], Channel] = Field(min_length=1, description="the measured quantities")
     nuisance: dict[str, float | tuple[float, float]] = Field({}, description="bounds of uncertain quantities")
+    candidates: dict[Word, OwnLaw] = Field({}, description="laws of your own that may be missing, by name")
     csv: Csv = Field(Csv(), description="format of text files")
     folder: Path = Field(Path(), description="folder of the runs' files, relative to the campaign file's")
 
@@ -475,6 +480,14 @@ class Campaign(ConfigModel):
         nominals = {key: () if key in ("speed", *MOTOR_LINE) else _nominal_values(mechanism, key) for key in given}
         nominals |= {key: _pressure_sensor(key, loads, channels) for key in PRESSURE_SENSOR if key in given}
         return {key: _share_or_bounds(key, value, nominals[key]) for key, value in given.items()}
+
+    @field_validator("candidates")
+    @classmethod
+    def _have_free_names(cls, candidates: dict[str, OwnLaw]) -> dict[str, OwnLaw]:
+        for name in candidates:
+            if name in EFFECTS or name in NUISANCES or name in CHANNELS or name.startswith(_OF_OTHERS):
+                raise ValueError(f"{name} is, or begins like, the name of another effect or quantity; rename it")
+        return candidates
 
     @field_serializer("nuisance")
     def _bounds_as_written(self, nuisance: dict) -> dict:

@@ -62,7 +62,10 @@ def load_mechanism(path: Path | str) -> Mechanism:
     >>> mechanism.crank.length, mechanism.loose
     (0.15, ('crank_pin', 'piston_pin'))
     """
-    return validate(Mechanism, _mechanism(str(path), (Path(),), "mechanism"), str(path))
+    content = _mechanism(str(path), (Path(),), "mechanism")
+    if "mechanism" in content:
+        raise InputError(f"{path}: is a configuration or campaign file; give the mechanism file that it refers to")
+    return validate(Mechanism, content, str(path))
 
 
 def _mechanism(mechanism: Any, folders: tuple[Path, ...], key: str) -> Any:

@@ -93,6 +93,8 @@ class Candidate:
     frees : str
         Label of an effect whose size is free in a linear regression with this one: a high-pass removes the mean of what
         other effects change too.
+    formula : str
+        Of a law that the user states: the formula, whose parameters are the coordinates.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Candidate:
     search_range: tuple[float, ...] = ()
     families: tuple["LawFamily", ...] = field(default=(), compare=False)
     frees: str = ""
+    formula: str = ""
 
     def __post_init__(self) -> None:
         """Refuse finite amplitudes that nothing could be derived from."""

@@ -237,6 +237,41 @@ def _suggesting(number: str, unit: str, base: str | None = None) -> Iterator[Non
         raise ValueError(f"{str(error).partition(';')[0]}; did you mean '{number}{known}'?") from error
 
 
+Dimension = Any
+"""Pint's dimension of a unit: powers of mass, length, time and others."""
+
+
+def coherent(number: float, unit: str) -> tuple[float, Dimension]:
+    """SI value and dimension of a `number` of any `unit` for pint, '' for a pure number."""
+    with _suggesting(f"{number:g} ", unit):
+        try:
+            converted = _registry().Quantity(number, unit).to_base_units()
+        except Exception as error:  # pint raises a dozen kinds
+            raise ValueError(f"is not a number with a unit: there is no unit '{unit}'") from error
+    return float(converted.magnitude), converted.dimensionality
+
+
+@lru_cache
+def dimension_of(unit: str) -> Dimension:
+    """Dimension of a `unit` for pint."""
+    return coherent(1.0, unit)[1]
+
+
+_BASE = {"[mass]": "kg", "[length]": "m", "[time]": "s", "[current]": "A", "[temperature]": "K"}
+
+
+def format_dimension(dimension: Dimension) -> str:
+    """SI unit of a `dimension` with newtons instead of kilograms: ``N*s^3/m^3``; ``1`` for none."""
+    powers = {_BASE.get(name, name.strip("[]")): power for name, power in dimension.items()}
+    if mass := powers.pop("kg", 0):
+        lengths, times = powers.pop("m", 0) - mass, powers.pop("s", 0) + 2 * mass
+        powers = {"N": mass, "m": lengths, "s": times} | powers
+    parts = [(name, abs(power), power > 0) for name, power in powers.items() if power]
+    words = [(name if size == 1 else f"{name}^{size:g}", above) for name, size, above in parts]
+    top = "*".join(word for word, above in words if above) or "1"
+    return "/".join([top, *(word for word, above in words if not above)])
+
+
 _LIMITS = {"gt": "exclusiveMinimum", "ge": "minimum", "lt": "exclusiveMaximum", "le": "maximum"}
 """Keywords of JSON schemas for pydantic's limits."""
 

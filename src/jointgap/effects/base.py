@@ -6,11 +6,21 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
+import numpy as np
 from pydantic import ConfigDict, Field, create_model, model_validator
 
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import InputError
-from jointgap.core.formula import compile_formula
+from jointgap.core.formula import (
+    ADD,
+    DEEPEST_STACK,
+    LONGEST_FORMULA,
+    NUMBER,
+    POWER,
+    VARIABLE,
+    Program,
+    compile_formula,
+)
 from jointgap.core.section import ConfigModel
 from jointgap.core.units import quantity
 
@@ -403,6 +413,18 @@ class FormulaParameters(ConfigModel):
         return self
 
 
+def _sum(first: Program, second: Program) -> Program:
+    """The program of the sum of two formulas."""
+    if not len(first.codes):
+        return second
+    moved = second.codes + np.outer(second.codes[:, 0] == NUMBER, [0, len(first.numbers)])
+    codes = np.vstack([first.codes, moved, [[ADD, 0]]])
+    steps = np.where(codes[:, 0] <= VARIABLE, 1, np.where((codes[:, 0] >= ADD) & (codes[:, 0] <= POWER), -1, 0))
+    if len(codes) > LONGEST_FORMULA or np.cumsum(steps).max() > DEEPEST_STACK:
+        raise InputError("effects: the formulas on one body are together too long or nested too deeply; shorten them")
+    return Program(codes, np.concatenate([first.numbers, second.numbers]))
+
+
 class DiscoveredLaw(Effect):
     """A law given by a formula; its candidates are the single terms of a regression."""
 
@@ -410,10 +432,15 @@ class DiscoveredLaw(Effect):
     KEYS = {"label": (str, Field("", description="name in tables and figures"))}
     PARAMETERS = FormulaParameters
 
+    @property
+    def place(self) -> str:
+        """Its label, so that a body may have several labelled laws; else its site."""
+        return self.label or self.SITE
+
     def compile_into(self, records: Records) -> None:
         super().compile_into(records)
-        program = compile_formula(self.parameters.formula, self.parameters.coefficients)
-        records["formulas"][f"{self.GROUP}_formula"] = program
+        program, key = compile_formula(self.parameters.formula, self.parameters.coefficients), f"{self.GROUP}_formula"
+        records["formulas"][key] = _sum(records["formulas"][key], program)
 
     def mirrored(self) -> Effect:
         """Angle and speed of the crank change their sign."""

@@ -767,6 +767,9 @@ def effect_estimates(fit: Fit, candidate: Candidate) -> dict[str, dict[str, Any]
             estimates[name] = _from_draws(float(value), value + changes, error, False)
         else:
             estimates[name] = estimate_with_interval(value, error, -np.inf, np.inf)
+    if candidate.formula:  # no catalogue has its units
+        for p in own:
+            estimates[p.key]["unit"] = p.unit
     return estimates
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 from math import tau
 from typing import NamedTuple
 
@@ -14,10 +15,13 @@ from jointgap.config.campaign import CHANNELS, NUISANCES, PRESSURES, Campaign, C
 from jointgap.config.load import validate
 from jointgap.core.candidates import Candidate, Effects, Parameter, Series
 from jointgap.core.errors import InputError, SimulationError
+from jointgap.core.formula import compile_formula
 from jointgap.core.joints import PINS
 from jointgap.core.words import joined
+from jointgap.dynamics.equations import evaluate
 from jointgap.effects import EFFECTS
 from jointgap.effects.base import DETECTABLE_SHARE, GROUPS, SLIDER_SIGN_SPEED, FitContext, MotionScale
+from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.identification.fit import Fit
 from jointgap.identification.problem import values_in_run
 from jointgap.rig.checks import is_computed
@@ -52,6 +56,8 @@ FRICTION_SPEED_FACTOR = 4.0  # [1] Half width of the bounds of `friction_speed`,
 # [1] Half width of the bounds of steady-contact damping: the last impacts before steady contact, whose damping the
 # published laws keep, have 0.02 to 0.22 m/s (default: 0.05 m/s)
 STEADY_CONTACT_DAMPING_FACTOR = 4.0
+OWN_LAW_ANGLES = 72  # Per revolution, for the size of a law that a campaign states
+SHAPES_TRIED = (1 / 6, 1 / 2, 5 / 6)  # [1, of the range] Start values of its shape parameters
 FIRST_ANGLE_REACH = math.pi / 6  # [rad] Bounds of a searched first angle, as the current model may lack an effect
 FIRST_ANGLES_TRIED = 720  # Per revolution, if the first angle is unknown; start of the fit
 # Of a planned chaotic run: for longer ones the simulated cycles limit the accuracy
@@ -83,6 +89,44 @@ def _is_possible(context: FitContext, candidate: Candidate) -> bool:
     except InputError:
         return False
     return True
+
+
+def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
+    """The laws that a campaign states itself, except those that the mechanism has."""
+    angle = tau * (np.arange(OWN_LAW_ANGLES) + 0.5) / OWN_LAW_ANGLES
+    place, speed = scale.middle + scale.stroke * np.cos(angle), -scale.stroke * scale.turning * np.sin(angle)
+    found = []
+    for name, law in campaign.candidates.items():
+        if campaign.mechanism.effect(FORMULA_EFFECTS[law.site], name) is not None:
+            continue
+        spans, amplitudes = law.spans, law.amplitudes
+        shapes = {key: own for key, own in spans.items() if key not in amplitudes}
+        middles = {key: own.middle for key, own in shapes.items()}
+        most = scale.force * (scale.stroke if law.site == "crank" else 1.0)
+        coordinates = []
+        for key in amplitudes:
+            program = compile_formula(law.formula, {**dict.fromkeys(amplitudes, 0.0), **middles, key: 1.0})
+            values = [
+                evaluate(program.codes, program.numbers, v, x, scale.turning, theta, 0.0)
+                for v, x, theta in zip(speed, place, angle, strict=True)
+            ]
+            size = float(np.sqrt(np.mean(np.square(values))))
+            if not 0.0 < size < math.inf:
+                raise InputError(
+                    f"campaign {campaign.name}, candidates.{name}: with {key} = 1 the formula '{law.formula}' is "
+                    f"{size:g} over a turn; correct it"
+                )
+            low, high = spans[key].low, spans[key].high
+            coordinates.append(Parameter(key, 0.0, low, high, most / size, spans[key].unit))
+        for key, own in shapes.items():
+            step = STEP_SHARE_OF_BOUNDS * (own.high - own.low)
+            coordinates.append(Parameter(key, own.middle, own.low, own.high, step, own.unit))
+        starts = [[own.low + share * (own.high - own.low) for share in SHAPES_TRIED] for own in shapes.values()]
+        guesses = tuple(dict(zip(shapes, start, strict=True)) for start in product(*starts))
+        found.append(
+            Candidate(name, law.site, tuple(coordinates), amplitudes, initial_guesses=guesses, formula=law.formula)
+        )
+    return found
 
 
 def _parameter(name: str, nominal: float, low: float, high: float, unit: str, run: str | None = None) -> Parameter:
@@ -264,7 +308,7 @@ class SliderCrankModel:
         torque = scale.force / DETECTABLE_SHARE * scale.stroke
         start = self._estimated_encoder_offset
         sensors = sensor_candidates(spreads, encoder, scale.turning, torque, listed, runs, start)
-        return (*physical_candidates(context), *sensors)
+        return (*physical_candidates(context), *own_candidates(campaign, scale), *sensors)
 
     def simulate(self, run: str, values: Values, effects: Effects = (), numerics: int = 0) -> dict[str, np.ndarray]:
         """Parameters as of `jointgap.core.candidates.Model.simulate`."""

@@ -22,6 +22,7 @@ from jointgap.dynamics.equations import AUXILIARY_STATES, STATES
 from jointgap.dynamics.integrate import beginning
 from jointgap.dynamics.parameters import CONSTANT, FLUCTUATING, MOTOR, Parameters
 from jointgap.dynamics.simulation import IntegrationResult, integrate_on, start_state
+from jointgap.effects.own_law import FORMULA_EFFECTS
 from jointgap.effects.slider_force_table import with_pressure_sensor
 from jointgap.rig import drives, sensors
 from jointgap.rig.cylinder_pressure import with_loads
@@ -100,19 +101,27 @@ def with_effects(mechanism: Mechanism, effects: Effects) -> Mechanism:
         elif not candidate.sensor:
             # keys of amplitudes with and without run
             sizes = {name for key in candidate.amplitudes for name in (key, key.partition("@")[0])}
-            if EFFECTS[candidate.name].ACTS_AT_ZERO or any(values[key] for key in sizes & values.keys()):
+            is_there = any(values[key] for key in sizes & values.keys())
+            if candidate.formula and is_there:
+                parameters = {"formula": candidate.formula, "coefficients": dict(values)}
+                name = FORMULA_EFFECTS[candidate.site]
+                added.append(_effect(name, candidate.site, parameters, label=candidate.name))
+            elif is_there or (not candidate.formula and EFFECTS[candidate.name].ACTS_AT_ZERO):
                 added.append(_effect(candidate.name, candidate.site, candidate.parameters(values)))
-    added += [_formula(name, terms) for name, terms in formulas.items()]
+    for name, terms in formulas.items():
+        is_listed = mechanism.effect(name, EFFECTS[name].SITE) is not None
+        added.append(_formula(name, terms, label="found" if is_listed else ""))
     return mechanism.model_copy(update={"effects": (*mechanism.effects, *added)})
 
 
-def _effect(name: str, site: str, parameters: Mapping[str, Any]) -> Effect:
+def _effect(name: str, site: str, parameters: Mapping[str, Any], **keys: str) -> Effect:
     effect = EFFECTS[name]
-    data = {"name": name, "parameters": dict(parameters)} | ({"site": site} if "site" in effect.model_fields else {})
+    data = {"name": name, "parameters": dict(parameters)} | keys
+    data |= {"site": site} if "site" in effect.model_fields else {}
     return validate(effect, data, name)
 
 
-def _formula(name: str, terms: Effects) -> Effect:
+def _formula(name: str, terms: Effects, label: str) -> Effect:
     """One law of several terms, each with a coefficient: ``discovered_slider_force[v^3]``."""
     parts, coefficients = [], {}
     for place, (candidate, values) in enumerate(terms, 1):
@@ -121,7 +130,7 @@ def _formula(name: str, terms: Effects) -> Effect:
             raise InputError(f"{candidate.name}: has no term; use a name such as {name}[v^3]")
         parts.append(f"c{place}*({term})")
         coefficients[f"c{place}"] = values[candidate.amplitudes[0]]
-    return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients})
+    return _effect(name, "", {"formula": " + ".join(parts), "coefficients": coefficients}, label=label)
 
 
 def simulated_effects(effects: Effects) -> tuple[list, list, float]:
