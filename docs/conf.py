@@ -60,10 +60,7 @@ myst_enable_extensions = ["attrs_block", "colon_fence", "dollarmath"]
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
 default_role = "code"  # single backticks in docstrings are names of the code
-nb_execution_mode = os.environ.get("JOINTGAP_DOCS_NOTEBOOKS", "off")  # "cache" or "force": run them for the site
-nb_execution_cache_path = str(ROOT / ".cache" / "notebooks")
-nb_execution_timeout = 600
-nb_execution_raise_on_error = True
+nb_execution_mode = "off"  # scripts/notebooks stores the outputs
 
 # -- strictness -------------------------------------------------------------------------------------------------------
 

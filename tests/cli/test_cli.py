@@ -112,6 +112,9 @@ def test_a_file_or_an_option_that_is_wrong_in_itself_is_reported(tmp_path):
     assert refusal("growth", "--options", nested, "--growth", written).startswith("--options: is not JSON")
     assert not written.exists()
     assert "no such effect; did you mean 'gas_pressure'?" in refusal("effects", "gas_presure")
+    assert "'sensor_gain'" in refusal("effects", "amplifier_gain") and "'gas_pressure'" in refusal(
+        "effects", "gas_force"
+    )
 
 
 PAPERS = load_mechanism(PAPER).model_dump(mode="json")

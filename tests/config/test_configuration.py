@@ -142,7 +142,7 @@ simulate: {revolutions: true} => simulate.revolutions = True ~ not true or false
 simulate: {revolutions: 2} => settled_revolution 4 ~ simulate.revolutions
 simulate: {samples_per_revolution: 720} => samples_per_revolution 720 ~ five times
 study: {members: 4} => key 'study' was removed ~ design: grid
-ensemble: {vary: {speed: {from: "0,1 rpm", to: 9, number: 3}}} => is not a number with a unit
+ensemble: {vary: {speed: {from: "0,1 rpm", to: 9, number: 3}}} => has a decimal comma; write '0.1 rpm'
 ensemble: {vary: {speed: {from: 1, to: 1e999, number: 3}}} => to = '1e999' must be
 surrogate: {hidden: [100, 100]} => surrogate ~ hidden [100, 100] has 10401 weights, more than 5000
 surrogate: {seeds: [1, 1]} => seeds = [1, 1] ~ give each value once
@@ -251,7 +251,7 @@ def test_options_may_be_a_file_with_a_mechanism_beside_it_or_what_a_command_prin
     assert parse_options(str(tmp_path / "mine.yaml")).simulate.speed == pytest.approx(100 * math.tau / 60)
     done = CliRunner().invoke(cli, ["config", str(ROOT / "config/sweep.yaml")])
     assert done.exit_code == 0
-    assert json.loads(parse_options(done.output).model_dump_json(by_alias=True)) == json.loads(done.output)
+    assert json.loads(parse_options(done.stdout).model_dump_json(by_alias=True)) == json.loads(done.stdout)
     refused(parse_options, [('{"simulate": ', "--options"), ('{"simulate": {"speed": NaN}}', "--options")])
 
 

@@ -230,12 +230,13 @@ def test_samples_that_cannot_be_used_are_refused_with_the_place_and_the_mend(tmp
 def test_a_row_of_units_must_say_what_the_campaign_says(tmp_path):
     path, file = write_rig(tmp_path), tmp_path / "slow.csv"
     text = file.read_text(encoding="utf-8")
-    for units in ("s,deg,mm,N*m", "[s],[°],[mm],[Nm]"):
+    for units in ("s,deg,mm,N*m", "[s],[°],[mm],[Nm]", "[Sec],[CAD],[MM],[N-m]"):
         file.write_text(text.replace("t,theta,x,M\n", f"t,theta,x,M\n{units}\n"), encoding="utf-8")
         assert "contains units and is skipped" in read_measurements(load_campaign(path)).remarks[0]
-    file.write_text(text.replace("t,theta,x,M\n", "t,theta,x,M\ns,rad,mm,N*m\n"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"column theta: the row below the headings says 'rad'.* is 'deg'"):
-        read_measurements(load_campaign(path))
+    for unit in ("rad", "rev"):
+        file.write_text(text.replace("t,theta,x,M\n", f"t,theta,x,M\ns,{unit},mm,N*m\n"), encoding="utf-8")
+        with pytest.raises(InputError, match=rf"column theta: the row below the headings says '{unit}'.* is 'deg'"):
+            read_measurements(load_campaign(path))
 
 
 def test_nuisances_without_a_use_are_remarked(tmp_path):

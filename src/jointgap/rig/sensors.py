@@ -12,6 +12,7 @@ from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 
 from jointgap.config.campaign import CHANNELS, FILTER_ORDER, Channel
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
+from jointgap.core.errors import MEANINGS
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude, size_and_angle
 from jointgap.rig.recording import Recording
 
@@ -320,6 +321,7 @@ FAULTS = {
     )
 }
 """Every fault by its name, in the order in which a fit tries them."""
+MEANINGS.update((name, f"{fault.words} {fault.law}") for name, fault in FAULTS.items())
 
 
 def sensor_candidates(
