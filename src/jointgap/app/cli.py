@@ -130,7 +130,7 @@ cli.removed = {
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 cli.sections = {
     "Your mechanism": ["look", "simulate", "ensemble", "growth", "cycles", "effects"],
-    "Your measurement": ["preflight", "analyse", "trend"],
+    "Your measurement": ["new", "preflight", "analyse", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
     OF_SCENARIO: ["report"],
@@ -211,6 +211,40 @@ def analyse(campaign: Path, folder: Path | None, anyway: bool) -> None:
     show(state)
     click.echo("\n".join(verdict_lines(state.folder.path)))
     _end_if_something_failed(state)
+
+
+@cli.group()
+def new() -> None:
+    """Write a campaign file or a mechanism file to start from; files that exist are not replaced."""
+
+
+@new.command()
+@click.argument("files", metavar="FILE...", type=FILE, nargs=-1, required=True)
+@click.option("--name", default="rig", show_default=True, help="Name of the campaign and of its two files.")
+def rig(files: tuple[Path, ...], name: str) -> None:
+    """Write NAME.yaml and NAME_mechanism.yaml for measured FILEs, one of each run.
+
+    Columns, units and speeds are guessed from headings and values, with the reason of each guess as a comment.
+    FILL_IN marks what the files do not contain, such as masses.
+
+    \b
+    Example:
+      jointgap new rig slow.csv fast.csv
+      jointgap measure rig.yaml
+      jointgap analyse rig.yaml
+    """
+    from jointgap.rig.guess import new_rig
+
+    click.echo(new_rig(files, name))
+
+
+@new.command()
+@click.option("--name", default="mechanism", show_default=True, help="Name of the file, without .yaml.")
+def mechanism(name: str) -> None:
+    """Write the mechanism file NAME.yaml with comments; FILL_IN marks the values to fill in."""
+    from jointgap.rig.guess import new_mechanism
+
+    click.echo(new_mechanism(name))
 
 
 @cli.command()

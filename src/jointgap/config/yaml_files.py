@@ -20,6 +20,9 @@ from jointgap.core.errors import InputError
 BASE = "base"
 """Key of a mechanism: the path of the one that its other keys modify."""
 
+FILL_IN = "FILL_IN"
+"""Value of a key that `jointgap new` cannot know."""
+
 _TWO_MEANINGS = re.compile(
     r"[-+]?0[0-9_]+|[-+]?[0-9][0-9.]*[_:][0-9._:]*|[-+]?0(?:b[01_]*|o[0-7_]*|x[0-9a-f_]*)|yes|no|on|off",
     re.IGNORECASE,
@@ -104,7 +107,8 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     Raises
     ------
     InputError
-        No such file, not a mapping, a duplicate key, or an ambiguous value; the message contains file and line.
+        No such file, not a mapping, a duplicate key, an ambiguous value, or values to fill in; the message contains
+        file and line or key.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -115,6 +119,9 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     # YAML would read 1e-9 as text
     content = read_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
     if isinstance(content, dict):
+        if missing := [".".join(key) for key, value in _items(content) if value == FILL_IN]:
+            keys = f"{', '.join(missing)}: {'is' if len(missing) == 1 else 'are'} not filled in"
+            raise InputError(f"{path}: {keys}; replace {FILL_IN} by the value, with its unit")
         return content
     what = "is empty" if content is None else "has no keys"
     raise InputError(f"{path}: {what}; write a mapping of keys to values, such as 'key: value', one per line")
@@ -188,6 +195,17 @@ def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, .
         return
     for key, value in data.items():
         yield from leaves(value, (*path, str(key)))
+
+
+def _items(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """As `leaves`, and the items of lists, by their id or number."""
+    for key, value in leaves(data, path):
+        if isinstance(value, list):
+            for number, item in enumerate(value):
+                name = item.get("id", number) if isinstance(item, Mapping) else number
+                yield from _items(item, (*key, str(name)))
+        else:
+            yield key, value
 
 
 def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: str) -> list[Layer]:

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from jointgap.core.units import respelled, unit_factor
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
 _BINARY = (b"PK\x03\x04", b"\x1f\x8b", b"\xd0\xcf\x11\xe0")  # first bytes of archives and spreadsheets
+_DATE = re.compile(r"\d{4}-\d\d-\d\d")
 _COMMA_NUMBER = r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?"
 _MOST_ABOVE = 1000  # lines searched for the headings
 _MAX_UNIT_LENGTH = 15  # characters
@@ -63,14 +65,8 @@ class Columns:
 
 def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") -> Columns:
     """The columns `wanted` of a file; dates in the column `clock` become seconds."""
-    try:
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:  # a zero byte in the name is a ValueError
-        why = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({why}); check 'file' of the run") from error
-    if content.startswith(_BINARY):
-        raise InputError(f"{path}: is a spreadsheet or an archive; save the samples as CSV or Parquet")
-    if content.startswith(b"PAR1") or path.suffix == ".parquet":
+    content = _content(path)
+    if _is_parquet(path, content):
         texts, units, remarks = _parquet(path, wanted, clock), {}, ()
     else:
         texts, units, remarks = _csv(path, _decoded(path, content), wanted, form)
@@ -83,6 +79,56 @@ def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") 
     if dates is not None:
         values[clock], remarks = dates, (*remarks, remark)
     return Columns(values, texts.index.to_numpy(), units, remarks, is_dated=dates is not None)
+
+
+def find_headings(path: Path) -> list[str]:
+    """The headings of a file, found without their names: the row above the numbers, or above a row of units."""
+    content = _content(path)
+    if _is_parquet(path, content):
+        import pyarrow.parquet as pq
+
+        return pq.read_schema(path).names
+    lines, _ = _lines(_decoded(path, content))
+    kept = list(lines.values())[:_MOST_ABOVE]
+
+    def merit(rows: Sequence[Sequence[str]]) -> int:
+        return sum(max(_numbers_less_texts(row), 0) for row in rows)
+
+    rows = max(([_split(line, mark) for line in kept] for mark in SEPARATORS), key=merit)
+    ((width, _),) = Counter(len(row) for row in rows if _numbers_less_texts(row) > 0).most_common(1) or [(0, 0)]
+    data = next((n for n, row in enumerate(rows) if _numbers_less_texts(row) > 0 and len(row) == width), 0)
+    if not data:
+        raise InputError(f"{path}: has no headings above its numbers; write a line with the name of each column")
+    named = [row for row in rows[:data] if len(row) >= width - 1 and not any(map(_is_number, filter(None, row)))]
+    below = [cell.strip("[]() ") for cell in named[-1]] if len(named) > 1 else ["no row of units"]
+    return [name for name in (named or rows[:data])[-2 if all(map(_may_be_unit, below)) else -1] if name]
+
+
+def _numbers_less_texts(cells: Sequence[str]) -> int:
+    """Number of cells with a number or a date, less that of cells with other text."""
+    return sum(1 if _DATE.match(cell) or _is_number(cell) else -1 for cell in cells if cell)
+
+
+def _may_be_unit(text: str) -> bool:
+    try:
+        return text in ("", "-", "1") or bool(unit_factor(text, text))
+    except Exception:  # unknown to pint
+        return any(respelled(text, base) for base in ("rad/s", "rad", "m/s^2", "N*m", "N"))
+
+
+def _content(path: Path) -> bytes:
+    try:
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:  # a zero byte in the name is a ValueError
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be read ({why}); check 'file' of the run") from error
+    if content.startswith(_BINARY):
+        raise InputError(f"{path}: is a spreadsheet or an archive; save the samples as CSV or Parquet")
+    return content
+
+
+def _is_parquet(path: Path, content: bytes) -> bool:
+    return content.startswith(b"PAR1") or path.suffix == ".parquet"
 
 
 def _decoded(path: Path, content: bytes) -> str:
@@ -102,9 +148,8 @@ def _csv(
     path: Path, text: str, wanted: Sequence[str], form: Csv
 ) -> tuple[pd.DataFrame, dict[str, str], tuple[str, ...]]:
     """Texts of the `wanted` columns by line of the file, units, and remarks."""
-    lines = {number: line for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()}
-    comments = {number: line.lstrip(" #") for number, line in lines.items() if line.lstrip().startswith("#")}
-    lines = {n: line for n, line in lines.items() if n > (form.skip_rows or 0) and n not in comments}
+    lines, comments = _lines(text)
+    lines = {number: line for number, line in lines.items() if number > (form.skip_rows or 0)}
     if not lines:
         what = f"has no rows below the {form.skip_rows} of csv.skip_rows" if form.skip_rows else "is empty"
         raise InputError(f"{path}: {what}; give a table with headings and samples")
@@ -138,6 +183,13 @@ def _csv(
     if not any(first) or any(_is_number(text) or len(text) > _MAX_UNIT_LENGTH for text in first):
         return table, {}, remarks
     return table.iloc[1:], dict(zip(wanted, first, strict=True)), remarks
+
+
+def _lines(text: str) -> tuple[dict[int, str], dict[int, str]]:
+    """Lines that are not empty, by number: rows and comments."""
+    lines = {number: line for number, line in enumerate(re.split(r"\r\n|\n|\r", text), 1) if line.strip()}
+    comments = {number: line.lstrip(" #") for number, line in lines.items() if line.lstrip().startswith("#")}
+    return {number: line for number, line in lines.items() if number not in comments}, comments
 
 
 def _fix_of_length(length: int, width: int, separator: str, all_alike: bool) -> str:
@@ -201,7 +253,7 @@ def _seconds(path: Path, stamps: pd.Series) -> tuple[np.ndarray | None, str]:
     """Seconds since the first date in a column, and a remark; None if the column does not begin with a date."""
     written = stamps.notna() & (stamps != "")
     first = next(iter(stamps[written]), None)
-    if isinstance(first, str) and re.match(r"\d{4}-\d\d-\d\d", first):
+    if isinstance(first, str) and _DATE.match(first):
         stamps = stamps.str.replace(",", ".", regex=False)
     elif not isinstance(first, pd.Timestamp):
         return None, ""
