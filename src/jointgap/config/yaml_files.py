@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from math import tau
 from pathlib import Path
 from typing import Any
 
@@ -149,6 +150,35 @@ def leaves(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, .
         return
     for key, value in data.items():
         yield from leaves(value, (*path, str(key)))
+
+
+_SPEEDS = {"speed", "no_load_speed"}  # of cranks and motors
+
+
+def plain_speeds(path: Path | str) -> list[str]:
+    """A remark on each crank or motor speed without a unit in a YAML file; programs write JSON files in SI units."""
+    if str(path).endswith(".json"):
+        return []
+    found = {}
+    for keys, value in leaves(_with_places(read_yaml(path))):
+        try:
+            speed = float(value) if _SPEEDS & {*keys} and keys[-1] != "number" else None  # of values of a sweep
+        except (TypeError, ValueError):  # with a unit
+            continue
+        if speed is not None:
+            found[".".join(keys)] = speed
+    return [
+        f"{path}: {key} = {speed:g} has no unit and is read as {speed:g} rad/s, {60 * speed / tau:.5g} rpm; write "
+        f"'{speed:g} rad/s' or '{speed:g} rpm'"
+        for key, speed in found.items()
+    ]
+
+
+def _with_places(data: Any) -> Any:
+    """`data` with its sequences as mappings by place, as for `leaves`."""
+    if isinstance(data, Mapping):
+        return {key: _with_places(value) for key, value in data.items()}
+    return {n: _with_places(value) for n, value in enumerate(data)} if isinstance(data, list) else data
 
 
 def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: str) -> list[Layer]:
