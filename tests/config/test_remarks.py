@@ -1,10 +1,15 @@
 """Data that look mistaken and a contact that does otherwise than one may think say so, with the number."""
 
+import json
 import math
 
 import pytest
+from click.testing import CliRunner
 
+from benchmarks.project import ROOT
+from jointgap.app.cli import cli
 from jointgap.config import load_mechanism
+from jointgap.config.yaml_files import plain_speeds
 from jointgap.core.errors import InputError
 from jointgap.dynamics.mechanism_warnings import odd_data, odd_speed, remarks, sentences
 from tests.config.mechanisms import mechanism, paper
@@ -47,6 +52,22 @@ def test_a_bare_number_for_the_speed_that_probably_meant_rpm_is_remarked_on():
     assert odd_speed(compressor, 1450 * math.pi / 30) == []
     assert "1450 rpm" in odd_speed(compressor, -1450)[0] and "13846 rpm" in odd_speed(compressor, 1450)[0]
     assert sentences(compressor, 1450)[0].startswith("`speed`: ")
+
+
+def test_a_speed_without_a_unit_is_remarked_in_a_file_that_a_person_wrote(tmp_path):
+    mine, motor = tmp_path / "mine.yaml", "motor: {no_load_speed: 30, stall_torque: 5 N*m}\n"
+    mine.write_text("runs: [{id: a, speed: 200 rpm}, {id: b, speed: 240}]\n" + motor, encoding="utf-8")
+    run, no_load = plain_speeds(mine)
+    assert "runs.1.speed = 240 " in run and "2291.8 rpm" in run and "'240 rpm'" in run
+    assert "motor.no_load_speed = 30 " in no_load
+    written = tmp_path / "options.json"  # by a program
+    written.write_text('{"simulate": {"speed": 240.0}}', encoding="utf-8")
+    assert plain_speeds(written) == []
+    mine.write_text("mechanism: erkaya2009\nscenarios: {one: {simulate: {speed: '240'}}}\n", encoding="utf-8")
+    done = CliRunner().invoke(cli, ["config", str(mine)])
+    assert done.exit_code == 0 and "scenarios.one.simulate.speed = 240" in done.stderr and json.loads(done.stdout)
+    own = [path for place in ("config", "examples", "docs") for path in (ROOT / place).rglob("*.yaml")]
+    assert own and [remark for path in own for remark in plain_speeds(path)] == []
 
 
 @pytest.mark.parametrize(("link", "most"), [("crank", 0.3704 * 0.3**2), ("rod", 0.773 * 1.128**2)])

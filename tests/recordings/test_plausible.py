@@ -7,7 +7,7 @@ from jointgap.campaign.state import CampaignState
 from jointgap.rig.checks import clipped, no_data, stuck
 from tests.catalogue import each
 from tests.config.mechanisms import PAPER
-from tests.recordings.rig import read_rig, samples, table, write_rig
+from tests.recordings.rig import CAMPAIGN, read_rig, samples, table, write_rig
 
 UNITS = {"slider_velocity": "m/s", "slider_acceleration": "m/s^2", "rod_angle": "rad"}
 UNITS |= {"rod_angular_velocity": "rad/s", "crank_speed": "rad/s"}
@@ -117,9 +117,12 @@ def test_what_stands_still_with_the_crank_or_is_coarse_is_not_stuck_and_lacks_no
 
 def test_measure_remarks_on_data_of_the_mechanism_that_look_mistaken(tmp_path):
     mechanism = {"base": str(PAPER), "slider": {"mass": "190 kg"}, "joints": {"crank_pin": "ideal"}}
-    path = write_rig(tmp_path, {"mechanism": mechanism})
+    runs = [run | {"speed": run["speed"] if run["id"] == "slow" else 62.83} for run in CAMPAIGN["runs"]]
+    path = write_rig(tmp_path, {"mechanism": mechanism, "runs": runs})
     said = measure(CampaignState(path, tmp_path / "results"), pictures=False)
     assert "Remark: mechanism, slider.mass: 190 kg" in said and "Remark: mechanism, piston_pin: the radial" in said
     later = CampaignState(path, tmp_path / "results").measurements.remarks
     told = [remark.split(":")[0] for remark in later if remark.startswith("mechanism, ")]
     assert told == ["mechanism, slider.mass", "mechanism, piston_pin"]
+    (plain,) = (remark for remark in later if "no unit" in remark)
+    assert plain.startswith(f"{path}: runs.1.speed = 62.83 ") and "599.98 rpm" in plain

@@ -101,3 +101,55 @@ def test_a_crank_that_slows_down_in_every_turn_without_stopping_is_read(read):
         assert read(turning(lambda turned: np.interp(turned, time, fine), count=count)).left_out == {}
 
     each(is_read, [(share, count) for share in (0.3, 0.95) for count in (180, 960)])
+
+
+def test_a_clock_that_was_set_is_told_with_its_row_and_how_much_and_a_pause_is_none(read):
+    def told(drive, jump, unsteady):
+        frame = turning(lambda turned: turned + unsteady * np.sin(2 * np.pi * turned), count=540)
+        frame.loc[300:, "t"] += jump
+        with pytest.raises(InputError) as error:
+            read(frame, {"drive": drive})
+        text = str(error.value)
+        assert "column t, row 302: " in text and f"set {'forward' if jump > 0 else 'back'} by " in text
+        size = float(re.search(r" by (\S+) s; ", text)[1])
+        assert size == pytest.approx(abs(jump), abs=2e-3)
+
+    jumps = [3600.0, 0.4, 0.05, -0.02, -0.4, -3600.0]
+    each(told, [("constant_speed", jump, 0.0) for jump in jumps] + [("measured_angle", jump, 0.01) for jump in jumps])
+    for pause in (1, 8, 100, 250):
+        for unsteady in (0.0, 0.01, 0.05):
+            frame = turning(lambda turned, share=unsteady: turned + share * np.sin(2 * np.pi * turned), count=540)
+            assert read(frame.drop(index=range(200, 200 + pause))).left_out == {}
+
+
+def test_an_encoder_that_reads_one_angle_over_a_part_of_each_turn_is_told_and_a_slow_or_coarse_one_is_not(read):
+    def told(drive, width, count, level):
+        frame = turning(lambda turned: turned, count=count)
+        dead = frame.theta.between(200.0, 200.0 + width)
+        first, text = int(np.flatnonzero(dead)[0]) + 2, f"({np.count_nonzero(dead)} samples); leave these cells empty"
+        with pytest.raises(InputError) as error:
+            read(frame.assign(theta=frame.theta.mask(dead, level)), {"drive": drive})
+        assert f"column theta, row {first}: the angle is {level} deg" in str(error.value) and text in str(error.value)
+        frame.loc[dead, "theta"] = np.nan
+        assert read(frame, {"drive": drive}).left_out == {}
+
+    each(told, [("constant_speed", 20, 540, 0), ("measured_angle", 40, 540, 0), ("constant_speed", 70, 360, 180)])
+    fine = np.linspace(0.0, 10.0, 100_001)
+    for unsteadiness, step in ((0.0, 10.0), (0.9, 1.0), (0.9, 5.0)):
+        time = np.cumsum(1.0 / (1.0 + unsteadiness * np.cos(2 * np.pi * fine)))
+        course = lambda turned, time=10.0 * time / time[-1]: np.interp(turned, time, fine)  # noqa: E731
+        frame = turning(course, noise_deg=0.0, count=1440)
+        assert read(frame.assign(theta=step * np.floor(frame.theta / step))).left_out == {}
+
+
+def test_a_torque_of_a_motor_that_is_off_is_compared_with_zero_once_its_noise_is_stated(read):
+    def slowing(over):
+        frame = turning(lambda turned: turned - 0.02 * turned**2, noise_deg=0.01)
+        off = frame.assign(M=0.0)
+        return read(off, {"channels": {"crank_torque": {"noise": 0.01}}} | over)
+
+    found = slowing(ANGLE_DRIVES)
+    assert found.contradictions == () and not found.runs["slow"].channels["crank_torque"].any()
+    for over in ({}, ANGLE_DRIVES | {"channels": {"crank_torque": {"noise": None}}}):
+        with pytest.raises(InputError, match="column M: all values are 0. If the motor is off, give 'drive: measured_"):
+            slowing(over)

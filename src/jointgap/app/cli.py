@@ -48,8 +48,11 @@ def need(flag: str, meaning: str, kind: click.Path = FILE) -> Callable:
 def open_results(options: str, path: Path, places: Mapping[str, Path] | None = None) -> "ScenarioResults":
     """The results of a scenario."""
     from jointgap.config import parse_options
+    from jointgap.config.yaml_files import plain_speeds
     from jointgap.scenario.results import ScenarioResults
 
+    for remark in [] if options.lstrip().startswith("{") else plain_speeds(options):
+        click.echo(f"jointgap: {remark}", err=True)
     return ScenarioResults(path, parse_options(options), places)
 
 
@@ -605,11 +608,13 @@ def config(files: tuple[Path, ...], scenario: str | None, sources: bool) -> None
     for --options. Warnings, such as of an implausible mass, go to the standard error output.
     """
     from jointgap.config import load, read_yaml
-    from jointgap.config.yaml_files import Layer, merged
+    from jointgap.config.yaml_files import Layer, merged, plain_speeds
     from jointgap.core.errors import InputError, did_you_mean
     from jointgap.dynamics.mechanism_warnings import remarks
     from jointgap.lengths.region import check_constraints
 
+    for remark in (remark for file in files for remark in plain_speeds(file)):
+        click.echo(f"jointgap: {remark}", err=True)
     layers = [Layer(str(file), read_yaml(file)) for file in files]
     folders = (Path(), *(folder for file in reversed(files) for folder in (file.parent, file.parent.parent)))
     source = " with ".join(map(str, files))

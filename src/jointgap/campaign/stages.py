@@ -52,16 +52,15 @@ def measure(state: "CampaignState", pictures: bool = True) -> str:
     import pandas as pd
 
     from jointgap.campaign.campaign_files import check_same_file, config_snapshot, write_origin
-    from jointgap.dynamics.mechanism_warnings import odd_data, odd_speed
+    from jointgap.config.yaml_files import plain_speeds
+    from jointgap.dynamics.mechanism_warnings import odd_data
     from jointgap.rig.read_files import read_measurements
     from jointgap.rig.recording import to_frame
 
     folder = state.folder
     check_same_file(state.file, folder.path)
     read = read_measurements(state.campaign)
-    mechanism = state.campaign.mechanism
-    odd = [f"mechanism, {remark}" for remark in odd_data(mechanism)]
-    odd += [f"run {run.id}, {remark}" for run in state.campaign.runs for remark in odd_speed(mechanism, run.speed)]
+    odd = [f"mechanism, {remark}" for remark in odd_data(state.campaign.mechanism)] + plain_speeds(state.file)
     state.measurements = replace(read, remarks=(*read.remarks, *odd))
     if pictures:  # first, so that an error leaves no files
         from jointgap.core import plot

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from math import tau
 from pathlib import Path
 from typing import Any
 
@@ -206,6 +207,28 @@ def _items(data: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, .
                 yield from _items(item, (*key, str(name)))
         else:
             yield key, value
+
+
+_SPEEDS = {"speed", "no_load_speed"}  # of cranks and motors
+
+
+def plain_speeds(path: Path | str) -> list[str]:
+    """A remark on each crank or motor speed without a unit in a YAML file; programs write JSON files in SI units."""
+    if str(path).endswith(".json"):
+        return []
+    found = {}
+    for keys, value in _items(read_yaml(path)):
+        try:
+            speed = float(value) if _SPEEDS & {*keys} and keys[-1] != "number" else None  # of values of a sweep
+        except (TypeError, ValueError):  # with a unit
+            continue
+        if speed is not None:
+            found[".".join(keys)] = speed
+    return [
+        f"{path}: {key} = {speed:g} has no unit and is read as {speed:g} rad/s, {60 * speed / tau:.5g} rpm; write "
+        f"'{speed:g} rad/s' or '{speed:g} rpm'"
+        for key, speed in found.items()
+    ]
 
 
 def mechanism_layers(mechanism: Any, folders: Sequence[Path], source: str, key: str) -> list[Layer]:

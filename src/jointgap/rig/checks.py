@@ -114,6 +114,60 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
     return None
 
 
+def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:
+    """The first sample after the clock was set back or forward, and by how much [s]; None if there is none.
+
+    A pause of the record is none: after it the crank has turned on by its speed. Without angles, or after a pause too
+    long for its speed, a jump forward counts if it is longer than the rest of the record.
+    """
+    lapse = np.diff(time)
+    usual = float(np.median(lapse))
+    for row in np.flatnonzero(lapse < 0.0)[:1]:
+        beside = slice(max(row - 1, 0), row + 3)  # a single wrong time leaves those beside it in order
+        is_single = abs(time[beside][-1] - time[beside][0] - usual * (time[beside].size - 1)) < 0.5 * usual
+        restarts = np.count_nonzero(lapse < 0.0) > 3 or abs(time[row + 1] - time[0]) < 2.0 * usual
+        return None if is_single or restarts or usual <= 0.0 else (int(row) + 1, float(lapse[row]) - usual)
+    steps = _nearest_turn(np.diff(angle))
+    near = (lapse > 0.0) & (lapse < 2.0 * usual) & np.isfinite(steps)
+    speed, spread = np.nan, np.inf
+    if near.sum() > 2 * MIN_SAMPLES:
+        speeds = np.convolve(steps[near] / lapse[near], np.full(8, 1.0 / 8.0), "valid")
+        speed = float(np.median(speeds))
+        spread = max(float(np.ptp(np.percentile(speeds, (10.0, 90.0)))), 1e-3 * abs(speed))
+    for row in np.flatnonzero(lapse > 5.0 * usual):
+        off, slack = abs(_nearest_turn(steps[row] - speed * lapse[row])), 0.03 * tau + spread * lapse[row]
+        rest = time[-1] - time[0] - lapse[row]
+        if off > slack if slack < pi / 2.0 else lapse[row] > rest:
+            return int(row) + 1, float(lapse[row]) - usual
+    return None
+
+
+def _nearest_turn(angle: np.ndarray) -> np.ndarray:
+    """Angles [rad] between half a turn back and forward."""
+    return np.remainder(angle + pi, tau) - pi
+
+
+def dead_zone(angle: np.ndarray) -> np.ndarray:
+    """Indices of samples at which an encoder reads one angle over a part of most turns; `angle` as written."""
+    known = np.flatnonzero(np.isfinite(angle))
+    read = angle[known]
+    if read.size < MIN_SAMPLES:
+        return known[:0]
+    starts = np.flatnonzero(np.diff(read, prepend=np.nan) != 0.0)
+    ends = np.append(starts[1:], read.size)
+    steps = np.abs(_nearest_turn(np.diff(read[starts])))
+    inner = np.flatnonzero((ends - starts >= 3) & (starts > 0) & (ends < read.size))
+    # a slow crank or a coarse encoder goes on by a usual step
+    skipped = np.abs(_nearest_turn(read[ends[inner]] - read[starts[inner] - 1]))
+    inner = inner[skipped > 3.0 * np.median(steps)] if steps.size else inner
+    levels, counts = np.unique(read[starts[inner]], return_counts=True)
+    turns = np.abs(_nearest_turn(np.diff(read[starts]))).sum() / tau
+    if not counts.size or counts.max() < max(2.0, 0.5 * turns):
+        return known[:0]
+    level = levels[np.argmax(counts)]
+    return np.concatenate([known[starts[i] : ends[i]] for i in inner if read[starts[i]] == level])
+
+
 def speed_variation(time: np.ndarray, angle: np.ndarray) -> tuple[float, float, float, float]:
     """Variation of the crank speed within and from turn to turn, its error (shares of the mean [1]), and the strongest
     order; with four turns or more including half orders (four-stroke engines).

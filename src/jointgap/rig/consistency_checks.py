@@ -393,7 +393,7 @@ def _copied(recordings: Mapping[str, Recording], orders: AllOrders) -> Iterator[
             values, others = (recordings[run].channels[name] for run in pair)
             count = min(values.size, others.size)
             known = np.isfinite(values[:count] + others[:count])
-            if known.any() and np.mean((values[:count] == others[:count])[known]) > 0.9:
+            if np.any(values[:count][known]) and np.mean((values[:count] == others[:count])[known]) > 0.9:
                 known_orders = [run for run in pair if name in orders.get(run, {})]
                 wrong = min(known_orders, key=lambda run: orders[run][name].correlation, default=pair[0])
                 other = pair[wrong == pair[0]]

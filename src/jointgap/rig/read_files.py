@@ -163,8 +163,9 @@ def _recording(file: RunFile, columns: Columns) -> Recording:
         _check_varies(file, name, samples)
         samples = samples.copy()
         samples[absent[name]] = np.nan
-        # a pressure has plateaus
-        if name not in PRESSURES and not _is_stuck(file, name, samples, samples, angle if has_angle else turned):
+        # a pressure has plateaus, and the torque of a motor that is off stays 0
+        is_steady = name in PRESSURES or not np.nanmax(np.abs(samples)) > 0.0
+        if not is_steady and not _is_stuck(file, name, samples, samples, angle if has_angle else turned):
             if (text := checks.clipped(samples)) is not None:
                 file.doubt("clipped", name, text)
         if (places := checks.outliers(samples)).size:
@@ -284,8 +285,16 @@ def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
     fix = "or remove the channel from the campaign file"
     if finite.size < MIN_SAMPLES:
         raise file.error(name, f"{finite.size} values; give at least {MIN_SAMPLES}, {fix}")
-    if np.ptp(finite) == 0.0:
+    if np.ptp(finite) > 0.0:
+        return
+    if name != "crank_torque" or finite[0] != 0.0:
         raise file.error(name, f"all values are equal; repair the sensor, {fix}")
+    if file.campaign.drive != "measured_angle" or not file.campaign.channels[name].noise_of(file.run.id):
+        raise file.error(
+            name,
+            "all values are 0. If the motor is off, give 'drive: measured_angle' (there is no drive for a free crank "
+            f"yet), and the torque's noise, such as 0.01 N*m: it is compared with 0. Otherwise repair the sensor, {fix}",
+        )
 
 
 # The crank's rotation
@@ -323,11 +332,15 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
     if file.run.direction == "clockwise":
         angle = -angle
     if "time" in values:
-        _check_times(file, time)
+        _check_times(file, time, angle)
     if "crank_angle" not in values:
         return time, absent, speed * (time - time[0])
     if np.count_nonzero(np.isfinite(angle)) < 2:
         raise file.error("crank_angle", "contains no angles; give the measurement")
+    if (dead := checks.dead_zone(values["crank_angle"])).size:
+        still = file.in_file_unit("crank_angle", values["crank_angle"][dead[0]])
+        text = f"the angle is {still} over a part of each turn ({_samples(dead.size)}); leave these cells empty"
+        raise file.error("crank_angle", text, dead[0])
     if "time" not in values:
         angle = continuous_angle(None, angle, speed)
         _check_angle_alone(file, values["crank_angle"], angle)
@@ -350,9 +363,17 @@ def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
     return float(np.diff(angle[ends])[0] / np.diff(time[ends])[0])
 
 
-def _check_times(file: RunFile, time: np.ndarray) -> None:
+def _check_times(file: RunFile, time: np.ndarray, angle: np.ndarray) -> None:
     """InputError if times do not increase, or have too few revolutions or samples at nominal speed."""
     steps = np.diff(time)
+    if (jump := checks.clock_jump(time, angle)) is not None:
+        row, size = jump
+        way, change = ("forward", "subtract this from") if size > 0.0 else ("back", "add this to")
+        text = (
+            f"time steps from {time[row - 1]:.10g} to {time[row]:.10g} s: the clock was set {way} by {abs(size):.6g} s"
+        )
+        text += f"; {change} the times from this row on, or cut the record there (make two runs of it)"
+        raise file.error("time", text, row)
     if (late := np.flatnonzero(steps <= 0.0)).size:
         before, after = time[late[0]], time[late[0] + 1]
         text = f"falls from {before:.10g} to {after:.10g} s; sort the rows, or give one file per record"

@@ -138,7 +138,7 @@ def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
 
 
 def aperiodic_share(speed: float, elapsed: np.ndarray, values: Sequence[np.ndarray]) -> float:
-    """Residual of a Fourier series over `speed` times `elapsed` [1, of each variance], summed over the channels."""
+    """Residual of a Fourier series over `speed` times `elapsed` [1, of the variance], summed over channels."""
     angle = np.arange(1, SPEED_HARMONICS + 1) * (speed * elapsed)[:, None]
     series, total = np.column_stack([np.ones(elapsed.size), np.cos(angle), np.sin(angle)]), 0.0
     for value in values:
