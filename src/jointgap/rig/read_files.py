@@ -282,7 +282,7 @@ def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
         raise file.error(
             name,
             "all values are 0. If the motor is off, give 'drive: measured_angle' (there is no drive for a free crank "
-            f"yet), and the torque's noise, such as 0.01 N*m: it is compared with 0. Otherwise repair the sensor, {fix}",
+            f"yet) and the torque's noise, such as 0.01 N*m: it is compared with 0. Otherwise repair the sensor, {fix}",
         )
 
 
