@@ -9,15 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign import (
-    CHANNELS,
-    MOTOR_LINE,
-    PRESSURE_SENSOR,
-    PRESSURES,
-    Campaign,
-    CampaignRun,
-    channel_factor,
-)
+from jointgap.config.campaign import CHANNELS, MOTOR_LINE, Campaign, CampaignRun, channel_factor
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share
@@ -80,11 +72,7 @@ class RunFile:
         return {unit: channel_factor(channel, unit) / self.campaign.factor(channel) for unit in PROPOSED_UNITS[channel]}
 
 
-_IDLE = dict.fromkeys(MOTOR_LINE, "requires drive: motor") | {
-    "speed": "follows from time and crank_angle",
-    "crank_inertia": "requires drive: motor or measured_angle",
-    **dict.fromkeys(PRESSURE_SENSOR, "requires a slider_force_table of a pressure, or the channel cylinder_pressure"),
-}
+_IDLE = dict.fromkeys(MOTOR_LINE, "requires drive: motor") | {"speed": "follows from time and crank_angle"}
 """Why a nuisance has no effect, if the mechanism is not the reason."""
 
 
@@ -163,9 +151,10 @@ def _recording(file: RunFile, columns: Columns) -> Recording:
         _check_varies(file, name, samples)
         samples = samples.copy()
         samples[absent[name]] = np.nan
-        # a pressure has plateaus, and the torque of a motor that is off stays 0
-        is_steady = name in PRESSURES or not np.nanmax(np.abs(samples)) > 0.0
-        if not is_steady and not _is_stuck(file, name, samples, samples, angle if has_angle else turned):
+        # the torque of a motor that is off stays 0
+        if np.nanmax(np.abs(samples)) > 0.0 and not _is_stuck(
+            file, name, samples, samples, angle if has_angle else turned
+        ):
             if (text := checks.clipped(samples)) is not None:
                 file.doubt("clipped", name, text)
         if (places := checks.outliers(samples)).size:
@@ -293,7 +282,7 @@ def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
         raise file.error(
             name,
             "all values are 0. If the motor is off, give 'drive: measured_angle' (there is no drive for a free crank "
-            f"yet), and the noise of the torque, such as 0.01 N*m: it is compared with 0. Otherwise repair the sensor, {fix}",
+            f"yet) and the torque's noise, such as 0.01 N*m: it is compared with 0. Otherwise repair the sensor, {fix}",
         )
 
 
