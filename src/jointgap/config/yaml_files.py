@@ -17,6 +17,7 @@ from typing import Any
 import yaml
 
 from jointgap.core.errors import InputError
+from jointgap.core.words import joined
 
 BASE = "base"
 """Key of a mechanism: the path of the one that its other keys modify."""
@@ -121,8 +122,8 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     content = read_json(text, str(path)) if str(path).endswith(".json") else _parse_yaml(text, str(path))
     if isinstance(content, dict):
         if missing := [".".join(key) for key, value in _items(content) if value == FILL_IN]:
-            keys = f"{', '.join(missing)}: {'is' if len(missing) == 1 else 'are'} not filled in"
-            raise InputError(f"{path}: {keys}; replace {FILL_IN} by the value, with its unit")
+            keys = f"{joined(missing)} {'is' if len(missing) == 1 else 'are'} not filled in"
+            raise InputError(f"{path}: {keys}; replace each {FILL_IN} by the value, with its unit")
         return content
     what = "is empty" if content is None else "has no keys"
     raise InputError(f"{path}: {what}; write a mapping of keys to values, such as 'key: value', one per line")

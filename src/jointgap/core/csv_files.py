@@ -99,21 +99,15 @@ def find_headings(path: Path) -> list[str]:
     data = next((n for n, row in enumerate(rows) if _numbers_less_texts(row) > 0 and len(row) == width), 0)
     if not data:
         raise InputError(f"{path}: has no headings above its numbers; write a line with the name of each column")
-    named = [row for row in rows[:data] if len(row) >= width - 1 and not any(map(_is_number, filter(None, row)))]
-    below = [cell.strip("[]() ") for cell in named[-1]] if len(named) > 1 else ["no row of units"]
-    return [name for name in (named or rows[:data])[-2 if all(map(_may_be_unit, below)) else -1] if name]
+    above = [row for row in rows[:data] if len(row) >= width - 1 and not any(map(_is_number, row))] or rows[:data]
+    below = [cell.strip("[]() ") for cell in above[-1]]
+    has_units = len(above) > 1 and all(text in ("", "-", "1") or respelled(text) for text in below)
+    return [name for name in above[-2 if has_units else -1] if name]
 
 
 def _numbers_less_texts(cells: Sequence[str]) -> int:
     """Number of cells with a number or a date, less that of cells with other text."""
     return sum(1 if _DATE.match(cell) or _is_number(cell) else -1 for cell in cells if cell)
-
-
-def _may_be_unit(text: str) -> bool:
-    try:
-        return text in ("", "-", "1") or bool(unit_factor(text, text))
-    except Exception:  # unknown to pint
-        return any(respelled(text, base) for base in ("rad/s", "rad", "m/s^2", "N*m", "N"))
 
 
 def _content(path: Path) -> bytes:
