@@ -100,6 +100,7 @@ def test_an_optimum_has_its_lengths_within_the_box_and_its_gain_as_simulated_aga
     given = {"boxes": {"near": BOX}, "ensemble": {"settled_revolution": 1}}
     cases = [(ideal, given, "optimise: all joints are ideal")]
     cases += [(mechanism, {"boxs": {}}, "Optimise: unknown key 'boxs'; did you mean 'boxes'")]
+    cases += [(mechanism, {"speed": "fast"}, "Simulate: speed = 'fast'")]  # keys of the drive, as of simulate
     refused(lambda made, keys: jg.optimise(made, OPTIONS, **keys), cases)
 
 

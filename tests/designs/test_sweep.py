@@ -138,9 +138,9 @@ def test_the_number_of_workers_does_not_change_a_byte(measured, tmp_path):
 
 
 def test_an_impossible_design_is_a_row_with_its_reason():
-    designs = designs_of(scenario({"mechanism.crank.length": {"from": "60 mm", "to": "150 mm"}}, number=8))
+    designs = designs_of(scenario({"mechanism.crank.mass_centre": {"from": "60 mm", "to": "200 mm"}}, number=8))
     frame = simulate_designs(designs, 0, 8)
-    failed = frame["mechanism.crank.length"] < MADE.crank.mass_centre
+    failed = frame["mechanism.crank.mass_centre"] > MADE.crank.length
     assert 0 < failed.sum() < 8
     assert frame.loc[failed, "reason"].str.contains("mass_centre").all()
     assert frame.loc[failed, "stroke"].isna().all()

@@ -73,3 +73,25 @@ def test_a_scenario_without_an_optimum_comes_first_and_has_no_row(tmp_path):
     row = next(line for line in both.splitlines() if line.startswith("| [limited]"))
     assert "no optimum" in row and "442.9" not in row
     assert optimum_lines(("limited",), tmp_path)[:2] == [first, "remark on limited: Widen the box."]
+
+
+def test_a_scenario_with_another_objective_is_reported_with_that_objective(tmp_path):
+    words = "Crank 25.0 mm, rod 95.5 mm: largest pin force 4.4 % smaller"
+    own = {
+        "objective": "largest_pin_force",
+        "headline": words,
+        "largest_pin_force": {"reduction_percent": {"median": 4.4}},
+    }
+    forces = {joint: {"after": 450.0, "after_at_deg": 3.0} for joint in ("crank_pin", "piston_pin")}
+    for name, known in (("press", own), ("angle", {"objective": "transmission_angle"})):
+        (tmp_path / name).mkdir()
+        known = SUMMARY | {"speed_rpm": 1450.0, "largest_force_N": forces} | known
+        (tmp_path / name / "summary.json").write_text(json.dumps(known))
+    first, _, row, *_ = optimum_lines(("angle", "press"), tmp_path)
+    assert first == f"press: {words}" and row.split()[0] == "angle"
+    scenario = Scenario(mechanism=load_mechanism("config/mechanisms/compressor.yaml"))
+    opened = {name: ScenarioResults(tmp_path / name, scenario) for name in ("press", "angle")}
+    text = to_markdown(report.page(opened, [], tmp_path))
+    assert text.startswith(f"# Results of this run: press: {words}. In the others the RMS error")
+    rows = {line.split("]")[0][3:]: line for line in text.splitlines() if line.startswith("| [")}
+    assert "-4.4 (largest pin force)" in rows["press"] and "-3.8 |" in rows["angle"]

@@ -44,6 +44,22 @@ def test_a_table_comes_back_bit_for_bit_with_units_descriptions_and_gaps(place):
     assert place.read_bytes() == first
 
 
+def test_units_survive_pandas_reading_and_writing_a_table(place):
+    parquet.write(SMALL, FRAME, place)
+    wanted = {column.name: column.unit for column in COLUMNS}
+    for read in (parquet.read_table, pd.read_parquet):
+        frame = read(place)
+        assert frame.attrs["units"] == wanted
+        again = place.with_name("again.parquet")
+        frame[["count", "angle"]].assign(extra=1.0).to_parquet(again)
+        assert parquet.read_table(again).attrs["units"] == {"count": "1", "angle": "rad", "extra": ""}
+        assert parquet.describe(again)["unit"].tolist() == ["1", "rad", ""]
+    for attrs in ({}, {"units": "none"}, {"units": ["angle"]}, {"units": {"angle": 3}}):
+        frame.attrs = attrs
+        frame.to_parquet(again)
+        assert parquet.read_table(again).attrs["units"]["count"] == ""
+
+
 def test_every_shipped_column_has_a_description_and_every_number_a_unit():
     for table in TABLES.values():
         assert len({column.name for column in table.columns}) == len(table.columns), table.name

@@ -23,6 +23,7 @@ from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, outputs
 from jointgap.core.parquet import read_table, with_units
 from jointgap.core.results_folder import ResultsFolder
+from jointgap.core.units import plain_numbers
 from jointgap.core.words import format_name, joined, number, reading_unit, rounded_gap
 from jointgap.designs import ensemble as designs_ensemble
 from jointgap.designs.run import failures, table_of
@@ -584,7 +585,7 @@ def sweep(
     scenario = Scenario(
         mechanism=checked_mechanism(mechanism),
         simulate=simulate_options(options, keys),
-        sweep=load.validate(Sweep, given, "sweep"),
+        sweep=load.validate(Sweep, plain_numbers(given), "sweep"),
     )
     DESIGN_STAGES["sweep"].function(scenario, Path(folder), workers)
     return SweptDesigns(Path(folder), designs_of(scenario))

@@ -139,12 +139,24 @@ def _row(name: str, known: Mapping[str, Any]) -> dict[str, str | Link]:
         "speed [rpm]": f"{known['speed_rpm']:g}",
         "crank [mm]": cell(known["crank_length_mm"]["after"], ".3f"),
         "rod [mm]": cell(known["rod_length_mm"]["after"], ".3f"),
-        "change of the error [%]": f"{-known['reduction_percent']['median']:+.1f}" if is_found else "no optimum",
+        "change of the error [%]": _change(known) if is_found else "no optimum",
     }
     for joint, force in known["largest_force_N"].items():
         row[f"{format_name(joint)}, largest force [N]"] = cell(force["after"], ".4g")
         row[f"at [deg] ({format_name(joint)})"] = cell(force["after_at_deg"], ".0f")
     return row
+
+
+def _own_goal(known: Mapping[str, Any]) -> str:
+    """The objective of a scenario, its ``summary.json``, other than the transmission angle; or ''."""
+    return "" if (goal := known.get("objective", "transmission_angle")) == "transmission_angle" else goal
+
+
+def _change(known: Mapping[str, Any]) -> str:
+    """The change [%] of the objective."""
+    goal = _own_goal(known)
+    change = -(known[goal] if goal else known)["reduction_percent"]["median"]
+    return f"{change:+.1f} ({format_name(goal)})" if goal else f"{change:+.1f}"
 
 
 def has_optimum(known: Mapping[str, Any]) -> bool:
@@ -163,14 +175,17 @@ def _summary(own: ScenarioResults) -> Mapping[str, Any]:
 
 def _headline(summaries: Mapping[str, Any], parts: Sequence[_Part]) -> str:
     if len(summaries) > 1:
-        found = [known["reduction_percent"]["median"] for known in summaries.values() if has_optimum(known)]
+        optima = {name: known for name, known in summaries.items() if has_optimum(known)}
+        found = [known["reduction_percent"]["median"] for known in optima.values() if not _own_goal(known)]
+        own = [f"{name}: {known['headline']}" for name, known in optima.items() if _own_goal(known)]
         unmet = [name for name, known in summaries.items() if not has_optimum(known)]
         sentences = [f"In {len(unmet)} scenarios ({joined(unmet)}) no lengths satisfy the constraints"] if unmet else []
         if len(unmet) == 1:
             sentences = [f"{unmet[0]}: {summaries[unmet[0]]['headline']}"]
+        sentences += own
         if found:
             error = f"the RMS error of the transmission angle {format_falls(found)} at the lengths found"
-            where = "the others" if unmet else f"{len(summaries)} scenarios"
+            where = "the others" if unmet or own else f"{len(summaries)} scenarios"
             sentences.append(f"In {where} {error}, simulated again")
         return ". ".join(sentences)
     if summaries:
@@ -247,14 +262,16 @@ def _summaries(names: Sequence[str], results: Path) -> dict[str, Mapping[str, An
 
 
 def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
-    """Scenarios without an optimum, a table of the others, one row each, then the remarks; empty without
-    ``summary.json`` files.
+    """Scenarios without an optimum or with another objective than the transmission angle, a table of the others, one
+    row each, then the remarks; empty without ``summary.json`` files.
     """
     known = _summaries(names, results)
     if not known:
         return []
-    rows = [_optimum(name, summary) for name, summary in known.items() if has_optimum(summary)]
-    unmet = [f"{name}: {known[name]['headline']}" for name in scenarios_without_optimum(names, results)]
+    optima = {name: summary for name, summary in known.items() if has_optimum(summary)}
+    rows = [_optimum(name, summary) for name, summary in optima.items() if not _own_goal(summary)]
+    named = [*scenarios_without_optimum(names, results), *(name for name in optima if _own_goal(known[name]))]
+    headlines = [f"{name}: {known[name]['headline']}" for name in named]
     pages = [f"page of {name}: {results / name / SUMMARY_PAGE}" for name in known]
     shown = pages if len(pages) <= _MOST_PAGES else [f"pages: {results}/*/{SUMMARY_PAGE}"]
     owners_of: dict[str, list[str]] = {}  # scenarios by remark: shared remarks are printed once
@@ -266,7 +283,7 @@ def optimum_lines(names: Sequence[str], results: Path) -> list[str]:
         for sentence, owners in owners_of.items()
     ]
     table = [*pd.DataFrame(rows, columns=_HEADS).to_string(index=False).splitlines(), *_LEGEND] if rows else []
-    return [*unmet, *table, *remarks, *shown]
+    return [*headlines, *table, *remarks, *shown]
 
 
 def _optimum(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:

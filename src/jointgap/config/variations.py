@@ -1,15 +1,15 @@
 """Copies of sections with changed values, given as in a file and validated again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from jointgap.config.load import validate
-from jointgap.config.mechanism import Mechanism
+from jointgap.config.mechanism import Link, Mechanism
 from jointgap.config.scenario import DrivenMechanism
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.joints import FROM_FRAME, JOINTS
 from jointgap.core.section import ConfigModel
-from jointgap.core.units import to_si
+from jointgap.core.units import plain_numbers, to_si
 
 AnyConfigModel = TypeVar("AnyConfigModel", bound=ConfigModel)
 
@@ -18,8 +18,11 @@ OF_LOOSE_JOINTS = {"clearance": "m", "friction": "1", "restitution": "1", "stiff
 
 _LINKS = {"crank_length": "crank", "rod_length": "rod"}
 
+_LENGTHS = [("mechanism", link, "length") for link in _LINKS.values()]
+"""Paths of lengths, with which the mass centres of the links are scaled unless they are given too."""
+
 VARIED_BY_WORD = {"speed": "rad/s"} | OF_LOOSE_JOINTS | dict.fromkeys(_LINKS, "m")
-"""Words for varied parameters, with their units; the mass centres of links are scaled with the length."""
+"""Words for varied parameters, with their units."""
 
 
 def set_at(data: Any, path: Sequence[str], value: Any, named: str) -> Any:
@@ -88,7 +91,8 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
         New values by key, nested as in a file (``{"slider": {"mass": "1.2 kg"}}``) or by the path of a key
         (``{"slider.mass": "1.2 kg"}``). Additional keys of a mechanism: ``clearance`` (radial), ``friction``,
         ``restitution`` and ``stiffness`` change every loose joint; ``joints.crank_pin.clearance`` changes the bearing's
-        radius of one; an entry of ``contacts`` changes the joints that refer to it. Effects are identified by name
+        radius of one; an entry of ``contacts`` changes the joints that refer to it. The length of a link scales its
+        mass centre, as in sweeps and in `optimise`, unless ``mass_centre`` is given too. Effects are identified by name
         (``effects.gravity.parameters...``), or by ``name@site`` where one is listed twice.
 
     Returns
@@ -109,7 +113,7 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
     (1.2, 0.0002)
     """
     name = type(section).__name__
-    data = dict(section)
+    data, changes = dict(section), plain_numbers(changes)
     words = OF_LOOSE_JOINTS if isinstance(section, Mechanism) else ()
     # apply contacts to the joints that refer to them before the joints' own changes
     for key, value in sorted(changes.items(), key=lambda change: not str(change[0]).startswith("contacts")):
@@ -120,7 +124,30 @@ def change(section: AnyConfigModel, changes: Mapping[str, Any]) -> AnyConfigMode
             data = _with_contacts(section, data, name)
     if isinstance(section, Mechanism):
         _clearances_to_radii(data["joints"], name)
+    given = set(_paths_in(changes))
+    links = {"": section} if isinstance(section, Link) else {}
+    if isinstance(section, Mechanism):
+        links = {f"{link}.": getattr(section, link) for link in _LINKS.values()}
+    for prefix, link in links.items():
+        if f"{prefix}length" in given and f"{prefix}mass_centre" not in given:
+            length = value_at(data, f"{prefix}length".split("."), name)
+            centre = _scaled_centre(dict(link), length, f"{name}: {prefix}length")
+            data = set_at(data, f"{prefix}mass_centre".split("."), centre, name)
     return validate(type(section), data, name)
+
+
+def _paths_in(changes: Mapping[str, Any]) -> Iterator[str]:
+    """Paths of all values in `changes`."""
+    for key, value in changes.items():
+        if isinstance(value, Mapping):
+            yield from (f"{key}.{inner}" for inner in _paths_in(value))
+        else:
+            yield str(key)
+
+
+def _scaled_centre(link: Mapping[str, Any], length: Any, named: str) -> float:
+    """The mass centre [m] of a `link` that gets another length, as in the optimisation of the lengths."""
+    return link["mass_centre"] * (_metres(length, named) / link["length"])
 
 
 def _of_loose_joints(joints: Sequence[str], word: str, named: str) -> list[tuple[str, ...]]:
@@ -171,10 +198,11 @@ def with_values(base: DrivenMechanism, changes: dict[str, Any], source: str) -> 
     for key, value in sorted(changes.items(), key=lambda change: change[0] in VARIED_BY_WORD):  # paths before words
         named = f"{source}.{key}"
         for path in _paths(data, key, named):
-            if key in _LINKS:
+            if path in _LENGTHS:
                 link, value = dict(value_at(data, path[:-1], named)), _metres(value, named)
-                centre = link["mass_centre"] * (value / link["length"])
-                data = set_at(data, (*path[:-1], "mass_centre"), centre, named)
+                centre = (*path[:-1], "mass_centre")
+                if ".".join(centre) not in changes:
+                    data = set_at(data, centre, _scaled_centre(link, value, named), named)
             elif path[-1] == "clearance":
                 value_at(data, path[:-1], named)  # rejects unknown joints
                 value = _metres(value, named)

@@ -1,5 +1,6 @@
 """Tables in Parquet files."""
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -23,8 +24,15 @@ _TYPES = {
 }
 
 
+_PANDAS = "PANDAS_ATTRS"  # where pandas writes the attrs of a frame
+
+
 def schema(table: Table) -> pa.Schema:
-    """The Arrow schema of a table, with unit and description of each column, and name and description of the table."""
+    """The Arrow schema of a table, with unit and description of each column, and name and description of the table.
+
+    The units are also stored where ``pandas.read_parquet`` finds them.
+    """
+    units = json.dumps({"units": {column.name: column.unit for column in table.columns}})
     return pa.schema(
         [
             pa.field(
@@ -35,7 +43,7 @@ def schema(table: Table) -> pa.Schema:
             )
             for column in table.columns
         ],
-        {"jointgap_table": table.name, "description": table.description},
+        {"jointgap_table": table.name, "description": table.description, _PANDAS: units},
     )
 
 
@@ -129,8 +137,19 @@ def read_table(path: Path | str) -> pd.DataFrame:
     """
     arrow = _open(_read_checked, path)
     frame = arrow.to_pandas()
-    frame.attrs["units"] = {field.name: _word((field.metadata or {}).get(b"unit", b"")) for field in arrow.schema}
+    frame.attrs["units"] = _units(arrow.schema)
     return frame
+
+
+def _units(arrow: pa.Schema) -> dict[str, str]:
+    """Units by column, also of a file that pandas wrote."""
+    try:
+        kept = dict(json.loads((arrow.metadata or {})[_PANDAS.encode()])["units"])
+    except (KeyError, TypeError, ValueError):  # not there, or of another program
+        kept = {}
+    return {
+        field.name: _word((field.metadata or {}).get(b"unit", b"")) or str(kept.get(field.name, "")) for field in arrow
+    }
 
 
 def with_units(table: Table, frame: pd.DataFrame) -> pd.DataFrame:
@@ -165,8 +184,9 @@ def read_columns(path: Path | str, columns: Sequence[str]) -> pa.Table:
 
 def describe(path: Path | str) -> pd.DataFrame:
     """Column, unit and description of any Parquet file, one row per column."""
-    fields = [(field.name, field.metadata or {}) for field in _open(pq.read_schema, path)]
-    rows = [(name, _word(own.get(b"unit", b"")), _word(own.get(b"description", b""))) for name, own in fields]
+    arrow = _open(pq.read_schema, path)
+    units, fields = _units(arrow), ((field.name, field.metadata or {}) for field in arrow)
+    rows = [(name, units[name], _word(own.get(b"description", b""))) for name, own in fields]
     return pd.DataFrame(rows, columns=["column", "unit", "description"])
 
 

@@ -18,6 +18,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from jointgap.core.errors import InputError, did_you_mean
+from jointgap.core.units import plain_numbers
 
 _LONGEST = 200  # [characters] of a value in messages
 _MOST_LISTED = 8  # choices in a message; of more, the most similar one is shown
@@ -50,6 +51,7 @@ class _Called(type(BaseModel)):
             if args:
                 example = f"{cls.__name__}({next(iter(cls.model_fields))}=...)"
                 raise InputError(f"{cls.__name__}: accepts keyword arguments only, such as {example}")
+            keys = plain_numbers(keys)
             try:
                 return super().__call__(**keys)
             except ValidationError as error:

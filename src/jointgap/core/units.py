@@ -6,9 +6,11 @@ it would evaluate whole formulas, only text in the form of a unit is passed on.
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from decimal import Decimal
 from functools import cache, lru_cache
+from numbers import Real
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, WithJsonSchema
@@ -49,6 +51,25 @@ def to_si(value: Any, unit: str) -> float:
     if not math.isfinite(number):
         raise ValueError("must be finite")
     return number
+
+
+def plain_numbers(value: Any) -> Any:
+    """`value` with Python's numbers and lists in place of those of NumPy, pandas, `decimal` and `fractions`.
+
+    Also inside mappings and lists.
+    """
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: plain_numbers(own) for key, own in value.items()}
+    if isinstance(value, list | tuple | range):
+        return [plain_numbers(own) for own in value]
+    if isinstance(value, Real | Decimal) and not isinstance(value, int | float):
+        try:
+            return float(value)
+        except (OverflowError, ValueError):  # a number that no float can hold
+            return math.inf
+    return value
 
 
 @lru_cache(4096)  # defaults with units are read at each of a fit's thousands of simulations
