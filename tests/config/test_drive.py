@@ -45,7 +45,7 @@ def test_a_drive_that_makes_no_sense_is_refused():
     {kind: moter} => simulate.drive.kind = 'moter' ~ no such kind ~ did you mean 'motor'
     {stall_torque: 3} => key 'simulate.drive.kind' is missing
     {kind: motor, stall_torque: 3} => no_load_speed' is missing
-    {kind: motor, stall_torque: 0, no_load_speed: 3} => stall_torque = 0 ~ greater than 0
+    {kind: motor, stall_torque: -1, no_load_speed: 3} => stall_torque = -1 ~ greater than or equal to 0
     {kind: constant, inertia: 1} => unknown key ~ inertia
     {kind: motor, stall_torq: 0, no_load_speed: 3} => stall_torq' ~ did you mean 'stall_torque'
     {kind: measured, file: nowhere.csv} => simulate.drive.file ~ no file 'nowhere.csv'

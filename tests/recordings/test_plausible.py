@@ -125,4 +125,4 @@ def test_measure_remarks_on_data_of_the_mechanism_that_look_mistaken(tmp_path):
     told = [remark.split(":")[0] for remark in later if remark.startswith("mechanism, ")]
     assert told == ["mechanism, slider.mass", "mechanism, piston_pin"]
     (plain,) = (remark for remark in later if "no unit" in remark)
-    assert plain.startswith(f"{path}: runs.1.speed = 62.83 ") and "599.98 rpm" in plain
+    assert plain.startswith(f"{path}: runs.fast.speed = 62.83 ") and "599.98 rpm" in plain

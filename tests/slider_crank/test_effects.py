@@ -104,8 +104,8 @@ def test_every_physical_effect_of_the_catalogue_is_a_candidate_where_it_can_act_
     assert families == {(law.NAME, name): shape for law in EFFECTS.values() for name, shape in law.MEMBERS.items()}
     names, laws = {one.name for one in candidates}, {law for law, _ in families}
     assert not names & laws
-    measured_load = {"slider_force_table"}  # is known, and not searched for
-    assert names | laws == {name for name in EFFECTS if not name.startswith("discovered")} - measured_load
+    known = {"slider_force_table", "crank_brake"}  # measured or stated loads are not searched for
+    assert names | laws == {name for name in EFFECTS if not name.startswith("discovered")} - known
 
 
 def test_what_cannot_act_or_a_mechanism_file_refuses_is_no_candidate():
@@ -115,7 +115,7 @@ def test_what_cannot_act_or_a_mechanism_file_refuses_is_no_candidate():
     labels = {one.label for one in model.candidates}
     assert not labels & {"gravity", "crank_pivot_clearance", "lubricated_joint:crank_pin", "encoder_offset"}
     assert {label for label in labels if label.startswith("sensor")} == {
-        f"sensor_{fault}:crank_torque" for fault in ("bias", "gain", "lag", "delay")
+        f"sensor_{fault}:crank_torque" for fault in ("bias", "gain", "lag", "delay", "high_pass")
     }
     rod = {"length": 0.564, "mass": 0.773, "inertia": 1e-2, "mass_centre": 0.19}
     of_rod, of_middle = (
