@@ -304,7 +304,8 @@ class SliderCrankModel:
         if encoder and campaign.drive == "measured_angle":
             encoder += [ENCODER_LAG, ENCODER_ECCENTRICITY]
         if any("crank_angle" in plan.channels for plan in self.plans.values()):
-            encoder += [*ENCODER_COUPLING, ENCODER_ECCENTRICITY]
+            # the torque of a chaotic run does not repeat
+            encoder += [*(() if self._chaotic else ENCODER_COUPLING), ENCODER_ECCENTRICITY]
         torque = scale.force / DETECTABLE_SHARE * scale.stroke
         start = self._estimated_encoder_offset
         sensors = sensor_candidates(spreads, encoder, scale.turning, torque, listed, runs, start)

@@ -230,7 +230,8 @@ FAULTS = {
             "N*m/rad",
             "a wind-up of the encoder's coupling",
             bounds=lambda reading: (2e-3 / reading.torque, 0.0, 0.5 / reading.torque),
-            law="y = u + M / stiffness_N_m_rad, with the driving torque M on the crank. Not with drive measured_angle",
+            law="y = u + M / stiffness_N_m_rad, with the driving torque M on the crank. Not with drive measured_angle, "
+            "nor where the motion is chaotic",
             encoder=lambda angle, torque, values: values["compliance_rad_N_m"] * torque,
             inverse="compliance_rad_N_m",
         ),
@@ -241,7 +242,8 @@ FAULTS = {
             "a play of the encoder's coupling",
             bounds=lambda reading: (2e-3, 0.0, 0.5),
             law="y = u + play_rad / 2 sgn M, with the driving torque M on the crank, sgn M = tanh(M / "
-            f"({SIDES_CHANGE:g} of its standard deviation)). Not with drive measured_angle, which would jump",
+            f"({SIDES_CHANGE:g} of its standard deviation)). Not with drive measured_angle, which would jump, nor "
+            "where the motion is chaotic",
             encoder=lambda angle, torque, values: 0.5 * values["play_rad"] * _side(torque),
         ),
         SensorFault(
