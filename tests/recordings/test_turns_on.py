@@ -85,7 +85,8 @@ def test_a_step_that_stays_is_reported_as_a_step_and_a_single_misread_angle_is_n
         assert "row 502" in told and "double-counted" in told
         assert not any("far from its neighbours" in remark for remark in found.remarks)
 
-    each(told_as_step, [("measured_angle", -40.0), ("constant_speed", 25.0), ("measured_angle", 138.24)])
+    steps = [("measured_angle", -40.0), ("constant_speed", 25.0), ("measured_angle", 138.24), ("constant_speed", 6.0)]
+    each(told_as_step, steps)
     frame = turning(lambda turned: turned)
     frame.loc[500:501, "theta"] += 40.0
     found = read(frame, {})
@@ -101,6 +102,28 @@ def test_a_crank_that_slows_down_in_every_turn_without_stopping_is_read(read):
         assert read(turning(lambda turned: np.interp(turned, time, fine), count=count)).left_out == {}
 
     each(is_read, [(share, count) for share in (0.3, 0.95) for count in (180, 960)])
+
+
+def test_stamps_that_are_late_in_a_pattern_are_told_and_moved_where_the_angle_is_even(read):
+    """At 60 to 120 samples a turn; where the angle is late too, the samples were."""
+
+    def told(count, every, share, drive, course=lambda turned: turned):
+        frame = turning(course, noise_deg=0.05, count=6 * count)
+        even, step = frame.t.to_numpy(copy=True), frame.t[1]
+        frame.loc[5::every, "t"] += share * step
+        found = read(frame, {"drive": drive})
+        how = (
+            f"row 7: every {every}th time is {'late' if share > 0 else 'early'} by {abs(share)} of the sampling period"
+        )
+        assert any(how in remark and "its crank angle is not" in remark for remark in found.remarks)
+        assert found.runs["slow"].time == pytest.approx(even, abs=1e-9) and found.contradictions == ()
+
+    cases = [(60, 12, 0.5, "constant_speed"), (120, 12, 0.5, "measured_angle"), (60, 7, -0.3, "measured_angle")]
+    each(told, [*cases, (60, 12, 0.5, "measured_angle", lambda turned: turned + 0.01 * np.sin(2 * np.pi * turned))])
+    late = turning(lambda turned: turned, noise_deg=0.05, count=360)
+    late.loc[5::12, ["t", "theta"]] += [0.5 * late.t[1], 3.0]
+    for sound in (late, turning(lambda turned: turned, count=360)):
+        assert not any(" time is " in remark for remark in read(sound.assign(theta=sound.theta % 360)).remarks)
 
 
 def test_a_clock_that_was_set_is_told_with_its_row_and_how_much_and_a_pause_is_none(read):

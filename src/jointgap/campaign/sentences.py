@@ -250,8 +250,7 @@ def answer(verdict: Mapping[str, Any]) -> str:
         text = f"An effect is missing. The best candidate, {format_explanation(best['effects'])}, "
         text += f"{_explained(verdict)}, but is not confirmed"
         left = gap["confirm"]["after"] or 0.0
-        is_large = left > _DECISION.max_gap_of_noise
-        text += f": on the held-out data a gap of {rounded_gap(left)} remains." if is_large else "."
+        text += f": on the held-out data a gap of {rounded_gap(left)} remains." if _exceeds_noise(verdict) else "."
     else:
         text = "An effect is missing, but no tested effect explains the residual."
     return f"{text}{certain} No effect was added to the model."
@@ -266,16 +265,21 @@ def is_refuted(verdict: Mapping[str, Any]) -> bool:
 
 
 def _explained(verdict: Mapping[str, Any]) -> str:
-    """What the best candidate explains of the fitted data."""
+    """What the best candidate explains of the fitted data; nearly all only if the held-out gap is noise."""
     gap = verdict["gap"]["identify"]
     if share := share_explained(verdict):
         return f"explains {share} of the misfit of the fitted data"
-    if gap["after"] <= _DECISION.noise_gap < gap["before"]:
+    if gap["after"] <= _DECISION.noise_gap < gap["before"] and not _exceeds_noise(verdict):
         return "explains the misfit of the fitted data"
     change = gap_change(**gap)
     if change.startswith(FALLS):
         return f"reduces the gap of the fitted data{change.removeprefix(FALLS)}"
     return f"does not reduce the gap of the fitted data, which {change}"
+
+
+def _exceeds_noise(verdict: Mapping[str, Any]) -> bool:
+    """Whether the gap on held-out data exceeds noise with the best candidate."""
+    return (verdict["gap"]["confirm"]["after"] or 0.0) > _DECISION.max_gap_of_noise
 
 
 def certain_summary(verdict: Mapping[str, Any]) -> str:
@@ -340,8 +344,10 @@ def left_out_summary(verdict: Mapping[str, Any]) -> tuple[str, ...]:
 
 def share_explained(verdict: Mapping[str, Any]) -> str:
     """Share of the misfit beyond noise [%] that the best candidate explains of the fitted data; empty if it is unknown,
-    nearly all, or no fall of the gap."""
+    all, nearly all although the held-out gap exceeds noise, or no fall of the gap."""
     share, gap = verdict["best_known"]["explained_share"], verdict["gap"]["identify"]
+    if share is not None and share >= _DECISION.min_explained_share and _exceeds_noise(verdict):
+        return ""
     is_part = share is not None and 0.0 < round(share, 3) < 1.0 and gap_change(**gap).startswith(FALLS)
     return percent(share) if is_part else ""
 

@@ -12,6 +12,7 @@ SPEED_RATIOS = {"constant_speed": (0.5, 1.5), "measured_angle": (0.5, 1.5), "mot
 """Plausible range of mean speed over nominal speed [1], by drive."""
 REPORTED_SPEED_ERROR = 0.03  # [1] Of the stated speed, over the mean one; measured speeds scatter by less
 ANGLE_OUTLIER = 0.1  # [rad] Largest plausible distance of a crank angle from the line between its neighbours
+LEAST_STEP = 0.02  # [rad] Half of the smallest reported permanent step of the angle
 COMPUTED_ANGLE = 1e-5  # [rad] Largest distance of computed angles from a line over time; no crank turns so evenly
 
 # The limits tolerate noise, encoder steps and impacts, but not wrong units and columns
@@ -83,19 +84,24 @@ def outliers(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(far & (high > low))
 
 
-def angle_outliers(time: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Indices of crank angles far from the line between their neighbours, compared with the scatter."""
+def angle_outliers(time: np.ndarray, angle: np.ndarray, least: float = ANGLE_OUTLIER) -> np.ndarray:
+    """Indices of crank angles at least `least` [rad] from the line between their neighbours, and far compared with the
+    scatter.
+    """
     finite = np.flatnonzero(np.isfinite(angle))
     here, away = finite[1:-1], off_the_line(time[finite], angle[finite])
     usual = float(np.median(away)) if here.size else 0.0
-    return here[away > max(ANGLE_OUTLIER, 15.0 * usual)]
+    return here[away > max(least, 15.0 * usual)]
 
 
 def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int, float] | None:
     """The first sample after a permanent step of the angle, and its size [rad]; None if there is none."""
     finite = np.flatnonzero(np.isfinite(angle))
-    t, a, odd = time[finite], angle[finite], np.searchsorted(finite, angle_outliers(time, angle))
-    if not odd.size:
+    t, a = time[finite], angle[finite]
+    apart = np.diff(np.sort(np.mod(a, tau)))  # at least the step of a coarse encoder, which is usual
+    least = max(LEAST_STEP, 1.5 * float(apart[apart > 1e-6].min(initial=ANGLE_OUTLIER)))
+    odd = np.searchsorted(finite, angle_outliers(time, angle, least))
+    if not odd.size or odd.size > (a[-1] - a[0]) / tau + 2:  # the motion
         return None
     speeds, usual = np.diff(a) / np.diff(t), float(np.median(np.diff(t)))
     low, high = (ratio * speed for ratio in SPEED_RATIOS["motor"])
@@ -108,10 +114,33 @@ def lasting_step(time: np.ndarray, angle: np.ndarray, speed: float) -> tuple[int
         mean, lapse = float(np.median(next_to)), t[after] - t[before]
         step = a[after] - a[before] - mean * lapse
         steady = low < mean < high and lapse <= 5 * usual
-        if steady and abs(step) > 2.0 * max(ANGLE_OUTLIER, float(np.ptp(next_to)) * lapse):
+        if steady and abs(step) > 2.0 * max(least, float(np.ptp(next_to)) * lapse):
             largest = before + int(np.argmax(np.abs(speeds[before:after] - mean)))
             return int(finite[largest + 1]), float(step)
     return None
+
+
+def late_stamps(time: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, int, float, float] | None:
+    """Samples whose time is off the middle between its neighbours, every n-th by the same share of the period.
+
+    Their indices, n, that share [1], and the part of it [1] that the angle follows (0: it is even; NaN: unknown).
+    """
+    usual = float(np.median(np.diff(time)))
+    off = np.zeros(time.size)
+    off[1:-1] = (time[1:-1] - 0.5 * (time[:-2] + time[2:])) / usual
+    size = np.abs(off)
+    beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    odd = np.flatnonzero((size > max(0.1, 8.0 * float(np.median(size)))) & (size > 1.5 * beside))
+    every = np.diff(odd)
+    share = float(np.median(off[odd])) if odd.size else 0.0
+    if odd.size < 5 or every.min() < 3 or np.mean(every == (n := int(np.median(every)))) < 0.9:
+        return None
+    if np.abs(off[odd] - share).max() > 0.3 * abs(share):
+        return None
+    followed = (angle[odd] - 0.5 * (angle[odd - 1] + angle[odd + 1])) / (
+        0.5 * (angle[odd + 1] - angle[odd - 1]) * share
+    )
+    return odd, n, share, float(np.nanmedian(followed)) if np.isfinite(followed).any() else np.nan
 
 
 def clock_jump(time: np.ndarray, angle: np.ndarray) -> tuple[int, float] | None:

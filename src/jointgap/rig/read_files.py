@@ -323,6 +323,7 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
     if "time" in values:
         _check_times(file, time, angle)
     if "crank_angle" not in values:
+        _with_even_stamps(file, time, absent)
         return time, absent, speed * (time - time[0])
     if np.count_nonzero(np.isfinite(angle)) < 2:
         raise file.error("crank_angle", "contains no angles; give the measurement")
@@ -335,6 +336,7 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
         _check_angle_alone(file, values["crank_angle"], angle)
         return absent, angle, angle - angle[0]
     continuous = continuous_angle(time, angle, speed)
+    time = _with_even_stamps(file, time, continuous)
     valid = continuous.copy()
     valid[no_data] = np.nan
     _check_turns_on(file, time, valid)
@@ -345,6 +347,22 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
         text = "crank_angle rises uniformly, so it seems computed: it is used as exact, and not compared"
         file.remark("crank_angle", f"{text}. If it was measured, state its `noise` or `resolution`")
     return time, continuous, mean_speed * (time - time[0])
+
+
+def _with_even_stamps(file: RunFile, time: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Times where every n-th that is late, but not its angle, is in the middle between its neighbours."""
+    if (found := checks.late_stamps(time, angle)) is None or found[3] > 0.75:  # the samples are late too
+        return time
+    rows, n, share, followed = found
+    text = f"every {n}th time is {'late' if share > 0.0 else 'early'} by {abs(share):.2g} of the sampling period"
+    if not abs(followed) < 0.25:
+        file.remark("time", f"{text}; check the logger", rows[0])
+        return time
+    even = time.copy()
+    even[rows] = 0.5 * (time[rows - 1] + time[rows + 1])
+    text += f", but its crank angle is not: these {_samples(rows.size)} get the time in the middle of their neighbours"
+    file.remark("time", text, rows[0])
+    return even
 
 
 def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
