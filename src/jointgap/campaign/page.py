@@ -320,8 +320,8 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
         blocks.append(TableBlock(heads, runs, "llrlrr", f"Runs.{measured}"))
         blocks.append(TableBlock(("channel", "column", "unit"), tuple(columns), caption="Measured channels."))
         if campaign.own_loads:
-            own = f"Known loads of {'; '.join(map(say.names_to_labels, campaign.own_loads))}. The augmented mechanism "
-            blocks.append(Bullets((f"{own}does not contain them.",)))
+            blocks.append(Paragraph("Known loads of single runs, which the augmented mechanism does not contain:"))
+            blocks.append(Bullets(tuple(map(say.names_to_labels, campaign.own_loads))))
     return [*blocks, *([Bullets(tuple(map(say.names_to_labels, warnings)))] if warnings else [])]
 
 

@@ -621,7 +621,7 @@ class Campaign(ConfigModel):
         """The known loads of single runs, one line each; the mechanism does not contain them."""
         listed = tuple(
             f"run {run.id}: {effect.name}"
-            + (f" of {effect.parameters.file}" if hasattr(effect.parameters, "file") else "")
+            + (f", {Path(effect.parameters.file).name}" if hasattr(effect.parameters, "file") else "")
             for run in self.runs
             for effect in run.effects
         )
