@@ -107,7 +107,7 @@ def test_an_effect_at_two_sites_is_found_by_name_and_site():
     key = f"mechanism.effects.pin_friction@piston_pin.{end}"
     (run,) = ensemble_runs(made, COARSE, Runs(vary={key: [0.2]}, members=1))
     assert [run.mechanism.effect("pin_friction", pin).coefficient for pin in ("crank_pin", "piston_pin")] == [0.1, 0.2]
-    with pytest.raises(InputError, match="did you mean .*'pin_friction@crank_pin'"):
+    with pytest.raises(InputError, match=r"did you mean .*'pin_friction@crank_pin'"):
         list(ensemble_runs(made, COARSE, Runs(vary={f"mechanism.effects.pin_friction.{end}": [0.2]}, members=1)))
 
 
