@@ -44,7 +44,9 @@ def test_a_law_of_the_campaign_file_acts_as_its_formula_in_the_mechanism_file(di
 
 
 def test_the_formula_tells_which_parameters_are_sizes_and_which_are_shapes():
-    model = rig(candidates=BOTH | {"my_seal": SEAL})
+    mixed = {"site": "slider", "force": "-(a*v + b*v^3)", "a": "-5 to 5 N*s/m", "b": "0 to 100 N*s^3/m^3"}
+    model = rig(candidates=BOTH | {"my_seal": SEAL, "my_mix": mixed})
+    assert chosen(model, "my_mix").amplitudes == ("a", "b")
     drag, seal = chosen(model, "my_drag"), chosen(model, "my_seal")
     assert (drag.amplitudes, drag.initial_guesses) == (("c",), ({},))
     assert seal.amplitudes == ("c",) and [guess["x0"] for guess in seal.initial_guesses] == pytest.approx(
