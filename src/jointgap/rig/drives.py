@@ -70,6 +70,8 @@ class RunPlan:
     channels: tuple[str, ...]  # Compared channels
     measured: "MeasuredDrive | None" = None  # A measured angle that drives the crank
     tolerance: float = TOLERANCE  # [m] Local error of a step
+    second_clock: tuple[str, ...] = ()  # Channels of a second logger
+    clock_offset: float = 0.0  # [s] Start value of the offset of its clock
 
 
 @dataclass(frozen=True)
