@@ -131,7 +131,7 @@ def loads_of_run(
     for name in PRESSURES.keys() & (channels or {}).keys():
         given, finite = campaign.channels[name], np.isfinite(angle) & np.isfinite(channels[name])
         ambient = 101325.0 if given.ambient_pressure is None else given.ambient_pressure
-        where = f"{campaign.folder / run.file}, column {given.column}"
+        where = f"{campaign.folder / run.files[0]}, column {given.column}"
         if ambient > 0.0 and channels[name][finite].min() < 0.0:
             raise InputError(f"{where}: negative absolute pressure; give 'ambient_pressure: 0 bar' for gauge pressures")
         if np.count_nonzero(finite) < _LEAST_KNOTS:

@@ -181,7 +181,7 @@ def _read(path: Path) -> _Run:
             run.unread.append(heading)
             continue
         run.values |= own.values
-        run.units |= {heading: "s"} if own.is_dated else own.units
+        run.units |= {heading: "s"} if own.began is not None else own.units
     if not run.values:
         raise why
     rows = min(map(len, run.values.values()))  # without a row of units, which some columns may lack
