@@ -146,7 +146,7 @@ def test_the_campaign_files_of_the_examples_are_guessed_from_their_data(name, tm
     assert [(run["id"], run["role"]) for run in content["runs"]] == [(run["id"], run["role"]) for run in known["runs"]]
 
 
-def test_a_signal_needs_its_factor_and_other_quantities_and_texts_are_not_used(tmp_path, monkeypatch):
+def test_a_signal_needs_its_factor_a_pressure_its_bore_and_texts_and_constants_are_not_used(tmp_path, monkeypatch):
     files = written(tmp_path, SENSORS | {"crank_torque": ("I", "N*m"), "slider_acceleration": ("U", "m/s^2")})
     for file in files:
         table = pd.read_csv(file)
@@ -155,8 +155,9 @@ def test_a_signal_needs_its_factor_and_other_quantities_and_texts_are_not_used(t
     content, text = guessed(tmp_path, files, monkeypatch)
     assert content["channels"]["crank_torque"] == {"column": "I", "unit": "A", "scale": FILL_IN}
     assert content["channels"]["slider_acceleration"] == {"column": "U", "unit": "V", "scale": FILL_IN}
-    assert content["channels"].keys() == {"time", "crank_angle", "crank_torque", "slider_acceleration"}
-    assert all(f'# column "{heading}"' in text for heading in ("Index", "bar", "state", "off")), text
+    pressure = {"column": "bar", "unit": "bar", "bore": FILL_IN, "ambient_pressure": FILL_IN}
+    assert content["channels"]["cylinder_pressure"] == pressure
+    assert all(f'# column "{heading}"' in text for heading in ("Index", "state", "off")), text
 
 
 def test_files_of_two_loggers_are_joined_by_their_names_and_one_run_is_split(tmp_path, monkeypatch):
@@ -207,7 +208,7 @@ def test_existing_files_are_not_replaced_and_what_cannot_be_a_run_is_refused(tmp
     monkeypatch.chdir(tmp_path)
     files = written(tmp_path, SENSORS, runs=(200.0, 600.0))
     new_rig(files)
-    new_mechanism()
+    assert CliRunner().invoke(cli, ["new", "mechanism"], catch_exceptions=False).exit_code == 0
     before = {path: path.read_bytes() for path in tmp_path.glob("*.yaml")}
     (tmp_path / "numbers.csv").write_text("1,2\n3,4\n", encoding="utf-8")
     (tmp_path / "other.csv").write_text("a,b\n3,4\n5,6\n", encoding="utf-8")
