@@ -1,6 +1,7 @@
 """A campaign file is guessed from measured files alone, with a comment for each guess and a mark for each gap."""
 
 import math
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -202,6 +203,16 @@ def test_what_is_not_filled_in_is_one_error_with_file_and_keys_and_then_the_camp
     runs = read_measurements(load_campaign(tmp_path / "rig.yaml"), compared=False).runs
     assert runs.keys() == {"r0", "r1", "r2"}
     assert runs["r0"].channels.keys() == {"crank_torque", "slider_acceleration"}
+
+
+@pytest.mark.slow
+def test_two_files_of_samples_lead_to_the_hidden_effect(tmp_path, monkeypatch):
+    guessed(tmp_path, [ROOT / f"config/campaigns/demonstration/{run}.csv" for run in ("slow", "fast")], monkeypatch)
+    shutil.copy(ROOT / "config/mechanisms/ideal_joints.yaml", "rig_mechanism.yaml")
+    for stage in ("measure", "analyse"):
+        done = CliRunner().invoke(cli, [stage, "rig.yaml"], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+    assert "The model lacks Coulomb friction of the slider." in done.output
 
 
 def test_existing_files_are_not_replaced_and_what_cannot_be_a_run_is_refused(tmp_path, monkeypatch):

@@ -167,7 +167,7 @@ class _Run:
         """Add the columns of a further logger, at the times of the first."""
         clock = next(name for name in other.values if name in self.values)
         self.files += other.files
-        for name in other.values.keys() - self.values.keys():
+        for name in [name for name in other.values if name not in self.values]:
             self.values[name] = np.interp(self.values[clock], other.values[clock], other.values[name])
         self.units |= other.units
 
@@ -210,6 +210,10 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
                 "slow_2.csv"
             )
         runs[int(np.argmax(alike))].add(other)
+    if lacking := [run for run in runs if run.values.keys() != runs[0].values.keys()]:
+        raise InputError(
+            f"{lacking[0].files[0]}: the run has other headings than that of {files[0]}; give all its files"
+        )
     return runs
 
 
