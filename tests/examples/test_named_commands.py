@@ -45,6 +45,7 @@ def test_every_command_that_a_page_names_is_there():
     cases = [
         (named(r"(?:^|[A-Z]=\S+ )make (?:[A-Z]+=\S+ )*([a-z][a-z-]+)"), targets),
         (named(r"^(?:\.venv/bin/)?jointgap ([a-z][a-z-]+)"), set(cli.commands)),
+        (named(r"^(?:\.venv/bin/)?jointgap new ([a-z]+)"), set(cli.commands["new"].commands)),
         (modules, {name for name in modules if importlib.util.find_spec(name)}),
         (scripts, {path.name for path in (ROOT / "scripts").iterdir()}),
         (named(r"python -m validation ([a-z]+)"), verbs),

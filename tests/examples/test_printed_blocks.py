@@ -1,8 +1,8 @@
 """What README.md, the tutorials and some how-to pages print can be typed: files are written, commands and code are run,
 page by page. What code and quick commands print is what the page shows.
 
-A `make` of a workflow takes minutes: that its target exists and that the files it is given can be used is tested here;
-what the workflow does then has tests of its own.
+A `make` of a workflow takes minutes, and `jointgap analyse` a minute: that the target exists and that the files can be
+used is tested here; what the workflow does then has tests of its own.
 """
 
 import contextlib
@@ -90,6 +90,11 @@ def commands(language: str, text: str) -> list[tuple[str, list[str]]]:
     return found
 
 
+def check_campaign(path: str) -> None:
+    campaign = load_campaign(path)
+    assert all((campaign.folder / run.file).is_file() for run in campaign.runs)
+
+
 def typed(command: str, shown: list[str]) -> None:
     """Run a command; what the page shows of it, up to ``...`` in a line, is printed."""
     words = shlex.split(command)
@@ -102,8 +107,9 @@ def typed(command: str, shown: list[str]) -> None:
         if "CONFIG" in given:
             assert resolve(read_yaml(given["CONFIG"]), (Path(), Path(given["CONFIG"]).parent), given["CONFIG"])
         if "CAMPAIGN" in given:
-            campaign = load_campaign(given["CAMPAIGN"])
-            assert all((campaign.folder / run.file).is_file() for run in campaign.runs)
+            check_campaign(given["CAMPAIGN"])
+    elif words[0].endswith("jointgap") and words[1] == "analyse":
+        check_campaign(words[2])
     elif words not in (["source", ".venv/bin/activate"], [".venv/bin/python"]) and words[0] != "cd":
         if re.fullmatch(r"(\.venv/bin/)?jointgap [^|<>&;$]*", command):  # quick in this process
             done = jointgap(*words[1:])

@@ -1,6 +1,7 @@
 """A campaign file is guessed from measured files alone, with a comment for each guess and a mark for each gap."""
 
 import math
+import shutil
 
 import numpy as np
 import pandas as pd
@@ -146,7 +147,7 @@ def test_the_campaign_files_of_the_examples_are_guessed_from_their_data(name, tm
     assert [(run["id"], run["role"]) for run in content["runs"]] == [(run["id"], run["role"]) for run in known["runs"]]
 
 
-def test_a_signal_needs_its_factor_and_other_quantities_and_texts_are_not_used(tmp_path, monkeypatch):
+def test_a_signal_needs_its_factor_a_pressure_its_bore_and_texts_and_constants_are_not_used(tmp_path, monkeypatch):
     files = written(tmp_path, SENSORS | {"crank_torque": ("I", "N*m"), "slider_acceleration": ("U", "m/s^2")})
     for file in files:
         table = pd.read_csv(file)
@@ -155,8 +156,9 @@ def test_a_signal_needs_its_factor_and_other_quantities_and_texts_are_not_used(t
     content, text = guessed(tmp_path, files, monkeypatch)
     assert content["channels"]["crank_torque"] == {"column": "I", "unit": "A", "scale": FILL_IN}
     assert content["channels"]["slider_acceleration"] == {"column": "U", "unit": "V", "scale": FILL_IN}
-    assert content["channels"].keys() == {"time", "crank_angle", "crank_torque", "slider_acceleration"}
-    assert all(f'# column "{heading}"' in text for heading in ("Index", "bar", "state", "off")), text
+    pressure = {"column": "bar", "unit": "bar", "bore": FILL_IN, "ambient_pressure": FILL_IN}
+    assert content["channels"]["cylinder_pressure"] == pressure
+    assert all(f'# column "{heading}"' in text for heading in ("Index", "state", "off")), text
 
 
 def test_files_of_two_loggers_are_joined_by_their_names_and_one_run_is_split(tmp_path, monkeypatch):
@@ -203,11 +205,21 @@ def test_what_is_not_filled_in_is_one_error_with_file_and_keys_and_then_the_camp
     assert runs["r0"].channels.keys() == {"crank_torque", "slider_acceleration"}
 
 
+@pytest.mark.slow
+def test_two_files_of_samples_lead_to_the_hidden_effect(tmp_path, monkeypatch):
+    guessed(tmp_path, [ROOT / f"config/campaigns/demonstration/{run}.csv" for run in ("slow", "fast")], monkeypatch)
+    shutil.copy(ROOT / "config/mechanisms/ideal_joints.yaml", "rig_mechanism.yaml")
+    for stage in ("measure", "analyse"):
+        done = CliRunner().invoke(cli, [stage, "rig.yaml"], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+    assert "The model lacks Coulomb friction of the slider." in done.output
+
+
 def test_existing_files_are_not_replaced_and_what_cannot_be_a_run_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     files = written(tmp_path, SENSORS, runs=(200.0, 600.0))
     new_rig(files)
-    new_mechanism()
+    assert CliRunner().invoke(cli, ["new", "mechanism"], catch_exceptions=False).exit_code == 0
     before = {path: path.read_bytes() for path in tmp_path.glob("*.yaml")}
     (tmp_path / "numbers.csv").write_text("1,2\n3,4\n", encoding="utf-8")
     (tmp_path / "other.csv").write_text("a,b\n3,4\n5,6\n", encoding="utf-8")

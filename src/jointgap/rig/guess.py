@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from jointgap.config.campaign import CHANNELS, RESERVED_IDS, UNITS
+from jointgap.config.campaign import CHANNELS, PRESSURES, RESERVED_IDS, UNITS
 from jointgap.config.yaml_files import FILL_IN
 from jointgap.core.csv_files import Csv, find_headings, read_columns
 from jointgap.core.errors import InputError
@@ -42,21 +42,24 @@ WORDS = {
     "guide_force": "force f",
     "frame_force_x": "force f x",
     "frame_force_y": "force f y",
+    "cylinder_pressure": "cylinder pressure druck indicator",
+    "crank_side_pressure": "pressure druck",
 }
 """Words of headings, by channel; words of four letters or more also as a part of a word."""
 
 REQUIRED = {"rod": "rod conrod pleuel", "guide": "guide normal side", "frame": "frame foundation base bearing"}
+REQUIRED["crank_side"] = "crankside rear rod"
 """Words of which the heading of a channel needs one, by the beginning of the channel's name."""
 
 SAMPLE_NUMBERS = {"n", "nr", "no", "sample", "samples", "index"}
 COUNTED = {"count", "counts", "pulses", "enc", "encoder"}
-OTHER = {"pressure", "druck", "temperature", "temp", "power", "leistung", "state", "status", "flag", "event"}
+OTHER = {"temperature", "temp", "power", "leistung", "state", "status", "flag", "event"}
 """Words of sample numbers, of an encoder's counts, and of quantities that are no channel."""
 
 SIGNALS = {"A": {"current", "curr", "i", "strom"}, "V": {"u", "volt", "volts", "voltage", "spannung"}}
 """Units of a sensor's signal, and words that stand for them."""
 
-OTHER_UNITS = ("Pa", "W", "K")
+OTHER_UNITS = ("W", "K")
 PERIODS = {"deg": (360.0, 720.0), "rad": (tau, 2 * tau), "turn": (1.0, 2.0)}
 """Values of an angle's unit in a turn, and in a four-stroke cycle."""
 
@@ -90,7 +93,7 @@ class Column:
 
     def named(self, channel: str) -> float:
         """Number of words that fit a channel; a single letter counts half."""
-        required = REQUIRED.get(channel.partition("_")[0], "")
+        required = next((words for start, words in REQUIRED.items() if channel.startswith(start)), "")
         needed = _matches(self.words, required)
         return needed + _matches(self.words, WORDS[channel]) if needed or not required else 0.0
 
@@ -102,6 +105,11 @@ class Column:
     def unit_for(self, channel: str) -> str:
         """The written unit in a spelling that pint knows; '' where it does not fit the channel, or is missing."""
         return _fitting(self.unit, CHANNELS[channel])
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether all values are 0, such as the torque of a motor that is off."""
+        return not any(own.any() for own in self.values)
 
     @property
     def signal(self) -> str:
@@ -159,7 +167,7 @@ class _Run:
         """Add the columns of a further logger, at the times of the first."""
         clock = next(name for name in other.values if name in self.values)
         self.files += other.files
-        for name in other.values.keys() - self.values.keys():
+        for name in [name for name in other.values if name not in self.values]:
             self.values[name] = np.interp(self.values[clock], other.values[clock], other.values[name])
         self.units |= other.units
 
@@ -202,6 +210,10 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
                 "slow_2.csv"
             )
         runs[int(np.argmax(alike))].add(other)
+    if lacking := [run for run in runs if run.values.keys() != runs[0].values.keys()]:
+        raise InputError(
+            f"{lacking[0].files[0]}: the run has other headings than that of {files[0]}; give all its files"
+        )
     return runs
 
 
@@ -238,7 +250,7 @@ def evenness(values: np.ndarray) -> float:
 
 def period_of(x: np.ndarray, values: Sequence[np.ndarray]) -> float:
     """The period in `x`, which rises or falls, at which all `values` repeat; 0 if there is none."""
-    x = np.maximum.accumulate(np.copysign(1.0, progress(x)) * x)
+    x, values = np.maximum.accumulate(np.copysign(1.0, progress(x)) * x), [own for own in values if np.nanstd(own) > 0]
     grid = np.linspace(x[0], x[-1], min(4 * x.size, 8192))
     alike = np.zeros(grid.size)
     for own in values:
@@ -284,11 +296,12 @@ class Guesses:
         for heading in runs[0].values:
             values = tuple(run.values[heading] for run in runs)
             words, unit = words_and_unit(heading)
-            if any(np.isfinite(own).sum() < checks.MIN_SAMPLES or np.nanstd(own) == 0.0 for own in values):
+            column = Column(heading, words, unit or runs[0].units.get(heading, "").strip("- "), values)
+            constant = any(np.isfinite(own).sum() < checks.MIN_SAMPLES or np.nanstd(own) == 0.0 for own in values)
+            if constant and not (column.named("crank_torque") and column.is_zero):
                 self.unused[heading] = "has one value or too few"
             else:
-                unit = unit or runs[0].units.get(heading, "").strip("- ")
-                self.columns[heading] = Column(heading, words, unit, values)
+                self.columns[heading] = column
         self.time, self.angle = self._take(self._as_time), self._take(self._as_angle)
         if self.angle:
             self._turn()
@@ -424,6 +437,8 @@ class Guesses:
 
     def _shapes(self, column: Column) -> dict[str, float]:
         """Channels whose values are like those of a column: over a turn, and by the speed."""
+        if column.unit_for("cylinder_pressure"):
+            return {"cylinder_pressure": 1.0}
         if self._speed_unit(column):
             return {"crank_speed": 3.0}
         sizes = np.abs(np.array(self._orders(column)))
@@ -454,6 +469,12 @@ class Guesses:
             reasons.append(f"the scale of the sensor, in {base}/{column.signal}")
             self._dead_centre(channel, column)
             return self._state(channel, column, reasons, unit=column.signal, scale=FILL_IN)
+        if column.is_zero:
+            reasons.append("all values are 0, as of a motor that is off; the noise of the torque, such as 0.01 N*m")
+            return self._state(channel, column, reasons, unit=unit or base, noise=FILL_IN)
+        if channel in PRESSURES:
+            reasons.append("a load on the slider of diameter bore; ambient_pressure: 0 bar for a gauge pressure")
+            return self._state(channel, column, reasons, unit=unit or FILL_IN, bore=FILL_IN, ambient_pressure=FILL_IN)
         if column.unit.lower() == "g":
             reasons.append("g is the acceleration of gravity")
         if not unit:
