@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from jointgap.config.campaign import CHANNELS, MOTOR_LINE, Campaign, CampaignRun, channel_factor
+from jointgap.config.campaign import (
+    CHANNELS,
+    MOTOR_LINE,
+    PRESSURE_SENSOR,
+    PRESSURES,
+    Campaign,
+    CampaignRun,
+    channel_factor,
+)
 from jointgap.core.csv_files import Columns, read_columns
 from jointgap.core.errors import InputError, UnusableRun
 from jointgap.core.units import split_share
@@ -84,7 +92,11 @@ class RunFile:
         return {unit: channel_factor(channel, unit) / self.campaign.factor(channel) for unit in PROPOSED_UNITS[channel]}
 
 
-_IDLE = dict.fromkeys(MOTOR_LINE, "requires drive: motor") | {"speed": "follows from time and crank_angle"}
+_IDLE = dict.fromkeys(MOTOR_LINE, "requires drive: motor") | {
+    "speed": "follows from time and crank_angle",
+    "crank_inertia": "requires drive: motor or measured_angle",
+    **dict.fromkeys(PRESSURE_SENSOR, "requires a slider_force_table of a pressure, or the channel cylinder_pressure"),
+}
 """Why a nuisance has no effect, if the mechanism is not the reason."""
 
 
@@ -188,10 +200,9 @@ def _recording(file: RunFile) -> Recording:
         _check_varies(file, name, samples)
         samples = samples.copy()
         samples[absent[name]] = np.nan
-        # the torque of a motor that is off stays 0
-        if np.nanmax(np.abs(samples)) > 0.0 and not _is_stuck(
-            file, name, samples, samples, angle if has_angle else turned
-        ):
+        # a pressure has plateaus, and the torque of a motor that is off stays 0
+        is_steady = name in PRESSURES or not np.nanmax(np.abs(samples)) > 0.0
+        if not is_steady and not _is_stuck(file, name, samples, samples, angle if has_angle else turned):
             if (text := checks.clipped(samples)) is not None:
                 file.doubt("clipped", name, text)
         if (places := checks.outliers(samples)).size:
@@ -232,14 +243,14 @@ def _joined(file: RunFile) -> Samples:
     for each, values in parts:
         rows = each.rows
         for name in [name for name in values if file.campaign.channels[name].average and "time" in values]:
-            _check_times(each, values["time"])
+            _check_times(each, values)
             if (held := _held(each, name, values)) is not None:
                 grids.append((each, rows[held[1]], {"time": held[0], name: values.pop(name)[held[1]]}))
         grids.insert(0, (each, rows, values))
     if len(grids) == 1:
         return parts[0][1]
     for each, values in parts:
-        _check_times(each, values["time"])
+        _check_times(each, values)
     if len(parts) == 2:
         (one, other), turn = (values["time"] for _, values in parts), tau / file.run.speed
         if min(one[-1], other[-1]) - max(one[0], other[0]) < turn:
@@ -431,7 +442,7 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
     if file.run.direction == "clockwise":
         angle = -angle
     if "time" in values:
-        _check_times(file, time, angle)
+        _check_times(file, values)
     if "crank_angle" not in values:
         _with_even_stamps(file, time, absent)
         return time, absent, speed * (time - time[0])
@@ -461,6 +472,8 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
 
 def _with_even_stamps(file: RunFile, time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Times where every n-th that is late, but not its angle, is in the middle between its neighbours."""
+    if file.other is not None:  # the times of two clocks
+        return time
     if (found := checks.late_stamps(time, angle)) is None or found[3] > 0.75:  # the samples are late too
         return time
     rows, n, share, followed = found
@@ -480,9 +493,10 @@ def _mean_speed(time: np.ndarray, angle: np.ndarray) -> float:
     return float(np.diff(angle[ends])[0] / np.diff(time[ends])[0])
 
 
-def _check_times(file: RunFile, time: np.ndarray, angle: np.ndarray) -> None:
+def _check_times(file: RunFile, values: Samples) -> None:
     """InputError if times do not increase, or have too few revolutions or samples at nominal speed."""
-    steps = np.diff(time)
+    time, side = values["time"], -1.0 if file.run.direction == "clockwise" else 1.0
+    steps, angle = np.diff(time), side * values.get("crank_angle", np.full(time.size, np.nan))
     if (jump := checks.clock_jump(time, angle)) is not None:
         row, size = jump
         way, change = ("forward", "subtract this from") if size > 0.0 else ("back", "add this to")
