@@ -52,4 +52,5 @@ def test_runs_that_are_alike_but_no_copies_are_read(tmp_path):
     angle = np.tile(np.arange(0.0, 360.0), 4)  # of an encoder that asks for the samples, and no time
     values = {"theta": angle, "x": np.round(np.cos(np.radians(angle)), 2)}  # rounded until cycles are alike
     columns = Columns(values, np.arange(angle.size), {})
-    check_copies({run: (SimpleNamespace(path=f"{run}.csv"), columns) for run in ("slow", "fast")})
+    runs = [SimpleNamespace(id=run) for run in ("slow", "fast")]
+    check_copies([SimpleNamespace(path=f"{run.id}.csv", run=run, columns=columns) for run in runs])

@@ -77,7 +77,7 @@ def test_dates_are_seconds_since_the_first(read):
     def seconds(*stamps):
         content = "t;x\n" + "".join(f"{stamp};{x}\n" for stamp, x in zip(stamps, (1, 2, 3), strict=True))
         found = read(content, clock="t")
-        assert found.is_dated and "dates are converted to seconds since 2026-03-01" in found.remarks[0]
+        assert found.began is not None and "dates are converted to seconds since 2026-03-01" in found.remarks[0]
         np.testing.assert_allclose(found.values["t"], T, atol=1e-12)
         with pytest.raises(InputError, match=r"column t, row 2: '2026.* is not a number"):
             read(content)  # of a channel that is no time

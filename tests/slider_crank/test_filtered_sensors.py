@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from jointgap.campaign.analyse import analyse
 from jointgap.config.campaign import CHANNELS as UNITS
 from jointgap.rig import sensors
 from tests.rows import each
-from tests.slider_crank.campaigns import samples, written
+from tests.slider_crank.campaigns import model_of, samples, written
 from tests.slider_crank.rigs import mechanism, read, rig
 
 FRICTION = 4.0  # N
@@ -119,3 +120,68 @@ def test_with_the_high_pass_stated_the_friction_alone_is_named(tmp_path):
     assert (verdict["verdict"], effect["name"]) == ("named", "slider_coulomb_friction")
     assert effect["parameters"]["force_N"]["value"] == pytest.approx(FRICTION, rel=0.05)
     assert verdict["gap"]["confirm"]["after"] < 1.1
+
+
+def swinging(folder: Path, late: float = 0.0, gate: float = 0.0) -> Path:
+    """A campaign of an ideal rig with Coulomb friction whose crank speed swings; the torque is in a second file whose
+    clock is `late`, or the speed is a counter's mean over a `gate`, held.
+    """
+    hidden = [
+        {"name": "slider_coulomb_friction", "parameters": {"force_N": FRICTION}},
+        {"name": "speed_fluctuation", "parameters": {"ratio": 0.1, "order": 1}},
+    ]
+    rng, runs = np.random.default_rng(11), {}
+    for run, rpm in SPEEDS.items():
+        motion = samples(*hidden, speed=rpm * tau / 60.0, revolutions=TURNS + 3, samples_per_revolution=FINE)
+        time = motion["time"].iloc[FINE] + np.arange(PER_TURN * TURNS) * (60.0 / rpm / PER_TURN)
+        true = {name: np.interp(time, motion["time"], motion[name]) for name in READ[1:3]}
+        true["crank_angle"] += 1e-3 * rng.standard_normal(time.size)
+        if gate:
+            ends = gate * np.floor(time / gate - 0.37) + 0.37 * gate
+            angles = [np.interp(at, motion["time"], motion["crank_angle"]) for at in (ends - gate, ends)]
+            true["crank_speed"] = np.round((angles[1] - angles[0]) / gate, 2)
+        true["crank_torque"] += 0.01 * true["crank_torque"].std() * rng.standard_normal(time.size)
+        runs[run] = rpm * tau / 60.0, pd.DataFrame({"time": time - time[0], **true})
+    keys = {"drive": "measured_angle"}
+    if gate:
+        channels = {name: {"column": name, "unit": UNITS[name]} for name in (*READ[:3], "crank_speed")}
+        channels["crank_speed"]["average"] = gate
+        keys["channels"] = channels
+    path = written(folder, runs, **keys)
+    if late:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        for run in content["runs"]:
+            table = pd.read_csv(folder / run["file"])
+            other = table[["time", "crank_torque"]].iloc[3:-2:2]
+            other.assign(time=other["time"] + late).to_csv(folder / f"other_{run['id']}.csv", index=False)
+            table.drop(columns="crank_torque").to_csv(folder / run["file"], index=False)
+            run["file"] = [run["file"], f"other_{run['id']}.csv"]
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [{"gate": 0.05}, {"late": 0.0123}, {"late": -0.06}])
+def test_beside_a_counter_that_reads_means_or_a_second_clock_the_friction_is_named(tmp_path, how):
+    verdict = analyse(swinging(tmp_path, **how), tmp_path / "results")
+    (effect,) = verdict["effects"]
+    (size,) = effect["parameters"].values()
+    assert (verdict["verdict"], effect["name"]) == ("named", "slider_coulomb_friction")
+    assert size["value"] == pytest.approx(FRICTION, rel=0.05)
+    assert size["interval_90"][0] < FRICTION < size["interval_90"][1]
+    assert verdict["gap"]["confirm"]["after"] < 1.1
+    for run in ("slow", "mid") if "late" in how else ():
+        offset = verdict["nuisances"][f"clock_offset@{run}"]
+        assert offset["value"] == pytest.approx(how["late"], abs=5.0 * offset["sd"] + 1e-5)
+
+
+def test_the_offset_of_a_second_clock_is_searched_within_half_a_revolution_and_then_fitted(tmp_path):
+    model = model_of(swinging(tmp_path, late=-0.06))
+    for run in SPEEDS:
+        (offset,) = (p for p in model.nuisances if p.key == f"clock_offset@{run}")
+        turn = 60.0 / SPEEDS[run]
+        true = (-0.06 + 0.5 * turn) % turn - 0.5 * turn
+        assert offset.low < true < offset.high and offset.high - offset.low < 0.2 * turn
+        late = model.simulate(run, model.nominal(run) | {"clock_offset": 0.0})["crank_torque"]
+        shifted = model.simulate(run, model.nominal(run) | {"clock_offset": 2.0 * turn / PER_TURN})["crank_torque"]
+        assert shifted[1:] == pytest.approx(late[:-1], abs=2e-3 * np.std(late))

@@ -74,12 +74,12 @@ def campaigns(paths: Any, folders: Sequence[Path], parts: Any = None) -> dict[st
             both = f"{found[campaign.name].campaign} and {file}"
             raise InputError(f"campaigns: {both} have the same name '{campaign.name}'; give each its own name")
         for run in campaign.runs:
-            if not os.path.isfile(campaign.folder / run.file):
+            for missing in (name for name in run.files if not os.path.isfile(campaign.folder / name)):
                 raise InputError(
-                    f"{file}: run {run.id}: no file '{run.file}' in {campaign.folder}; correct `file` or `folder`"
+                    f"{file}: run {run.id}: no file '{missing}' in {campaign.folder}; correct `file` or `folder`"
                 )
         planned = (*plan(file), *campaign.load_files)
-        data = tuple(str(campaign.folder / run.file) for run in campaign.runs)
+        data = tuple(map(str, campaign.data_files))
         if braced := [read for read in (*planned, *data) if "}" in read.partition("{")[2]]:
             raise InputError(
                 f"{file}: the path {braced[0]} contains braces, which Snakemake reads as a wildcard; rename the folder "

@@ -309,7 +309,13 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
     if campaign is not None:
         sizes = {} if look is None else look.groupby("run")[["samples", "cycles"]].max().astype(str).T.to_dict("list")
         runs = tuple(
-            (run.id, f"`{run.file}`", words.number(30.0 / pi * run.speed), _ROLES[run.role], *sizes.get(run.id, "––"))
+            (
+                run.id,
+                ", ".join(f"`{file}`" for file in run.files),
+                words.number(30.0 / pi * run.speed),
+                _ROLES[run.role],
+                *sizes.get(run.id, "––"),
+            )
             for run in campaign.runs
         )
         heads = ("run", "file", "crank speed [rpm]", "use", "samples", "full revolutions")

@@ -93,7 +93,7 @@ def _as_recorded(campaign: Campaign, recordings: Mapping[str, Recording]) -> Mod
 
 def recorded(campaign: Campaign) -> tuple[Campaign, dict[str, Recording]]:
     """The campaign without unusable runs, and the recordings whose files exist."""
-    there = tuple(run for run in campaign.runs if os.path.isfile(campaign.folder / run.file))
+    there = tuple(run for run in campaign.runs if all(os.path.isfile(campaign.folder / file) for file in run.files))
     measured = read_measurements(campaign.model_copy(update={"runs": there}), compared=False)
     runs = tuple(run for run in campaign.runs if run.id not in measured.left_out)
     return campaign.model_copy(update={"runs": runs}), dict(measured.runs)

@@ -46,9 +46,8 @@ class CampaignState:
         self.settings = settings
         self.file, self.campaign = campaign, load_campaign(campaign)
         self.folder = ResultsFolder(folder or Path("results/campaigns") / self.campaign.name)
-        data = (self.campaign.folder / run.file for run in self.campaign.runs)
         results = [table.path for table in TABLES.values() if table.path and "{" not in table.path]
-        inputs = (*files.plan(campaign), *self.campaign.load_files, *data)
+        inputs = (*files.plan(campaign), *self.campaign.load_files, *self.campaign.data_files)
         self.folder.check_apart(inputs, (*results, files.MECHANISM, files.VERDICT, files.ORIGIN, *files.SUMMARIES))
         self.clockwise = disk.clockwise(self.campaign)
 

@@ -77,7 +77,7 @@ def _check_apart(file: Path, campaign: Campaign, other: Campaign) -> None:
     """InputError if the campaign of `file` repeats `other` or has another mechanism."""
     if campaign.name == other.name:
         raise InputError(f"{file}: campaign '{campaign.name}' is given twice; give each once, with its own name")
-    own, others = ({(each.folder / run.file).resolve() for run in each.runs} for each in (campaign, other))
+    own, others = ({file.resolve() for file in each.data_files} for each in (campaign, other))
     if shared := sorted(own & others):
         raise InputError(
             f"{file}: reads {shared[0]}, like campaign '{other.name}'; give each campaign the data of its own date"

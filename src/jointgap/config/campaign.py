@@ -389,17 +389,46 @@ LOADS_OF_A_RUN = ("slider_force_table", "crank_brake")
 """Effects that may be listed for a single run."""
 
 
+def _one_or_two(given: Any) -> Any:
+    given = tuple(given) if isinstance(given, list | tuple) else given
+    files = (given,) if isinstance(given, str) else given
+    if not (isinstance(files, tuple) and 1 <= len({*files}) == len(files) <= 2 and all(files)):
+        raise ValueError("must be the name of a file, or a list of two: [a.csv, b.csv] of two loggers")
+    return given
+
+
+Files = Annotated[
+    str | tuple[str, str],
+    BeforeValidator(_one_or_two),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "string", "minLength": 1},
+                {"type": "array", "items": {"type": "string", "minLength": 1}, "minItems": 2, "maxItems": 2},
+            ]
+        }
+    ),
+]
+
+
 class CampaignRun(ConfigModel):
-    """One file of samples, measured at one speed."""
+    """The samples measured at one speed, from one file or from two loggers."""
 
     id: Word = Field(description="name of the run: letters, digits, '_' and '-'")
-    file: str = Field(min_length=1, description="table of samples, CSV or Parquet, from the campaign file's folder")
+    file: Files = Field(
+        description="table of samples, CSV or Parquet, from the campaign file's folder; two loggers: [a.csv, b.csv]"
+    )
     speed: quantity("rad/s") = Field(description="nominal speed of the crank")
     role: Literal["identify", "confirm", "split"] = Field(description="split: the last third is held out for confirm")
     start: Literal[_STARTS] | Start = Field("settled", description="beginning of the motion, or its angle, turns, time")
     first_angle: Angle | None = Field(None, description="crank angle at the first sample, without such a channel")
     direction: Literal["counter_clockwise", "clockwise"] = "counter_clockwise"
     effects: tuple[AnyEffect, ...] = Field((), description="known loads of this run: slider_force_table, crank_brake")
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """One file, or two of loggers with their own clocks."""
+        return (self.file,) if isinstance(self.file, str) else self.file
 
     @field_validator("start", mode="before")
     @classmethod
@@ -514,8 +543,8 @@ class Campaign(ConfigModel):
             for other in self.runs[:index]:
                 if other.id == run.id:
                     yield f"runs: two have the id '{run.id}'; give each its own"
-                if other.file == run.file:
-                    yield f"runs: '{other.id}' and '{run.id}' both read {run.file}; give two files, or role split"
+                for file in {*other.files} & {*run.files}:
+                    yield f"runs: '{other.id}' and '{run.id}' both read {file}; give two files, or role split"
         roles = {run.role for run in self.runs}
         for needed, purpose in (("identify", "fitting"), ("confirm", "validation")):
             if not roles & {needed, "split"}:
@@ -540,6 +569,8 @@ class Campaign(ConfigModel):
                 yield f"runs: '{run.id}': a pressure requires the channel crank_angle, or first_angle of runs; add it"
             if self.drive == "measured_angle" and isinstance(run.start, Start):
                 yield f"runs: '{run.id}' has a start angle, but none was measured; give start: settled or dead_centre"
+            if len(run.files) > 1 and "time" not in has:
+                yield f"channels: the two files of run '{run.id}' require the channel time, of the same heading; add it"
             if run.first_angle is not None and "crank_angle" in has:
                 yield f"runs: '{run.id}' has first_angle, but the channel crank_angle contains it; remove first_angle"
 
@@ -595,6 +626,11 @@ class Campaign(ConfigModel):
             return stated.unit, self.factor(channel)
         unit = {"rad": "deg"}.get(CHANNELS[channel], CHANNELS[channel])
         return unit, channel_factor(channel, unit)
+
+    @property
+    def data_files(self) -> tuple[Path, ...]:
+        """The files of all runs."""
+        return tuple(self.folder / file for run in self.runs for file in run.files)
 
     @property
     def idle_nuisances(self) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ class Columns:
     rows: np.ndarray  # Line of the file (CSV) or row counted from 1 (Parquet) of each sample, for messages
     units: dict[str, str]  # From a row of units below the headings, without brackets
     remarks: tuple[str, ...] = ()  # Skipped or converted content
-    is_dated: bool = False  # Whether the times were dates, converted to seconds since the first
+    began: pd.Timestamp | None = None  # The first of times that were dates, converted to seconds since it
 
     def other_unit(self, column: str, factor: float, unit: str) -> str | None:
         """The unit of a column in the row of units, where its factor to the SI `unit` is not `factor`."""
@@ -63,22 +63,24 @@ class Columns:
         return None if np.isclose(own, factor, rtol=1e-6) else written
 
 
-def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "") -> Columns:
-    """The columns `wanted` of a file; dates in the column `clock` become seconds."""
+def read_columns(path: Path, wanted: Sequence[str], form: Csv, clock: str = "", partly: bool = False) -> Columns:
+    """The columns `wanted` of a file; dates in the column `clock` become seconds. `partly`: the clock and those of the
+    others that the file has.
+    """
     content = _content(path)
     if _is_parquet(path, content):
-        texts, units, remarks = _parquet(path, wanted, clock), {}, ()
+        texts, units, remarks = _parquet(path, wanted, clock, partly), {}, ()
     else:
-        texts, units, remarks = _csv(path, _decoded(path, content), wanted, form)
+        texts, units, remarks = _csv(path, _decoded(path, content), wanted, form, clock if partly else "")
     if texts.empty:
         raise InputError(f"{path}: has headings but no samples; give the file of the measurement")
-    dates, remark = _seconds(path, texts[clock]) if clock else (None, "")
-    numbers = {column: texts[column] for column in wanted if dates is None or column != clock}
+    began, dates, remark = _seconds(path, texts[clock]) if clock else (None, None, "")
+    numbers = {column: texts[column] for column in texts if dates is None or column != clock}
     decimal = form.decimal or _decimal(numbers)
     values = {column: _numbers(path, cells, decimal) for column, cells in numbers.items()}
     if dates is not None:
         values[clock], remarks = dates, (*remarks, remark)
-    return Columns(values, texts.index.to_numpy(), units, remarks, is_dated=dates is not None)
+    return Columns(values, texts.index.to_numpy(), units, remarks, began)
 
 
 def find_headings(path: Path) -> list[str]:
@@ -139,7 +141,7 @@ def _decoded(path: Path, content: bytes) -> str:
 
 
 def _csv(
-    path: Path, text: str, wanted: Sequence[str], form: Csv
+    path: Path, text: str, wanted: Sequence[str], form: Csv, clock: str
 ) -> tuple[pd.DataFrame, dict[str, str], tuple[str, ...]]:
     """Texts of the `wanted` columns by line of the file, units, and remarks."""
     lines, comments = _lines(text)
@@ -153,6 +155,7 @@ def _csv(
         headings.pop()
     hidden = [n for n, line in comments.items() if any(set(wanted) <= set(_split(line, m)) for m in SEPARATORS)]
     fix = f"row {hidden[0]} has them in a comment: remove the '#'" if hidden else ""
+    wanted = [column for column in wanted if column == clock or column in headings] if clock else wanted
     also = "" if set(wanted) & set(headings) else "; if the headings are in another row, give csv.skip_rows"
     _check_headings(f"{path}, row {header_row}", headings, wanted, fix, also)
     above = sum(number < header_row for number in lines)
@@ -243,22 +246,23 @@ def _decimal(cells: dict[str, pd.Series]) -> str:
     return "," if any(column.str.fullmatch(_COMMA_NUMBER).any() for column in texts) else "."
 
 
-def _seconds(path: Path, stamps: pd.Series) -> tuple[np.ndarray | None, str]:
-    """Seconds since the first date in a column, and a remark; None if the column does not begin with a date."""
+def _seconds(path: Path, stamps: pd.Series) -> tuple[pd.Timestamp | None, np.ndarray | None, str]:
+    """The first date in a column, the seconds since it, and a remark; None if the column does not begin with a date."""
     written = stamps.notna() & (stamps != "")
     first = next(iter(stamps[written]), None)
     if isinstance(first, str) and _DATE.match(first):
         stamps = stamps.str.replace(",", ".", regex=False)
     elif not isinstance(first, pd.Timestamp):
-        return None, ""
+        return None, None, ""
     dates = pd.to_datetime(stamps.where(written), format="ISO8601", utc=True, errors="coerce")
     if (wrong := stamps[written & dates.isna()]).size:
         raise InputError(
             f"{path}, column {stamps.name}, row {wrong.index[0]}: '{_shortened(wrong.iloc[0])}' is not a date; write "
             "the whole column as 2026-03-01T12:00:00.125"
         )
-    elapsed = (dates - dates[written].iloc[0]).dt.total_seconds().to_numpy(dtype=float)
-    return elapsed, f"{path}, column {stamps.name}: dates are converted to seconds since {first}"
+    began = dates[written].iloc[0]
+    elapsed = (dates - began).dt.total_seconds().to_numpy(dtype=float)
+    return began, elapsed, f"{path}, column {stamps.name}: dates are converted to seconds since {first}"
 
 
 def _numbers(path: Path, cells: pd.Series, decimal: str) -> np.ndarray:
@@ -286,7 +290,7 @@ def _numbers(path: Path, cells: pd.Series, decimal: str) -> np.ndarray:
     return values
 
 
-def _parquet(path: Path, wanted: Sequence[str], clock: str) -> pd.DataFrame:
+def _parquet(path: Path, wanted: Sequence[str], clock: str, partly: bool) -> pd.DataFrame:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -297,6 +301,7 @@ def _parquet(path: Path, wanted: Sequence[str], clock: str) -> pd.DataFrame:
         raise InputError(
             f"{path}: cannot be read as Parquet ({_shortened(str(error))}); write the file again"
         ) from error
+    wanted = [column for column in wanted if column == clock or column in table.column_names] if partly else wanted
     _check_headings(str(path), file.schema_arrow.names, wanted)
     columns = {}
     for column in wanted:

@@ -5,7 +5,7 @@ positions, speeds and accelerations, inverse dynamics of torque and forces. Load
 the low orders of accelerations. They change forces; so forces are checked only for deviations that are alike in runs at
 very different speeds."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import degrees, log, pi, sqrt, tau
@@ -15,7 +15,7 @@ from scipy.signal import butter
 
 from jointgap.config.campaign import CHANNELS, FILTER_ORDER, UNITS, Campaign, CampaignRun, Channel
 from jointgap.core.units import counts_near, split_share, unit_factor
-from jointgap.core.words import number
+from jointgap.core.words import joined, number
 from jointgap.dynamics.kinematics import FORCES, SPEED_POWERS, ideal_orders
 from jointgap.rig.recording import Contradiction, Recording
 from jointgap.rig.sampling import aperiodic_share, speed_from_periodicity
@@ -24,6 +24,7 @@ MAX_ORDER = 4  # Highest crank order compared with the ideal motion
 MIN_CORRELATION, MIN_CORRELATION_OF_FORCES = 0.9, 0.8  # Required for a factor between two channels
 GAINS, GAINS_OF_FORCES = (0.8, 1.25), (0.5, 2.0)  # Plausible factors by a sensor's gain or a load
 ALIKE = 1.35  # Ratio up to which factors of several runs are equal, and from which speeds are very different
+MIN_HELD = 8  # Changes of a reading that is held
 SEARCHED_TURNS = 20.0  # Turns used to search a speed
 PERIOD_TURNS = 4.0  # From which the period of the channels is compared with the turn of the crank angle
 LEAST_APERIODIC = 0.02  # [1, of each channel's variance] From which another period is tried
@@ -76,8 +77,9 @@ def consistency_checks(campaign: Campaign, recordings: Mapping[str, Recording]) 
     for run in runs:
         if (crank := _crank(campaign, run, recordings[run.id])) is not None:
             angle, speed, wrong_times = crank
-            orders[run.id] = _orders(campaign, recordings[run.id], angle, speed)
-            times += wrong_times
+            own = _orders(campaign, recordings[run.id], angle, speed)
+            orders[run.id], unsure = _at_one_clock(run.id, own, recordings[run.id].second_clock)
+            times += [*wrong_times, *unsure]
             periods[run.id] = _period(campaign, recordings[run.id], angle, speed)
     if turns := _wrong_turns(campaign, periods):
         return turns  # the other checks presume the angle
@@ -96,6 +98,29 @@ def consistency_checks(campaign: Campaign, recordings: Mapping[str, Recording]) 
     return [*times, *speeds, *_wrong_zeros(campaign, orders, zeros), *others]
 
 
+def _at_one_clock(
+    run: str, orders: Mapping[str, Orders], second: Sequence[str]
+) -> tuple[dict[str, Orders], list[Contradiction]]:
+    """The orders of a run with those expected of the channels of a `second` clock at its most likely offset, and a
+    remark if another offset is nearly as likely.
+    """
+    asked = [own for name, own in orders.items() if name in second and own.is_clear(0.3)]
+    if not asked:
+        return {**orders}, []
+    agreement = np.array([np.mean([own.shifted(-phase).correlation for own in asked]) for phase in _PHASES])
+    phase = _PHASES[np.argmax(agreement)]
+    apart = np.abs(np.remainder(_PHASES - phase + pi, tau) - pi) > pi / 4
+    other, found = _PHASES[apart][np.argmax(agreement[apart])], []
+    if agreement[apart].max() > 0.95 * agreement.max():
+        first, second_best = (1e3 * each / asked[0].speed for each in (phase, other))
+        text = (
+            f"the offset of the second file's clock may be {first:.3g} ms or {second_best:.3g} ms, as {joined(second)} "
+            "nearly repeats within a revolution; record one channel with both loggers, or check which one is found"
+        )
+        found = [Contradiction(run, second[0], "clock", text, doubtful=False)]
+    return {name: own.shifted(-phase) if name in second else own for name, own in orders.items()}, found
+
+
 # Crank motion of one run with the sign of the file: angles [rad], speed [rad/s], inconsistent times
 Crank = tuple[np.ndarray, float, list[Contradiction]]
 
@@ -108,6 +133,9 @@ def _crank(campaign: Campaign, run: CampaignRun, recording: Recording) -> Crank 
     angle = sign * recording.crank_angle
     if not recording.has_time:
         return angle, sign * run.speed, []
+    finite = np.isfinite(angle)
+    # a second logger has samples between those of the encoder
+    angle = np.interp(recording.time, recording.time[finite], angle[finite], left=np.nan, right=np.nan)
     finite = np.isfinite(angle)
     time, turned = recording.time[finite], np.abs(angle[finite] - angle[finite][0])
     speed = turned[-1] / (time[-1] - time[0])
@@ -278,6 +306,33 @@ def _crank_speed(campaign: Campaign, run: CampaignRun, recording: Recording) -> 
     unknown = campaign.drive == "motor" and not recording.has_angle
     if not GAINS[0] < factor < GAINS[1] and (not unknown or factor < 0.0):
         yield _off_by(factor, campaign, run.id, "crank_speed", source)
+    elif recording.has_angle and recording.has_time and campaign.channels["crank_speed"].average is None:
+        yield from _held_speed(run.id, recording)
+
+
+def _held_speed(run: str, recording: Recording) -> Iterator[Contradiction]:
+    """Check for speeds that are held for several samples and vary with the rate of the crank angle."""
+    read, known = np.isfinite(recording.channels["crank_speed"]), np.isfinite(recording.crank_angle)
+    time, speed = recording.time[read], recording.channels["crank_speed"][read]
+    new = np.flatnonzero(np.diff(speed)) + 1
+    held = np.diff(time[new])
+    if new.size < MIN_HELD or np.diff(new).min() < 2 or np.ptp(np.diff(new)) > 1 + 0.1 * np.diff(new).max():
+        return
+    gate, late, best = float(np.mean(held)), 0.0, 0.0
+    for delay in np.linspace(0.0, 2.0, 81) * gate:
+        ends = time[new, None] - delay + gate * np.array([-0.5, 0.5])
+        rate = np.diff(np.interp(ends, recording.time[known], recording.crank_angle[known]), axis=1)[:, 0]
+        within = (ends[:, 0] > recording.time[known][0]) & (ends[:, 1] < recording.time[known][-1])
+        if np.count_nonzero(within) > MIN_HELD // 2 and np.ptp(rate[within]) > 0.0:
+            correlation = abs(float(np.corrcoef(rate[within], speed[new][within])[0, 1]))
+            late, best = (float(delay), correlation) if correlation > best else (late, best)
+    if best > MIN_CORRELATION:
+        sentence = (
+            f"crank_speed is not the rate of crank_angle: it is held for {1e3 * gate:.3g} ms and {1e3 * late:.3g} ms "
+            f"late when it changes, as the mean of a counter; give it the key 'average: {1e3 * gate:.3g} ms', or "
+            "remove the channel"
+        )
+        yield Contradiction(run, "crank_speed", "held", sentence)
 
 
 def _off_by(factor: float, campaign: Campaign, run: str, channel: str, reference: str) -> Contradiction:

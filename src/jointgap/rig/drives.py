@@ -71,6 +71,8 @@ class RunPlan:
     measured: "MeasuredDrive | None" = None  # A measured angle that drives the crank
     loads: tuple[Effect, ...] = ()  # Known loads of this run besides those of the mechanism
     tolerance: float = TOLERANCE  # [m] Local error of a step
+    second_clock: tuple[str, ...] = ()  # Channels of a second logger
+    clock_offset: float = 0.0  # [s] Start value of the offset of its clock
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,8 @@ STEADY_CONTACT_DAMPING_FACTOR = 4.0
 OWN_LAW_ANGLES = 72  # Per revolution, for the size of a law that a campaign states
 SHAPES_TRIED = (1 / 6, 1 / 2, 5 / 6)  # [1, of the range] Start values of its shape parameters
 FIRST_ANGLE_REACH = math.pi / 6  # [rad] Bounds of a searched first angle, as the current model may lack an effect
-FIRST_ANGLES_TRIED = 720  # Per revolution, if the first angle is unknown; start of the fit
+FIRST_ANGLES_TRIED = 720  # Per revolution, if the first angle or clock offset is unknown; start of the fit
+SEARCHED_TURNS = 10  # For the offset of a second clock
 # Of a planned chaotic run: for longer ones the simulated cycles limit the accuracy
 MAX_PLANNED_REVOLUTIONS = 60
 # [1, of the crank speed] Start value of the frequency of a harmonic force without data: near no harmonic
@@ -172,12 +173,17 @@ def check_bounds(campaign: Campaign) -> None:
             raise InputError(f"{error}; or narrow the bounds") from error
 
 
-def run_nuisances(campaign: Campaign, run: CampaignRun, samples: SampleGrid, searched: bool) -> tuple[Parameter, ...]:
-    """Nuisances of a run: sensor zeros, speed, first angle (`searched`: found by a search), motor line.
+def run_nuisances(campaign: Campaign, plan: RunPlan, searched: bool) -> tuple[Parameter, ...]:
+    """Nuisances of a run: sensor zeros, offset of a second clock, speed, first angle (`searched`: found by a search),
+    motor line.
 
     If the measured angle drives the crank, speed and first angle are no nuisances.
     """
+    run, samples = plan.run, plan.samples
     found = _listed(campaign, (key for key in campaign.run_nuisances if key != "speed"), run.id)
+    if plan.second_clock:
+        offset, reach = plan.clock_offset, FIRST_ANGLE_REACH / samples.speed
+        found.append(_parameter("clock_offset", offset, offset - reach, offset + reach, "s", run.id))
     if campaign.drive == "measured_angle":
         return tuple(found)
     speed, first, reach = samples.speed, samples.first_angle, samples.speed_reach
@@ -218,7 +224,7 @@ class SliderCrankModel:
         self.campaign, self.name, self.left_out = campaign, campaign.name, left_out
         self.plans = {run: data.plan for run, data in runs.items()}
         self._estimated_encoder_offset = estimated_encoder_offset
-        own = [run_nuisances(campaign, data.plan.run, data.plan.samples, data.searched) for data in runs.values()]
+        own = [run_nuisances(campaign, data.plan, data.searched) for data in runs.values()]
         self.nuisances: tuple[Parameter, ...] = sum(own, shared_nuisances(campaign))
         self.numerics = numerics_for(campaign)
         self._rows = {
@@ -378,7 +384,7 @@ def _left(model: SliderCrankModel, measurements: Measurements, fit: Fit) -> list
         own += [f"{candidate.label}.{p.key}" for candidate in sensors for p in candidate.coordinates if p.run == run]
         if all(key in fit.mapping for key in own):
             nuisances, effects = values_in_run(model, run, fit.mapping, sensors)
-            faults = Faults(effects, plan.run.direction == "clockwise", nuisances)
+            faults = Faults(effects, plan.run.direction == "clockwise", nuisances, plan.second_clock)
             corrected[run] = faults.taken_out(measurements.runs[run])
             erring |= bool(faults)
     left = measurements.contradictions
@@ -428,10 +434,12 @@ def _plan(campaign: Campaign, run: CampaignRun, samples: SampleGrid) -> RunPlan:
 def _planned(campaign: Campaign, run: CampaignRun, revolutions: float | None) -> RunData:
     planned = run.speed, _first_angle(run) or 0.0, "crank_angle" in campaign.channels
     plan = _plan(campaign, run, planned_grid(*planned))
+    if len(run.files) == 2:  # which channels are in which file is not known yet
+        plan = replace(plan, second_clock=tuple(name for name in plan.channels if name != "crank_angle"))
     noise = noise_of(campaign, run.id)
     if revolutions is not None and chaotic_channels(campaign, plan, _nominal(campaign, plan), noise):
         longer = min(max(round(revolutions), 1), MAX_PLANNED_REVOLUTIONS)
-        plan = _plan(campaign, run, planned_grid(*planned, longer))
+        plan = replace(_plan(campaign, run, planned_grid(*planned, longer)), second_clock=plan.second_clock)
     count = plan.samples.time.size
     held_out = math.ceil({"confirm": 1.0, "split": 1.0 / 3.0}.get(run.role, 0.0) * count)
     return RunData(plan, dict.fromkeys(plan.channels, np.full(count, np.nan)), np.arange(count) >= count - held_out)
@@ -442,7 +450,7 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     samples = sample_grid(recording.time, recording.crank_angle, run.speed, _first_angle(run), step, constant)
     if samples.encoded and is_computed(campaign, run.id, recording.time, recording.crank_angle):
         samples = replace(samples, computed=True, first_reach=0.0, speed_reach=0.0)
-    plan = _plan(campaign, run, samples)
+    plan = replace(_plan(campaign, run, samples), second_clock=recording.second_clock)
     measured = {**recording.channels, "crank_angle": recording.crank_angle}
     values = {channel: measured[channel] for channel in plan.channels}
     # held-out samples of a split run must not influence its speed and first angle
@@ -450,7 +458,7 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
     fitted = {channel: np.where(hidden, np.nan, value) for channel, value in values.items()}
     if not any(np.isfinite(value).any() for value in fitted.values()):
         raise InputError(
-            f"{campaign.folder / run.file}: the first two thirds of run '{run.id}', which are for fitting, have no "
+            f"{campaign.folder / run.files[0]}: the first two thirds of run '{run.id}', which are for fitting, have no "
             f"value of {joined(values)}; give a record with such values, or another run for fitting"
         )
     if constant and "crank_angle" not in campaign.channels:
@@ -460,8 +468,11 @@ def _recorded(campaign: Campaign, run: CampaignRun, recording: Recording) -> Run
             own = replace(own, speed=speed, angle=own.first_angle + speed * own.elapsed)
             plan = replace(plan, samples=own)
         if searched := run.first_angle is None:
-            plan = _with_first_angle(campaign, plan, fitted)
+            first = {name: value for name, value in fitted.items() if name not in plan.second_clock}
+            plan = _with_first_angle(campaign, plan, first)
     plan = replace(plan, loads=loads_of_run(campaign, run, plan.samples.angle, recording.channels))
+    if plan.second_clock:
+        plan = _with_clock_offset(campaign, plan, fitted)
     for channel, read in channels_read(campaign, plan, _nominal(campaign, plan)).items():
         if not np.isfinite(read).all():
             raise SimulationError(f"the simulated {channel} is not finite")
@@ -474,7 +485,7 @@ def _resolution(campaign: Campaign) -> float:
 
 
 def _nominal(campaign: Campaign, plan: RunPlan) -> dict[str, float]:
-    nuisances = (*shared_nuisances(campaign), *run_nuisances(campaign, plan.run, plan.samples, False))
+    nuisances = (*shared_nuisances(campaign), *run_nuisances(campaign, plan, False))
     return {p.name: p.nominal for p in nuisances}
 
 
@@ -499,3 +510,27 @@ def _with_first_angle(campaign: Campaign, plan: RunPlan, measured: dict[str, np.
             misfit[shift] += np.median(np.abs(away)) / spread  # the median tolerates shifted impact spikes
     first = float(np.argmin(misfit)) * tau / count
     return replace(plan, samples=replace(own, first_angle=first, angle=own.angle - own.first_angle + first))
+
+
+def _with_clock_offset(campaign: Campaign, plan: RunPlan, measured: dict[str, np.ndarray]) -> RunPlan:
+    """The plan with the offset of the second clock, within half a revolution, at which the current model agrees best
+    with the measurement.
+    """
+    own, turn = plan.samples.first(SEARCHED_TURNS * tau), tau / plan.samples.speed
+    time = np.arange(own.time[0], own.time[-1], turn / FIRST_ANGLES_TRIED)
+    read = np.isfinite(own.read)
+    reading = np.interp(time, own.time[read], own.read[read]) if read.any() else np.full(time.size, np.nan)
+    dense = replace(own, time=time, read=reading, angle=np.interp(time, own.time, own.angle))
+    names = tuple(name for name in plan.channels if name in plan.second_clock)
+    simulated = channels_read(campaign, replace(plan, samples=dense, channels=names), _nominal(campaign, plan))
+    offsets = np.linspace(-0.5, 0.5, FIRST_ANGLES_TRIED, endpoint=False) * turn
+    misfit = np.zeros(offsets.size)
+    for name in names:
+        value = measured[name][: own.time.size]
+        kept = np.isfinite(value)
+        spread = max(float(np.std(simulated[name])), float(np.std(value[kept])), 1e-300)
+        for place, offset in enumerate(offsets):
+            at = np.interp(own.time[kept] - offset, time, simulated[name], left=np.nan, right=np.nan)
+            away = value[kept] - at
+            misfit[place] += np.nanmedian(np.abs(away - np.nanmedian(away))) / spread  # friction changes the mean
+    return replace(plan, clock_offset=float(offsets[np.argmin(misfit)]))

@@ -1,7 +1,7 @@
 """Reading the runs of a campaign: columns to channels in SI, with checks of files, runs and channels."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import degrees, tau
 from pathlib import Path
@@ -28,20 +28,33 @@ Samples = dict[str, np.ndarray]  # Values (n,) [SI] by channel
 
 @dataclass
 class RunFile:
-    """The file of a run, with its messages and contradictions."""
+    """A file of a run, with the messages and contradictions of the run."""
 
     campaign: Campaign
     run: CampaignRun
+    path: Path
+    columns: Columns
     remarks: list[str] = field(default_factory=list)
     found: list[Contradiction] = field(default_factory=list)
-    rows: np.ndarray | None = None  # Line of the file (from 1) of each sample
+    rows: np.ndarray | None = None  # Line of the file (from 1) of each sample; 0 for samples of the other file
+    other: "RunFile | None" = None  # The file of a second logger
+    is_joined: bool = False  # Whether the samples have several grids of times
 
     @property
-    def path(self) -> Path:
-        return self.campaign.folder / self.run.file
+    def channels(self) -> list[str]:
+        """The channels in this file."""
+        return [name for name, one in self.campaign.channels.items() if one.column in self.columns.values]
+
+    @property
+    def paths(self) -> str:
+        """The files of the run, for messages."""
+        return f"{self.path} and {self.other.path}" if self.other else str(self.path)
 
     def place(self, channel: str, sample: int | None = None) -> str:
         """``run.csv, column t, row 3`` for a `channel` and a `sample`."""
+        is_here = channel in self.channels and (sample is None or channel != "time" or self.rows[sample])
+        if self.other is not None and not is_here:
+            return self.other.place(channel, sample)
         at = "" if sample is None else f", row {self.rows[sample]}"
         return f"{self.path}, column {self.campaign.channels[channel].column}{at}"
 
@@ -85,15 +98,12 @@ def read_measurements(campaign: Campaign, compared: bool = True) -> Measurements
         f"nuisance {key} {_IDLE.get(key, 'has no effect in this mechanism')} and is ignored"
         for key in campaign.idle_nuisances
     ]
-    wanted = [channel.column for channel in campaign.channels.values()]
-    clock = campaign.channels["time"].column if "time" in campaign.channels else ""
-    files = [RunFile(campaign, run) for run in campaign.runs]
-    read = {file.run.id: (file, read_columns(file.path, wanted, campaign.csv, clock)) for file in files}
-    check_copies(read)
+    files = {run.id: _opened(campaign, run) for run in campaign.runs}
+    check_copies([each for file in files.values() for each in (file, file.other) if each])
     runs, found = {}, []
-    for run, (file, columns) in read.items():
+    for run, file in files.items():
         try:
-            runs[run] = _recording(file, columns)
+            runs[run] = _recording(file)
             found += file.found  # not for an unusable run
         except UnusableRun as error:
             remarks.insert(0, f"run {run} is not used: {error}")
@@ -105,20 +115,49 @@ def read_measurements(campaign: Campaign, compared: bool = True) -> Measurements
     return Measurements(runs, tuple(remarks), (*found, *others))
 
 
-def check_copies(files: Mapping[str, tuple[RunFile, Columns]]) -> None:
+def _opened(campaign: Campaign, run: CampaignRun) -> RunFile:
+    """The file of a run, and of two the one with the crank angle or else the first; InputError unless each column is in
+    exactly one of them.
+    """
+    wanted = [channel.column for channel in campaign.channels.values()]
+    clock = campaign.channels["time"].column if "time" in campaign.channels else ""
+    paths, two = [campaign.folder / file for file in run.files], len(run.files) == 2
+    files = [RunFile(campaign, run, path, read_columns(path, wanted, campaign.csv, clock, two)) for path in paths]
+    if not two:
+        return files[0]
+    for name, channel in campaign.channels.items():
+        owners = [file for file in files if name in file.channels]
+        if not owners or (name != "time" and len(owners) == 2):
+            which, fix = ("both", "rename it in one of them") if owners else ("neither", "correct the column's name")
+            has = "have" if owners else "has"
+            raise InputError(f"{paths[0]} and {paths[1]}: {which} {has} the column '{channel.column}'; {fix}")
+    for file in files:
+        if file.channels == ["time"]:
+            raise InputError(f"{file.path}: has no channel of the campaign besides time; remove it from 'file'")
+    main, other = sorted(files, key=lambda file: "crank_angle" not in file.channels)
+    began = [file.columns.began for file in files]
+    if None in began and began != [None, None]:
+        raise InputError(f"{main.paths}, column {clock}: one has dates and the other numbers; write both alike")
+    if None not in began:
+        later = (other.columns.began - main.columns.began).total_seconds()
+        other.columns.values[clock] = other.columns.values[clock] + later
+    return replace(main, other=replace(other, remarks=main.remarks, found=main.found))
+
+
+def check_copies(files: Sequence[RunFile]) -> None:
     """InputError if a run is a copy of another one."""
-    rows = {}  # a hash for each sample
-    for run, (_, columns) in files.items():
-        values = pd.DataFrame({name: own + 0.0 for name, own in sorted(columns.values.items())})
-        rows[run] = pd.util.hash_pandas_object(values, index=False).to_numpy()
-    for one, other in combinations(files, 2):
-        few, many = sorted((rows[one], rows[other]), key=len)
+    rows = []  # a hash for each sample
+    for file in files:
+        values = pd.DataFrame({name: own + 0.0 for name, own in sorted(file.columns.values.items())})
+        rows.append(pd.util.hash_pandas_object(values, index=False).to_numpy())
+    for (one, own), (other, others) in combinations(zip(files, rows, strict=True), 2):
+        few, many = sorted((own, others), key=len)
         if np.unique(few).size < 0.9 * few.size:
             continue  # coarsely rounded: equal samples are no evidence of a copy
         count = int(np.isin(few, many).sum())
         if count > 0.9 * few.size:
             raise InputError(
-                f"{files[other][0].path}: run '{other}' has the samples of run '{one}' in {files[one][0].path} "
+                f"{other.path}: run '{other.run.id}' has the samples of run '{one.run.id}' in {one.path} "
                 f"({count} of {few.size} are equal); give the file of this run, or one run with role split"
             )
 
@@ -130,14 +169,10 @@ def check_runs_left(campaign: Campaign, left_out: Mapping[str, str]) -> None:
         raise InputError(f"campaign {campaign.name}: no run for fitting is usable", *left_out.values())
 
 
-def _recording(file: RunFile, columns: Columns) -> Recording:
+def _recording(file: RunFile) -> Recording:
     """The samples of a run; clipped, stuck and 'no data' values are added to `file.found`."""
     campaign, run = file.campaign, file.run
-    _check_units(file, columns)
-    file.remarks += columns.remarks
-    values = _without_repeated(file, _in_si(file, columns))
-    if (count := file.rows.size) < MIN_SAMPLES:
-        raise InputError(f"{file.path}: {count} samples; give at least {MIN_SAMPLES}")
+    values, count = _joined(file), file.rows.size
     absent = {name: checks.no_data(samples) for name, samples in values.items() if name != "time"}
     for name, places in absent.items():
         if places.size:
@@ -169,10 +204,79 @@ def _recording(file: RunFile, columns: Columns) -> Recording:
     if "time" in values and has_angle and campaign.drive == "constant_speed" and not listed:
         if varies := checks.unsteady(time, angle):
             file.remarks.append(
-                f"{file.path}: the drive is constant_speed, but the speed varies {varies}; use 'drive: measured_angle' "
-                "to prescribe the measured motion"
+                f"{file.paths}: the drive is constant_speed, but the speed varies {varies}; use "
+                "'drive: measured_angle' to prescribe the measured motion"
             )
-    return Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned))
+    others = () if file.other is None else tuple(name for name in file.other.channels if name != "time")
+    return Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned), others)
+
+
+def _samples_of(file: RunFile) -> Samples:
+    """The samples in one file of a run."""
+    _check_units(file)
+    file.remarks.extend(file.columns.remarks)
+    values = _without_repeated(file, _in_si(file))
+    if (count := file.rows.size) < MIN_SAMPLES:
+        raise InputError(f"{file.path}: {count} samples; give at least {MIN_SAMPLES}")
+    return values
+
+
+def _joined(file: RunFile) -> Samples:
+    """The samples of a run over the times of its one or two clocks and of its counters, NaN where there are none."""
+    parts = [(file, _samples_of(file))]
+    if file.other is not None:
+        parts.append((file.other, _samples_of(file.other)))
+    grids = []
+    for each, values in parts:
+        rows = each.rows
+        for name in [name for name in values if file.campaign.channels[name].average and "time" in values]:
+            _check_times(each, values["time"], values.get("crank_angle", np.full(rows.size, np.nan)))
+            if (held := _held(each, name, values)) is not None:
+                grids.append((each, rows[held[1]], {"time": held[0], name: values.pop(name)[held[1]]}))
+        grids.insert(0, (each, rows, values))
+    if len(grids) == 1:
+        return parts[0][1]
+    for each, values in parts:
+        _check_times(each, values["time"], values.get("crank_angle", np.full(each.rows.size, np.nan)))
+    if len(parts) == 2:
+        (one, other), turn = (values["time"] for _, values in parts), tau / file.run.speed
+        if min(one[-1], other[-1]) - max(one[0], other[0]) < turn:
+            raise InputError(
+                f"{file.paths}: their times ({one[0]:.6g} to {one[-1]:.6g} s and {other[0]:.6g} to {other[-1]:.6g} s) "
+                "have less than a revolution in common; subtract the difference of the clocks, as only an offset of "
+                "less than half a revolution is found"
+            )
+    time = np.unique(np.concatenate([values["time"] for *_, values in grids]))
+    joined = {name: np.full(time.size, np.nan) for name in file.campaign.channels} | {"time": time}
+    lines = {id(each): np.zeros(time.size, int) for each, _ in parts}
+    for each, rows, values in reversed(grids):
+        places = np.searchsorted(time, values["time"])
+        lines[id(each)][places] = rows
+        for name in values.keys() - {"time"}:
+            joined[name][places] = values[name]
+    for each, _ in parts:
+        each.rows = lines[id(each)]
+    file.is_joined = True
+    return joined
+
+
+def _held(file: RunFile, name: str, values: Samples) -> tuple[np.ndarray, np.ndarray] | None:
+    """Ends of the gates [s] of a counter whose reading is held until the next one, and the first sample with each
+    reading; None if the reading is not held.
+
+    A gate ends between two samples. If gates of the stated time fit between all samples, they are used.
+    """
+    time, finite = values["time"], np.flatnonzero(np.isfinite(values[name]))
+    first = finite[1:][np.diff(values[name][finite]) != 0.0]  # the gate of the first reading is unknown
+    if first.size < 2 or first.size > finite.size / 2:
+        return None
+    last = finite[np.searchsorted(finite, first) - 1]
+    gate = file.campaign.channels[name].average
+    gates = gate * np.round((time[first] - time[first[0]]) / gate)
+    low, high = np.max(time[last] - gates), np.min(time[first] - gates)
+    ends = 0.5 * (low + high) + gates if low < high and np.diff(gates).min() > 0.0 else 0.5 * (time[last] + time[first])
+    file.remark(name, f"readings are held; {first.size} of {finite.size} samples are used, at the ends of the gates")
+    return ends, first
 
 
 def _is_stuck(file: RunFile, name: str, written: np.ndarray, values: np.ndarray, turned: np.ndarray) -> bool:
@@ -195,15 +299,17 @@ def _held_out(file: RunFile, turned: np.ndarray) -> np.ndarray:
     total = turned[-1] - turned[0]
     if total < 1.5 * tau * MIN_REVOLUTIONS:
         raise InputError(
-            f"{file.path}: {total / tau:.4g} revolutions are too few to hold out the last third of run "
+            f"{file.paths}: {total / tau:.4g} revolutions are too few to hold out the last third of run "
             f"'{file.run.id}', as less than one remains for fitting; give a longer record, or another role than split"
         )
     return turned > turned[0] + 2.0 / 3.0 * total
 
 
-def _check_units(file: RunFile, columns: Columns) -> None:
+def _check_units(file: RunFile) -> None:
     """InputError if a row of units in the file contradicts the campaign file."""
-    for name, channel in file.campaign.channels.items():
+    columns = file.columns
+    for name in file.channels:
+        channel = file.campaign.channels[name]
         other = columns.other_unit(channel.column, file.campaign.factor(name), CHANNELS[name])
         if other and channel.scale is None:
             text = f"the row below the headings says '{other}', but channels.{name}.unit is '{channel.unit}'"
@@ -213,14 +319,17 @@ def _check_units(file: RunFile, columns: Columns) -> None:
         file.remarks.append(f"{file.path}: the row below the headings ({row}) contains units and is skipped")
 
 
-def _in_si(file: RunFile, columns: Columns) -> Samples:
+def _in_si(file: RunFile) -> Samples:
     """Channels in SI, without samples that have no time (or angle)."""
-    values, file.rows = {}, columns.rows
-    for name, channel in file.campaign.channels.items():
-        written = columns.values[channel.column]
+    values, file.rows = {}, file.columns.rows
+    for name in file.channels:
+        channel = file.campaign.channels[name]
+        written = file.columns.values[channel.column]
         if split_share(channel.unit)[1] > 1.0:
             written = _without_overflow(file, name, written)
-        factor = 1.0 if name == "time" and columns.is_dated else channel.sign * file.campaign.factor(name)
+            if channel.counts_per_turn and np.array_equal(written, np.floor(written), equal_nan=True):
+                written = written + 0.5  # a counter truncates: the middle of its step
+        factor = 1.0 if name == "time" and file.columns.began is not None else channel.sign * file.campaign.factor(name)
         with np.errstate(over="ignore"):  # rejected below
             values[name] = factor * written
         values[name][np.abs(values[name]) < 1e-150] = 0.0  # their squares underflow
@@ -320,7 +429,7 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
     time, angle = values.get("time", absent), values.get("crank_angle", absent)
     if file.run.direction == "clockwise":
         angle = -angle
-    if "time" in values:
+    if "time" in values and not file.is_joined:
         _check_times(file, time, angle)
     if "crank_angle" not in values:
         _with_even_stamps(file, time, absent)
@@ -351,7 +460,9 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
 
 def _with_even_stamps(file: RunFile, time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Times where every n-th that is late, but not its angle, is in the middle between its neighbours."""
-    if (found := checks.late_stamps(time, angle)) is None or found[3] > 0.75:  # the samples are late too
+    if (
+        file.is_joined or (found := checks.late_stamps(time, angle)) is None or found[3] > 0.75
+    ):  # the samples are late too
         return time
     rows, n, share, followed = found
     text = f"every {n}th time is {'late' if share > 0.0 else 'early'} by {abs(share):.2g} of the sampling period"

@@ -20,7 +20,7 @@ class Contradiction:
 
     run: str
     channel: str  # ``time`` also if the run's speed may be wrong
-    kind: str  # sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time or speed
+    kind: str  # sign, scale, phase, swapped, unrelated, one of `OF_SAMPLES` or of `OF_A_RUN`, time, speed, clock, held
     remark: str  # A sentence without run and file
     other: str = ""  # The swapped channel
     factor: float = np.nan  # [1] Measured over expected
@@ -52,6 +52,7 @@ class Recording:
     channels: dict[str, np.ndarray]
     noise: dict[str, float | None]
     held_out: np.ndarray  # Samples not used for fitting and selection
+    second_clock: tuple[str, ...] = ()  # Channels of a second logger, by whose clock their samples are stamped
 
     @property
     def has_time(self) -> bool:
@@ -92,6 +93,7 @@ def to_frame(measurements: Measurements) -> pd.DataFrame:
     parts = [
         {"run": recording.run, "channel": channel, "sample": np.arange(values.size), "time": recording.time}
         | {"crank_angle": recording.crank_angle, "value": values, "held_out": recording.held_out}
+        | {"second_clock": channel in recording.second_clock}
         for recording in measurements.runs.values()
         for channel, values in recording.all_channels.items()
     ]
@@ -109,5 +111,6 @@ def from_frame(
         samples = next(iter(parts.values()))
         time, angle = (samples[key].to_numpy(float) for key in ("time", "crank_angle"))
         held_out = samples["held_out"].to_numpy(bool)
-        runs[run] = Recording(run, time, angle, channels, noise_of(campaign, run), held_out)
+        second_clock = tuple(name for name, part in parts.items() if part["second_clock"].all())
+        runs[run] = Recording(run, time, angle, channels, noise_of(campaign, run), held_out, second_clock)
     return Measurements(runs, remarks, found)

@@ -85,14 +85,6 @@ def averaged(values: np.ndarray, interval: float, time: float) -> np.ndarray:
     return (integral(times) - integral(np.maximum(begin, 0.0)) - values[0] * np.minimum(begin, 0.0)) / time
 
 
-def _integral(values: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Integral over `times` of the values without their mean; NaN where they are."""
-    found, finite = np.full(values.shape, np.nan), np.isfinite(values)
-    centred = values[finite] - np.mean(values[finite])
-    found[finite] = cumulative_trapezoid(centred, times[finite], initial=0.0)
-    return found
-
-
 class Reading(NamedTuple):
     """Properties of a channel's reading that set the steps of a fit."""
 
@@ -307,7 +299,9 @@ FAULTS = {
             over_time=lambda values, interval, cycle, corner: (
                 high_passed(values, interval, cycle, corner) if corner else values
             ),
-            undone=lambda values, corner, times: values + math.tau * corner * _integral(values, times),
+            undone=lambda values, corner, times: (
+                values + math.tau * corner * cumulative_trapezoid(values - np.mean(values), times, initial=0.0)
+            ),
             guesses=(0.03, 0.12),
             frees="sensor_bias",
         ),
@@ -357,15 +351,22 @@ def sensor_candidates(
 class Faults:
     """The sensor faults among effects and nuisances."""
 
-    NUISANCES = ("encoder_zero", "encoder_lag", "slider_position_zero")
+    NUISANCES = ("encoder_zero", "encoder_lag", "slider_position_zero", "clock_offset")
     """Nuisances that are sensor faults."""
 
-    def __init__(self, effects: Iterable[tuple[Candidate, Values]], mirrored: bool, nuisances: Mapping[str, float]):
+    def __init__(
+        self,
+        effects: Iterable[tuple[Candidate, Values]],
+        mirrored: bool,
+        nuisances: Mapping[str, float],
+        second_clock: Iterable[str] = (),
+    ):
         self._mirror, self.lag = -1.0 if mirrored else 1.0, nuisances.get("encoder_lag", 0.0)
         self._encoder: list[tuple[SensorFault, Values]] = []
         if zero := nuisances.get("encoder_zero", 0.0):
             self._encoder.append((FAULTS[ENCODER_OFFSET], {"offset_rad": zero}))
-        self._faults: list[tuple[SensorFault, str, float]] = []
+        offset = nuisances.get("clock_offset", 0.0)
+        self._faults = [(FAULTS[SENSOR_DELAY], channel, offset) for channel in second_clock if offset]
         if position_zero := nuisances.get("slider_position_zero", 0.0):
             self._faults.append((FAULTS["sensor_bias"], "slider_position", position_zero))
         for candidate, values in effects:
@@ -410,7 +411,9 @@ class Faults:
         for when in ("after_filter", "delays", "over_time", "before_filter"):
             for fault, site, value in self._faults:
                 if getattr(fault, when) and fault.undone is not None and site in channels:
-                    channels[site] = fault.undone(channels[site], value, recording.time)
+                    own = np.isfinite(channels[site])
+                    channels[site] = channels[site].copy()
+                    channels[site][own] = fault.undone(channels[site][own], value, recording.time[own])
         # without a measured torque the encoder's coupling is left as it is
         torque = np.nan_to_num(self._mirror * channels.get("crank_torque", np.zeros(recording.time.size)))
         angle = recording.crank_angle - self.of_reading(recording.crank_angle, torque)

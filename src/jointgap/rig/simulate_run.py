@@ -204,7 +204,7 @@ def prepared(
 ) -> Prepared:
     """A run ready for simulation with the local error `tolerance` [m] (default: that of its plan)."""
     clockwise = plan.run.direction == "clockwise"
-    faults, nuisances = Faults(effects, clockwise, values), dict(values)
+    faults, nuisances = Faults(effects, clockwise, values, plan.second_clock), dict(values)
     for candidate, own in effects:  # a partly replaced nuisance, such as the other pin's friction
         nuisances |= {name: own[name] for name in own if name in values and name not in candidate.amplitudes}
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()

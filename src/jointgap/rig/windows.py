@@ -75,6 +75,7 @@ class RunInWindows:
         stated = {name: self._campaign.channels[name] for name in self._plan.channels}
         remember = any(one.bandwidth or one.remembers or faults.need_grid(name) for name, one in stated.items())
         if remember or any(map(faults.delay, stated)):
+            edges[-1] = max(edges[-1], last - min(map(faults.delay, stated)) + LEAD * turn)
             lead = sensors.remembered_time(stated.values(), turn) / turn
             before = max(round(lead * per_turn), 1)
             edges = np.concatenate([np.linspace(-lead * turn, -LEAD * turn, before + 1)[:-1], edges])
