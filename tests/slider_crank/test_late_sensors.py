@@ -1,14 +1,19 @@
 """A sensor that is late: by a pure delay or by a first-order lag."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 
 from jointgap.campaign.analyse import analyse
 from jointgap.campaign.sentences import answer
 from jointgap.campaign.state import CampaignState
+from jointgap.identification.fit import fit_hypothesis
+from jointgap.identification.noise import noise_of_model
+from jointgap.identification.problem import Problem
 from jointgap.rig.sensors import lagged
 from tests.identification.test_law_family import asked
 from tests.rows import each
@@ -18,6 +23,7 @@ from tests.slider_crank.rigs import chosen, read, rig
 READ = ("crank_angle", "crank_torque", "slider_acceleration")
 STEP = 2e-4  # s
 FRICTION = 2.5  # N
+ROUNDED = {"unit": "turn/4000", "resolution": 1}
 
 
 def late(folder: Path, delay: float = 0.0, lag: float = 0.0) -> Path:
@@ -70,6 +76,27 @@ def test_friction_is_named_beside_stamps_of_which_every_twelfth_is_late(tmp_path
     low, high = effect["parameters"]["force_N"]["interval_90"]
     assert effect["name"] == "slider_coulomb_friction" and low < 4.0 < high and high - low < 0.4
     assert document["gap"]["confirm"]["after"] < 1.2
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(("cut", "stated"), [(np.floor, {"counts_per_turn": 4000}), (np.round, ROUNDED)])
+def test_a_delay_is_not_biased_by_the_steps_of_a_counter(tmp_path, cut, stated):
+    """A counter truncates; counts that were rounded have a unit and a resolution."""
+    path = late(tmp_path, delay=1.5e-3)
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content["channels"]["crank_angle"] = {"column": "crank_angle", **stated}
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    for run in content["runs"]:
+        table = pd.read_csv(tmp_path / run["file"])
+        counts = cut(table["crank_angle"] * 4000 / math.tau)
+        table.assign(crank_angle=counts).to_csv(tmp_path / run["file"], index=False)
+    model = model_of(path)
+    label = "sensor_delay:crank_torque"
+    hypothesis = tuple(chosen(model, name) for name in ("slider_coulomb_friction", label))
+    start = {"slider_coulomb_friction.force_N": 2.0, f"{label}.delay_s": 1e-3}
+    found = fit_hypothesis(Problem(model, noise_of_model(model)), hypothesis, start)
+    error = np.sqrt(found.covariance()[-1, -1])
+    assert found.mapping[f"{label}.delay_s"] == pytest.approx(1.5e-3, abs=2.5 * error)
 
 
 @each("sensor", [{}, {"bandwidth": "50 Hz"}])
