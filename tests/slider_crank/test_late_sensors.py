@@ -88,9 +88,8 @@ def test_a_delay_is_not_biased_by_the_steps_of_a_counter(tmp_path, cut, stated):
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     for run in content["runs"]:
         table = pd.read_csv(tmp_path / run["file"])
-        table.assign(crank_angle=cut(table["crank_angle"] * 4000 / math.tau)).to_csv(
-            tmp_path / run["file"], index=False
-        )
+        counts = cut(table["crank_angle"] * 4000 / math.tau)
+        table.assign(crank_angle=counts).to_csv(tmp_path / run["file"], index=False)
     model = model_of(path)
     label = "sensor_delay:crank_torque"
     hypothesis = tuple(chosen(model, name) for name in ("slider_coulomb_friction", label))

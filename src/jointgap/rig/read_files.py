@@ -46,6 +46,7 @@ class RunFile:
     found: list[Contradiction] = field(default_factory=list)
     rows: np.ndarray | None = None  # Line of the file (from 1) of each sample; 0 for samples of the other file
     other: "RunFile | None" = None  # The file of a second logger
+    is_joined: bool = False  # Whether the samples have several grids of times
 
     @property
     def channels(self) -> list[str]:
@@ -269,6 +270,7 @@ def _joined(file: RunFile) -> Samples:
             joined[name][places] = values[name]
     for each, _ in parts:
         each.rows = lines[id(each)]
+    file.is_joined = True
     return joined
 
 
@@ -441,7 +443,7 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
     time, angle = values.get("time", absent), values.get("crank_angle", absent)
     if file.run.direction == "clockwise":
         angle = -angle
-    if "time" in values:
+    if "time" in values and not file.is_joined:
         _check_times(file, values)
     if "crank_angle" not in values:
         _with_even_stamps(file, time, absent)
@@ -472,9 +474,7 @@ def _rotation(file: RunFile, values: Samples, no_data: np.ndarray) -> tuple[np.n
 
 def _with_even_stamps(file: RunFile, time: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Times where every n-th that is late, but not its angle, is in the middle between its neighbours."""
-    if file.other is not None:  # the times of two clocks
-        return time
-    if (found := checks.late_stamps(time, angle)) is None or found[3] > 0.75:  # the samples are late too
+    if file.is_joined or (found := checks.late_stamps(time, angle)) is None or found[3] > 0.75:  # samples late too
         return time
     rows, n, share, followed = found
     text = f"every {n}th time is {'late' if share > 0.0 else 'early'} by {abs(share):.2g} of the sampling period"
