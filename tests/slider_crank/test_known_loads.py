@@ -56,7 +56,7 @@ def rig(folder: Path, effects: dict, pressure=None, hidden=(COULOMB,), noise=0.0
     rng, runs = np.random.default_rng(3), {}
     read = ("crank_speed",) if motors and keys["drive"] == "motor" else ("crank_torque",)
     for run, rpm in RPM.items():
-        turns = TURNS + (2 if motors is None else 60)
+        turns = TURNS + (2 if motors is None else 200)
         asked = {"speed": rpm * pi / 30, "revolutions": turns, "samples_per_revolution": PER_TURN}
         asked |= {"drive": motors[run]} if motors else {}
         shown = samples(*hidden, *effects[run], mechanism=true, **asked).iloc[-TURNS * PER_TURN :]
@@ -226,12 +226,17 @@ def test_friction_and_the_inertia_of_a_flywheel_are_found_under_a_motor(tmp_path
     assert size["value"] == pytest.approx(0.04, rel=0.05)
 
 
-@pytest.mark.slow  # the motor's settling makes a simulation last
-def test_friction_is_found_in_an_engine_that_its_gas_drives_against_a_brake(tmp_path):
+@pytest.mark.integration
+def test_a_campaign_simulates_an_engine_whose_flywheel_settles_slowly(tmp_path):
+    """Its gas drives it against a brake, which is another one in each run."""
     gas = table(tmp_path, "gas", lambda at: engine(at, 4.0), 720.0)
     brakes = {run: brake(torque, 40.0) for run, torque in {"slow": 12.0, "mid": 8.0, "fast": 6.0}.items()}
     flywheel = {"stall_torque": 0.0, "no_load_speed": 80.0, "inertia": 0.3}
     keys = {"drive": "motor", "motor": flywheel, "mechanism": {**MECHANISM, "effects": [gas]}}
     loads = {run: [gas, brakes[run]] for run in RPM}
-    path = rig(tmp_path, loads, motors=dict.fromkeys(RPM, {"kind": "motor"} | flywheel), **keys)
-    coulomb_alone(analyse(with_loads(path, {run: [brakes[run]] for run in RPM}), tmp_path / "results"))
+    motors = dict.fromkeys(RPM, {"kind": "motor"} | flywheel)
+    path = rig(tmp_path, loads, hidden=(), noise=0.0, motors=motors, **keys)
+    model = model_of(with_loads(path, {run: [brakes[run]] for run in RPM}))
+    for run in RPM:
+        away = read(model, run=run)["crank_angle"] - seen(model, run)["crank_angle"]
+        assert np.abs(away).max() < 1e-3  # half a step of the encoder is 1e-4
