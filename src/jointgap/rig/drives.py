@@ -38,6 +38,7 @@ Values = Mapping[str, float]  # Of nuisances, by name
 TOLERANCE = 1e-10
 SETTLING_REVOLUTIONS = 2  # Simulated before the first sample, for the start transient of contacts
 MAX_SETTLING_REVOLUTIONS = 30  # For slow transients (a bending rod, a motor)
+MOST_PASSES = 4  # Of the longest settling, for a motor or an engine with a heavy flywheel
 SETTLING_TIME_CONSTANTS = 7.0  # [1] Length of a slow transient: exp(-7) is a thousandth
 MOTOR_SAMPLES_PER_REVOLUTION = 60  # Knots of a motor's angle over time
 REST_SPEED = 1e-3  # [rad/s] Start at rest: equations over the crank angle cannot start at zero speed
@@ -319,7 +320,7 @@ def motor_run(
     finite = np.isfinite(samples.read)
     offset = float(np.mean(error[finite])) if np.ndim(error) else error
     first = values.get("first_angle", samples.first_angle) - offset
-    start_speed, back = REST_SPEED if run.start == "at_rest" else speed, 0.0
+    start_speed, back, passes = REST_SPEED if run.start == "at_rest" else speed, 0.0, 1
     if isinstance(run.start, Start):
         back = _turned_before(run, run.start, first, speed)
     elif not starts_with_record(run):
@@ -331,13 +332,18 @@ def motor_run(
         if brake := mechanism.effect("crank_brake"):
             slope = brake.exponent * brake.torque_N_m / brake.reference_speed_rad_s
             falling += slope * (speed / brake.reference_speed_rad_s) ** (brake.exponent - 1.0)
-        back = _settling(inertia / falling if falling else 0.0, speed) + earlier
-    p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
+        decay = inertia / falling if falling else 0.0
+        back = _settling(decay, speed) + earlier
+        passes = min(max(math.ceil(SETTLING_TIME_CONSTANTS * decay * speed / back), 1), MOST_PASSES)
     # a little more than at no-load speed
     reach = 1.05 * max(samples.elapsed[-1] * max(motor.no_load_speed, speed), tau)
     count = math.ceil((back + reach) / tau * MOTOR_SAMPLES_PER_REVOLUTION)
-    coarse = p.drive.start_angle + np.arange(count + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
-    angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
+    coarse = first - back + np.arange(count + 1) * (tau / MOTOR_SAMPLES_PER_REVOLUTION)
+    for _ in range(passes):  # a slow transient continues with the speed that it reached whole cycles later
+        p = parameters(mechanism, options_of(start_speed, first - back, tolerance, drive=motor))
+        angle_over_time = CubicSpline(integrate_to_angles(p, start_state(p), coarse, tolerance).times, coarse)
+        later = int(back / (2.0 * tau)) * 2 * MOTOR_SAMPLES_PER_REVOLUTION
+        start_speed = float(angle_over_time(angle_over_time.x[later], 1))
     begin = float(np.interp(first, coarse, angle_over_time.x))
     if samples.encoded and back:
         shift = samples.first_angle - values.get("first_angle", samples.first_angle) + offset
