@@ -211,9 +211,7 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
             )
         runs[int(np.argmax(alike))].add(other)
     if lacking := [run for run in runs if run.values.keys() != runs[0].values.keys()]:
-        raise InputError(
-            f"{lacking[0].files[0]}: the run has other headings than that of {files[0]}; give all its files"
-        )
+        raise InputError(f"{lacking[0].files[0]}: its run lacks columns of others; give all files of each run")
     return runs
 
 
