@@ -167,7 +167,7 @@ def test_files_of_two_loggers_are_joined_by_their_names_and_one_run_is_split(tmp
         table = pd.read_csv(file)
         table[["t", "th"]].to_csv(file, index=False)
         table[["t", "M"]].to_csv(tmp_path / f"{file.stem}_daq.csv", index=False)
-    files += [tmp_path / f"{file.stem}_daq.csv" for file in reversed(files)]
+    files = sorted(tmp_path.glob("r*.csv"))
     content, _ = guessed(tmp_path, files, monkeypatch)
     assert [run["file"] for run in content["runs"]] == [["r0.csv", "r0_daq.csv"], ["r1.csv", "r1_daq.csv"]]
     assert content["channels"]["crank_torque"]["column"] == "M"

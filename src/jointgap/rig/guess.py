@@ -200,10 +200,11 @@ def _read(path: Path) -> _Run:
 def read_runs(files: Sequence[Path]) -> list[_Run]:
     """The runs in `files`. A file with other headings than the first is joined to the run of the most similar name."""
     found = [_read(path) for path in files]
-    runs = [run for run in found if run.values.keys() == found[0].values.keys()]
-    for other in (run for run in found if run.values.keys() != found[0].values.keys()):
+    headings = {*found[0].values}
+    runs = [run for run in found if run.values.keys() == headings]
+    for other in [run for run in found if run.values.keys() != headings]:
         alike = [_alike(other.files[0].stem, run.files[0].stem) for run in runs]
-        if alike.count(max(alike)) > 1 or not other.values.keys() & found[0].values.keys():
+        if alike.count(max(alike)) > 1 or not other.values.keys() & headings:
             raise InputError(
                 f"{other.files[0]}: has other headings than {files[0]}; give all runs the same headings, and the files "
                 "of several loggers a common heading of the time and names that begin alike, such as slow.csv and "
@@ -211,9 +212,7 @@ def read_runs(files: Sequence[Path]) -> list[_Run]:
             )
         runs[int(np.argmax(alike))].add(other)
     if lacking := [run for run in runs if run.values.keys() != runs[0].values.keys()]:
-        raise InputError(
-            f"{lacking[0].files[0]}: the run has other headings than that of {files[0]}; give all its files"
-        )
+        raise InputError(f"{lacking[0].files[0]}: its run lacks columns of others; give all files of each run")
     return runs
 
 
