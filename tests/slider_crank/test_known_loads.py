@@ -135,7 +135,7 @@ def test_loads_that_no_run_can_have_are_refused_and_idle_nuisances_are_remarked(
     cases = [
         (
             {"runs": [first | {"effects": [spring]}, *others]},
-            "runs.0 ~ slider_spring is no load of a single run",
+            "runs.slow ~ slider_spring is no load of a single run",
         ),
         (
             {"runs": [first | {"effects": [brake(1.0, 9.0)]}, *others], "mechanism": both},
