@@ -401,12 +401,14 @@ def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
         return
     if name != "crank_torque" or finite[0] != 0.0:
         raise file.error(name, f"all values are equal; repair the sensor, {fix}")
-    if file.campaign.drive != "measured_angle" or not file.campaign.channels[name].noise_of(file.run.id):
-        raise file.error(
-            name,
-            "all values are 0. If the motor is off, give 'drive: measured_angle' (there is no drive for a free crank "
-            f"yet) and the torque's noise, such as 0.01 N*m: it is compared with 0. Otherwise repair the sensor, {fix}",
-        )
+    needed = []
+    if file.campaign.drive != "measured_angle":
+        needed.append("'drive: measured_angle' (there is no drive for a free crank yet)")
+    if not file.campaign.channels[name].noise_of(file.run.id):
+        needed.append(f"channels.{name}.noise, such as 'noise: 0.01 N*m'")
+    if needed:
+        give = f"If the motor is off, give {' and '.join(needed)}: it is compared with 0"
+        raise file.error(name, f"all values are 0. {give}. Otherwise repair the sensor, {fix}")
 
 
 # The crank's rotation
