@@ -61,6 +61,16 @@ def test_each_run_has_a_figure_with_every_channel_and_all_samples(tmp_path):
         assert (len(shown), shown["y"].isna().sum()) == (400, 10) and shown["x"].between(0.0, 360.0).all()
 
 
+def test_a_channel_of_its_own_rate_is_drawn_as_one_line_that_only_longer_gaps_break(tmp_path):
+    given = noisy()
+    given.loc[given.index % 4 > 0, "M"] = np.nan  # of a slower logger
+    given.loc[200:239, "M"] = np.nan
+    torque = looked(tmp_path, slow=given)[1]["slow"].data.query("panel == 'slow: crank torque'")
+    assert given["M"].count() == 90 == torque["y"].count()
+    missing = torque["y"].isna().to_numpy()
+    assert 0 < missing.sum() < 45 and np.count_nonzero(np.diff(missing.astype(int)) == 1) == 1
+
+
 def test_gaps_of_the_angle_are_bridged_and_a_clockwise_run_is_drawn_at_the_angles_of_its_file(tmp_path):
     given = noisy()
     given.loc[0:30, "theta"] = np.nan

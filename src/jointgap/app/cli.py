@@ -133,7 +133,7 @@ cli.removed = {
 OF_SCENARIO, OF_CAMPAIGN = (f"Workflow: stages of a {part}" for part in ("scenario", "campaign"))
 cli.sections = {
     "Your mechanism": ["look", "simulate", "ensemble", "growth", "cycles", "effects"],
-    "Your measurement": ["new", "preflight", "analyse", "trend"],
+    "Your measurement": ["new", "measure", "preflight", "analyse", "trend"],
     "Results": ["dashboard", "describe", "export"],
     "Configuration": ["config", "schema"],
     OF_SCENARIO: ["report"],

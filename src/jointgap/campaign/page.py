@@ -160,7 +160,7 @@ def _where(orders: Sequence[Mapping[str, Any]], windows: pd.DataFrame | None) ->
     blocks: list[Block] = []
     if windows is not None and len(windows):
         text = "Crank-angle windows with the largest residuals before effects are added [standard deviations of noise]."
-        largest = windows.sort_values("rms", ascending=False).head(_MOST_WINDOWS)
+        largest = windows.sort_values("rms", ascending=False).head(_MOST_WINDOWS).round({"mean": 4})
         blocks.append(
             frame_block(schema.MAP_WINDOWS, largest, ("run", "channel", "start_deg", "end_deg", "mean", "rms"), text)
         )
@@ -291,7 +291,7 @@ def _next_steps(verdict: Verdict) -> tuple[str, ...]:
     if verdict.get("separated_by", "").startswith(ADVICE):
         steps.append("Measure the run that separates the explanations, add it to the campaign file and repeat.")
     if faults:
-        steps.append(f"Repair the sensor or correct its column: {say.format_explanation(faults)}.")
+        steps.append(f"Repair the sensor or its mounting, or correct its column: {say.format_explanation(faults)}.")
     if len(faults) < len(verdict["effects"]):
         steps += [
             f"Use `{MECHANISM}`, your mechanism with the identified effects, as `mechanism` of a scenario.",

@@ -143,7 +143,9 @@ class Drawing:
         return {kind: b64encode(content.getvalue()).decode()}, {kind: width}
 
     def __repr__(self) -> str:
-        return f"Figure of {len(self.figure.axes)} panels: .save('name.{'gif' if self.frames else 'png'}') writes it"
+        count = len(self.figure.axes)
+        panels = "1 panel" if count == 1 else f"{count} panels"
+        return f"Figure of {panels}: .save('name.{'gif' if self.frames else 'png'}') writes it"
 
 
 def matplotlib_style() -> AbstractContextManager[None]:

@@ -388,7 +388,7 @@ class Guesses:
             rpm = 60 * float(np.median(np.abs(rates or [0.0])))
             usual = [one for one in ("s", "ms", "us") if SPEEDS[0] < rpm / unit_factor(one, "s") < SPEEDS[1]]
             unit = (usual or ["s"])[0]
-            reasons.append(f"in {unit} the speeds are usual" if usual else "")
+            reasons.append(f"{unit} gives usual speeds" if usual else "")
         self.rates = [rate / unit_factor(unit, "s") for rate in rates] or self.rates
         return self._state("time", column, reasons, unit=unit)
 
@@ -472,7 +472,7 @@ class Guesses:
             reasons.append("all values are 0, as of a motor that is off; the noise of the torque, such as 0.01 N*m")
             return self._state(channel, column, reasons, unit=unit or base, noise=FILL_IN)
         if channel in PRESSURES:
-            reasons.append("a load on the slider of diameter bore; ambient_pressure: 0 bar for a gauge pressure")
+            reasons.append("load on a piston of diameter bore; ambient_pressure: 0 bar if gauge, 1.013 bar if absolute")
             return self._state(channel, column, reasons, unit=unit or FILL_IN, bore=FILL_IN, ambient_pressure=FILL_IN)
         if column.unit.lower() == "g":
             reasons.append("g is the acceleration of gravity")
@@ -484,8 +484,8 @@ class Guesses:
                 usual = (one for one, length in lengths.items() if LENGTHS[0] < length < LENGTHS[1])
                 unit = min(lengths, key=lambda one: abs(log(lengths[one] / known))) if known else next(usual, base)
             unit = unit or base
-            reasons.append(f"no unit; the crank is about {number(1e3 * lengths[unit], 2)} mm long in {unit}"
-                           if lengths[unit] else "no unit")  # fmt: skip
+            reasons.append(f"no unit; {unit} gives a crank of about {number(1e3 * lengths[unit], 2)} mm"
+                           if lengths[unit] else f"no unit; {unit} assumed")  # fmt: skip
         self._state(channel, column, reasons, unit=unit)
         if length := self._length(channel, column, unit):
             self.lengths[channel] = length
@@ -583,9 +583,9 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
         reads = f"by {guesses.zero[0]}, crank_angle is {guesses.zero[1]:.0f} deg at the outer dead centre"
         yield f"  encoder_zero: 180 deg   # guess: {reads}"
     elif guesses.angle:
-        yield "  encoder_zero: 180 deg   # assumed; less if crank_angle is known to be 0 at the outer dead centre"
+        yield "  encoder_zero: 180 deg   # assumed; reduce it if crank_angle is known to be 0 at the outer dead centre"
     if "slider_position" in guesses.channels:
-        yield "  slider_position_zero: 1 m   # assumed; less if it is known to be the distance from the crank pivot"
+        yield "  slider_position_zero: 1 m   # assumed; reduce it if it is the distance from the crank pivot"
 
 
 def _run_lines(guesses: Guesses) -> Iterator[str]:

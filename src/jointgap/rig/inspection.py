@@ -91,11 +91,20 @@ def _draw(campaign: Campaign, run: CampaignRun, recording: Recording) -> "Drawin
         sheet, panel = Sheet(0.9 + 1.6 * len(panels), len(panels), 1), None
         for row, (title, quantity, values) in enumerate(panels):
             panel = sheet.panel((row, 0), f"{run.id}: {title}", abscissa, quantity, below=panel)
+            sampled = _sampled(values)
             for number in np.unique(cycle):
-                own, first = cycle == number, number == cycle[0]
+                own, first = sampled[cycle[sampled] == number], number == cycle[0]
                 name, colour = ("first cycle", "first") if first else ("later cycles", "settled")
                 above = {"alpha": 1.0, "zorder": 3} if first else {"alpha": 0.5, "zorder": 2}
                 panel.line(name, shown[own], values[own], colour, **above, **look)
         panel.over_crank_angle(0.0, 360.0)
         sheet.legend()
         return sheet.drawing()
+
+
+def _sampled(values: np.ndarray) -> np.ndarray:
+    """Rows to draw as a line: the samples, and the gaps that are longer than twice the channel's own interval."""
+    rows = np.flatnonzero(np.isfinite(values))
+    steps, drawn = np.diff(rows), np.isfinite(values)
+    drawn[rows[0] : rows[-1]] |= np.repeat(steps > 2 * np.median(steps), steps)
+    return np.flatnonzero(drawn)

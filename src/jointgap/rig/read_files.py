@@ -218,8 +218,8 @@ def _recording(file: RunFile) -> Recording:
     if "time" in values and has_angle and campaign.drive == "constant_speed" and not listed:
         if varies := checks.unsteady(time, angle):
             file.remarks.append(
-                f"{file.paths}: the drive is constant_speed, but the speed varies {varies}; use "
-                "'drive: measured_angle' to prescribe the measured motion"
+                f"{file.paths}: the drive is constant_speed, but the speed varies {varies}; if this is "
+                "no fault of the encoder, use 'drive: measured_angle' to prescribe the measured motion"
             )
     others = () if file.other is None else tuple(name for name in file.other.channels if name != "time")
     return Recording(run.id, time, angle, channels, noise_of(campaign, run.id), _held_out(file, turned), others)
