@@ -116,6 +116,7 @@ PAGES = [  # verdict, tables, what the page says, and what it does not say
         "",
     ),
     (nuisances(**{"speed@slow": FLAT}), {}, "| crank speed of run slow | 199.6 rpm | – | changes nothing", ""),
+    (nuisances(**{"clock_offset@slow": FLAT | {"value": 0.0123}}), {}, "second file of run slow | 12.3 ms | –", ""),
     (
         nuisances(restitution=HIGH),
         {},
@@ -167,7 +168,7 @@ def test_advice_to_measure_a_run_that_separates_explanations_follows_from_the_se
         ("No single further run would.", False),
     ):
         said = markdown(VERDICTS["ambiguous"] | {"separated_by": advice})
-        assert advice in said and ("Measure the run that separates" in said) == given
+        assert advice in said and ("Measure the run or channel that separates" in said) == given
 
 
 def test_the_headline_holds_the_effect_its_number_and_the_interval():

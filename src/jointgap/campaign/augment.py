@@ -143,6 +143,6 @@ def _header(campaign: Campaign, outcome: Outcome) -> list[str]:
         for name, *row in parameter_rows([effect]):
             lines.append(f"{format_effect(effect)}: {name}: {format_estimate(*row)}{note}")
     if campaign.own_loads:
-        lines.append("Known loads of single runs, which the analysis used and which this file does not contain:")
+        lines.append("Known loads of runs, which the analysis used and which this file does not contain:")
         lines += [f"  {load}" for load in campaign.own_loads]
     return [*lines, "Run-specific values and intervals are for information only. Numbers without a unit are in SI."]

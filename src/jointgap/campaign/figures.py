@@ -114,7 +114,7 @@ def _pair(sheet: Sheet, row: int, column: int, samples: pd.DataFrame, error: pd.
     x = np.degrees(angle % tau) if angular else shown["sample"].to_numpy(dtype=float)
     words, unit = format_name(channel), format_unit(error["unit"])
     less = angle if channel == "crank_angle" else 0.0
-    name = "minus steady rotation" if channel == "crank_angle" else words.split()[-1]
+    name = "deviation" if channel == "crank_angle" else words.split()[-1]
     names = ["measured", *(MODELS[moment] for moment in moments), "spread"]
     measured, *predicted, spread = (shown[each].to_numpy(dtype=float) / error["si_per_unit"] for each in names)
     title = f"{words}\n{run}, {number(error['speed'] * 30.0 / pi)} rpm{', held out' if held_out else ''}"

@@ -205,7 +205,8 @@ def _nuisances(nuisances: Mapping[str, Mapping[str, Any]], listed: Collection[st
     """Re-fitted parameters; `listed`: those whose range the campaign file states."""
     if not nuisances:
         return []
-    units, rows, notes, narrow = NUISANCES | {"first_angle": "rad", "friction_speed": "m/s"}, [], {}, []
+    units = NUISANCES | {"first_angle": "rad", "friction_speed": "m/s", "clock_offset": "s"}
+    rows, notes, narrow = [], {}, []
     for key, estimate in nuisances.items():
         *row, remark = say.estimate_row(words.format_nuisance(key), estimate, units.get(key.partition("@")[0], ""))
         if not key.startswith(_UNLISTED):
@@ -289,7 +290,7 @@ def _next_steps(verdict: Verdict) -> tuple[str, ...]:
     faults = [effect for effect in verdict["effects"] if say.is_fault(effect)]
     steps = list(_NEXT.get(verdict["verdict"], ()))
     if verdict.get("separated_by", "").startswith(ADVICE):
-        steps.append("Measure the run that separates the explanations, add it to the campaign file and repeat.")
+        steps.append("Measure the run or channel that separates the explanations, add it to the campaign, and repeat.")
     if faults:
         steps.append(f"Repair the sensor or its mounting, or correct its column: {say.format_explanation(faults)}.")
     if len(faults) < len(verdict["effects"]):
@@ -326,7 +327,7 @@ def _data(campaign: Campaign | None, look: pd.DataFrame | None, warnings: Sequen
         blocks.append(TableBlock(heads, runs, "llrlrr", f"Runs.{measured}"))
         blocks.append(TableBlock(("channel", "column", "unit"), tuple(columns), caption="Measured channels."))
         if campaign.own_loads:
-            blocks.append(Paragraph("Known loads of single runs, which the augmented mechanism does not contain:"))
+            blocks.append(Paragraph("Known loads of runs, which the augmented mechanism does not contain:"))
             blocks.append(Bullets(tuple(map(say.names_to_labels, campaign.own_loads))))
     return [*blocks, *([Bullets(tuple(map(say.names_to_labels, warnings)))] if warnings else [])]
 

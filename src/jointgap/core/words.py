@@ -16,7 +16,7 @@ _NUISANCES = {
     "first_angle": "crank angle at the first sample",
     "encoder_zero": "zero of the encoder",
     "encoder_lag": "lag of the encoder",
-    "clock_offset": "time by which the clock of the second file is late",
+    "clock_offset": "offset of the clock of the second file",
     "slider_position_zero": "zero of the slider position",
     "slider_offset": "offset of the slide",
     "crank_inertia": "moment of inertia of the crank",

@@ -582,6 +582,8 @@ def campaign_lines(guesses: Guesses, name: str, mechanism: str) -> Iterator[str]
     elif guesses.angle and guesses.zero:
         reads = f"by {guesses.zero[0]}, crank_angle is {guesses.zero[1]:.0f} deg at the outer dead centre"
         yield f"  encoder_zero: 180 deg   # guess: {reads}"
+    elif guesses.angle and len(guesses.runs[0].files) > 1:
+        yield "  # encoder_zero: 180 deg   # the fitted offset of the clocks includes it, so it cannot be fitted too"
     elif guesses.angle:
         yield "  encoder_zero: 180 deg   # assumed; reduce it if crank_angle is known to be 0 at the outer dead centre"
     if "slider_position" in guesses.channels:

@@ -685,7 +685,7 @@ def _points(panel: Panel, optima: pd.DataFrame, x: str, y: str) -> None:
             panel.marks(series, rows[x], rows[y], colour, labels=list(rows["point"]), zorder=5, **style)
 
 
-@figure("resimulation", "Reductions, frozen and simulated again", "Optimum", ("optimise_resimulated",))
+@figure("resimulation", "Reductions, estimated and simulated again", "Optimum", ("optimise_resimulated",))
 def resimulation(tables: Tables, scenario: Scenario) -> Drawing:
     """Reduction of the [angle:error of the transmission angle][not angle:objective] for the lengths listed on the left
     ([paper:from the paper, and ]from the genetic algorithm on each source). Open diamonds: estimate
