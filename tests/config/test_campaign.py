@@ -208,6 +208,10 @@ def test_a_mistake_in_a_campaign_is_named_with_file_key_value_and_mend(load, tmp
     cases += [({"mechanism": IDEAL | {"crank": {}}}, "key 'mechanism.crank.length' is missing")]
     unnamed = [{key: value for key, value in run.items() if key != "id"} for run in CAMPAIGN["runs"]]
     cases += [({"runs": unnamed}, "key 'runs.0.id' is missing ~ 'runs.2.id'")]
+    files = (["a", 5], [["a"], "b"], ["a"], [])
+    cases += [({"runs": runs(mid={"file": wrong})}, "must be the name of a file, or a list of two") for wrong in files]
+    gated = {"time": None, "crank_torque": {"column": "M", "unit": "N*m", "average": "50 ms"}}
+    cases += [({"channels": gated}, "crank_torque.average requires the channel time")]
     refused(load, cases, starts=f"{tmp_path / 'rig.yaml'}: ")
 
 

@@ -67,10 +67,18 @@ def test_a_high_pass_is_in_its_steady_state_from_the_first_sample_on_if_the_moti
 
 def test_an_average_is_the_mean_over_the_time_before():
     time = np.arange(3000) * 1e-3
-    found = sensors.averaged(2.0 + np.sin(9.0 * time), 1e-3, 0.05)
+    found = sensors.averaged(2.0 + np.sin(9.0 * time), 1e-3, 0.0, 0.05)
     mean = 2.0 + (np.cos(9.0 * (time - 0.05)) - np.cos(9.0 * time)) / (9.0 * 0.05)
     assert found[60:] == pytest.approx(mean[60:], abs=1e-9)
     assert found[0] == pytest.approx(2.0)
+
+
+@each("gate", [0.05, 1.7, 500.0])
+def test_a_mean_of_a_motion_that_repeats_includes_the_turns_before_the_record(gate):
+    time, cycle = np.arange(1001) * 1e-3, 0.5
+    found = sensors.averaged(2.0 + np.sin(tau / cycle * time), 1e-3, cycle, gate)
+    w = tau / cycle
+    assert found == pytest.approx(2.0 + (np.cos(w * (time - gate)) - np.cos(w * time)) / (w * gate), abs=1e-6)
 
 
 @each("drive", ["constant_speed", "measured_angle"])

@@ -10,6 +10,7 @@ import yaml
 
 from jointgap.campaign.analyse import analyse
 from jointgap.config.load import load_campaign
+from jointgap.core.errors import InputError
 from jointgap.rig.model import SliderCrankModel
 from jointgap.rig.read_files import read_measurements
 from tests.catalogue import refused
@@ -141,12 +142,19 @@ def test_loads_that_no_run_can_have_are_refused_and_idle_nuisances_are_remarked(
             {"runs": [first | {"effects": [brake(1.0, 9.0)]}, *others], "mechanism": both},
             "crank_brake ~ more than once",
         ),
-        ({"runs": [first | unknown, *others]}, "runs.0: effects.slider_force_table ~ no file 'none.csv'"),
+        ({"runs": [first | unknown, *others]}, "runs.slow: effects.slider_force_table ~ no file 'none.csv'"),
         ({"channels": content["channels"] | {"cylinder_pressure": gauge | {"bore": None}}}, "requires bore"),
         ({"channels": content["channels"] | {"cylinder_pressure": gauge | {"noise": 1}}}, "a pressure is a known load"),
         ({"nuisance": {"pressure_zero": "5 %"}}, "pressure_zero is 0, so a percentage is not a range"),
     ]
     refused(load, cases)
+    load({"channels": content["channels"] | {"cylinder_pressure": gauge | {"unit": "mPa"}}})
+    assert any("largest pressure is only" in text for text in read_measurements(load_campaign(path)).remarks)
+    record = pd.read_csv(tmp_path / "slow.csv")
+    record.assign(cylinder_pressure=record["cylinder_pressure"] - 5e4).to_csv(tmp_path / "slow.csv", index=False)
+    load({"channels": content["channels"] | {"cylinder_pressure": gauge | {"ambient_pressure": "1 bar"}}})
+    with pytest.raises(InputError, match=r"slow\.csv, column cylinder_pressure, row \d+: negative absolute pressure"):
+        read_measurements(load_campaign(path))
     load({"nuisance": {"crank_inertia": "20 %"}})
     assert load_campaign(path).model_copy(update={"drive": "measured_angle"}).idle_nuisances == ()
     (remark,) = [text for text in read_measurements(load_campaign(path)).remarks if "crank_inertia" in text]

@@ -11,6 +11,7 @@ from jointgap.campaign.analyse import analyse
 from jointgap.campaign.plan import preflight_tables
 from jointgap.campaign.sentences import answer, format_detectable
 from jointgap.config import Simulate, load_mechanism
+from jointgap.core.errors import InputError
 from jointgap.dynamics.simulation import simulate
 from tests.slider_crank.campaigns import law, with_hidden
 from tests.slider_crank.rigs import campaign, chosen, mechanism, read, rig, worst
@@ -20,6 +21,12 @@ COULOMB = {"name": "slider_coulomb_friction", "parameters": {"force_N": 4.0}}
 DRAG = {"site": "slider", "force": "-c*v^3", "c": "0 to 100 N*s^3/m^3"}
 CAM = {"site": "crank", "torque": "-m*|sin(theta)|", "m": "0 to 10 N*m"}
 SEAL = {"site": "slider", "force": "-c*v*exp(-((x - x0)/0.05)^2)", "c": "0 to 200 N*s/m", "x0": "0.4 to 0.7 m"}
+
+
+def test_a_law_that_is_no_number_at_a_start_value_of_its_shape_is_refused_with_that_value():
+    power = {"site": "slider", "force": "-c*v^n", "c": "0 to 9", "n": "1 to 3"}
+    with pytest.raises(InputError, match=r"candidates\.my_power: with c = 1, n = 1\.33333 .* write \|v\|\^n"):
+        chosen(rig(candidates={"my_power": power}), "my_power")
 
 
 def on_crank(formula: str, **coefficients: float) -> dict:

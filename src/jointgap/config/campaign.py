@@ -166,6 +166,12 @@ class Channel(ConfigModel):
         return _amount(value, unit)
 
     @property
+    def pressure_behind(self) -> float:
+        """Pressure [Pa] on the slider's other side; 0 for gauge pressures."""
+        default = ForceTableParameters.model_fields["ambient_pressure"].default
+        return default if self.ambient_pressure is None else self.ambient_pressure
+
+    @property
     def remembers(self) -> bool:
         """Whether the sensor's reading depends on the past (without a low-pass, which may also use the future)."""
         return self.high_pass is not None or self.average is not None
@@ -230,6 +236,8 @@ def _errors_of_channels(channels: dict[str, Channel]) -> Iterator[str]:
                 yield f"{name}.{given[0]} does not apply: {why}; remove it"
         if name in PRESSURES and channel.bore is None:
             yield f"{name} requires bore, the diameter on which it acts; add it, such as 'bore: 60 mm'"
+        if channel.average is not None and "time" not in channels:
+            yield f"{name}.average requires the channel time; add it"
         if channel.filter != "zero_phase" and channel.bandwidth is None:
             yield f"{name}.filter requires bandwidth; add bandwidth, or remove filter"
         try:
@@ -390,11 +398,12 @@ LOADS_OF_A_RUN = ("slider_force_table", "crank_brake")
 
 
 def _one_or_two(given: Any) -> Any:
-    given = tuple(given) if isinstance(given, list | tuple) else given
-    files = (given,) if isinstance(given, str) else given
-    if not (isinstance(files, tuple) and 1 <= len({*files}) == len(files) <= 2 and all(files)):
-        raise ValueError("must be the name of a file, or a list of two: [a.csv, b.csv] of two loggers")
-    return given
+    if isinstance(given, list | tuple) and len(given) == 2 and all(isinstance(file, str) and file for file in given):
+        if given[0] != given[1]:
+            return tuple(given)
+    elif isinstance(given, str) and given:
+        return given
+    raise ValueError("must be the name of a file, or a list of two: [a.csv, b.csv] of two loggers")
 
 
 Files = Annotated[

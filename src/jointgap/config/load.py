@@ -23,7 +23,7 @@ from jointgap.config.yaml_files import (
 )
 from jointgap.core.errors import InputError, did_you_mean
 from jointgap.core.progress import MOST_PARTS
-from jointgap.core.section import ConfigModel, Name, Word, complaints, whole_number
+from jointgap.core.section import ConfigModel, Name, Word, complaints, entry_name, whole_number
 
 _MOST_LINES = 20  # of an error
 
@@ -194,9 +194,8 @@ def load_campaign(path: Path | str) -> Campaign:
     path = Path(path)
     data = _with_mechanism(read_yaml(path), (path.parent,), f"{path}: ")
     if isinstance(runs := data.get("runs"), list):
-        data = data | {
-            "runs": [with_effect_files(run, (path.parent,), f"{path}: runs.{i}") for i, run in enumerate(runs)]
-        }
+        named = ((f"{path}: runs.{entry_name(runs, place)}", run) for place, run in enumerate(runs))
+        data = data | {"runs": [with_effect_files(run, (path.parent,), name) for name, run in named]}
     if isinstance(data.get("folder", ""), str):
         data = data | {"folder": path.parent / data.get("folder", "")}
     return validate(Campaign, data, str(path))

@@ -143,7 +143,7 @@ def _found(location: tuple, data: object) -> tuple[str, object]:
         if isinstance(data, Mapping) and step in data:
             data = data[step]
         elif isinstance(data, list | tuple) and isinstance(step, int) and step < len(data):
-            step, data = _called(data, step, location[place + 1 :]), data[step]
+            step, data = entry_name(data, step, location[place + 1 :]), data[step]
         elif step in _IMPLICIT:
             continue
         elif not (isinstance(data, Mapping) and step in data.values()):  # the name of an effect, or a kind of drive
@@ -154,7 +154,7 @@ def _found(location: tuple, data: object) -> tuple[str, object]:
     return ".".join(steps), data
 
 
-def _called(entries: list | tuple, place: int, following: tuple) -> str:
+def entry_name(entries: list | tuple, place: int, following: tuple = ()) -> str:
     """The id of an entry of a list, or the name of an effect (with its site if there are several); else `place`."""
 
     def label(entry: Any, *keys: str) -> str:

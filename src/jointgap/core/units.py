@@ -115,7 +115,7 @@ def split_share(unit: str) -> tuple[str, float]:
     return (share[1], float(share[2])) if share and float(share[2]) > 0 else (unit, 1.0)
 
 
-_LINES = (100, 128, 180, 200, 250, 256, 300, 360, 400, 500, 512, 600, 720, 1000, 1250, 1500, 1800, 2500, 3600)
+_LINES = (100, 128, 180, 200, 250, 256, 300, 360, 400, 500, 512, 600, 720, 1000, 1080, 1250, 1500, 1800, 2500, 3600)
 _COUNTS = sorted({lines * 2**doubled for lines in _LINES for doubled in range(12)})
 """Usual counts of encoders a turn: lines, with double and fourfold evaluation."""
 

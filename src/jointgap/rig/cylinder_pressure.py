@@ -12,7 +12,6 @@ from scipy.sparse import csr_array
 
 from jointgap.config import Effect, Mechanism
 from jointgap.config.campaign import PRESSURES, Campaign, CampaignRun
-from jointgap.core.errors import InputError
 from jointgap.core.section import ConfigModel
 from jointgap.effects.base import Records
 from jointgap.effects.slider_force_table import Table, add_table, corrected, piston_area, with_pressure_sensor
@@ -130,17 +129,11 @@ def loads_of_run(
     loads = [effect.mirrored() if run.direction == "clockwise" else effect for effect in run.effects]
     for name in PRESSURES.keys() & (channels or {}).keys():
         given, finite = campaign.channels[name], np.isfinite(angle) & np.isfinite(channels[name])
-        ambient = 101325.0 if given.ambient_pressure is None else given.ambient_pressure
-        where = f"{campaign.folder / run.files[0]}, column {given.column}"
-        if ambient > 0.0 and channels[name][finite].min() < 0.0:
-            raise InputError(f"{where}: negative absolute pressure; give 'ambient_pressure: 0 bar' for gauge pressures")
-        if np.count_nonzero(finite) < _LEAST_KNOTS:
-            raise InputError(f"{where}: {np.count_nonzero(finite)} values; give {_LEAST_KNOTS} or more a turn")
         cycle = average_cycle(angle[finite], channels[name][finite])
-        stated = {"bore": given.bore, "ambient_pressure": ambient, "side": PRESSURES[name]}
+        stated = {"bore": given.bore, "ambient_pressure": given.pressure_behind, "side": PRESSURES[name]}
         parameters = PressureParameters(pieces=None, deviations=None, period=cycle.period, **stated)
         area = piston_area(parameters)
-        pieces = cycle.pieces * [1.0, -area, -area, -area, -area] + [0.0, 0.0, 0.0, 0.0, ambient * area]
+        pieces = cycle.pieces * [1.0, -area, -area, -area, -area] + [0.0, 0.0, 0.0, 0.0, given.pressure_behind * area]
         forces = {"pieces": pieces, "deviations": -area * cycle.errors}
         loads.append(RecordedPressure(parameters=parameters.model_copy(update=forces)))
     return tuple(loads)

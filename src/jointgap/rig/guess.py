@@ -22,7 +22,7 @@ from jointgap.core.csv_files import Csv, find_headings, read_columns
 from jointgap.core.errors import InputError
 from jointgap.core.files import write_text
 from jointgap.core.section import word
-from jointgap.core.units import respelled, unit_factor
+from jointgap.core.units import counts_near, respelled, unit_factor
 from jointgap.core.words import number
 from jointgap.rig import checks
 from jointgap.rig.sampling import speed_from_periodicity
@@ -62,11 +62,6 @@ SIGNALS = {"A": {"current", "curr", "i", "strom"}, "V": {"u", "volt", "volts", "
 OTHER_UNITS = ("W", "K")
 PERIODS = {"deg": (360.0, 720.0), "rad": (tau, 2 * tau), "turn": (1.0, 2.0)}
 """Values of an angle's unit in a turn, and in a four-stroke cycle."""
-
-_LINES = (100, 128, 180, 200, 250, 256, 300, 360, 400, 500, 512, 600, 720, 900, 1000, 1024, 1080, 1200, 1250, 1440)
-_LINES += (1500, 1800, 2000, 2048, 2500, 3600, 4096, 5000, 8192, 10000, 16384)
-COUNTS = sorted({lines * edges for edges in (1, 2, 4) for lines in _LINES})
-"""Usual counts of an encoder in a turn."""
 
 LENGTHS, SPEEDS = (4e-3, 0.7), (8.0, 20000.0)  # [m], [rpm] of usual cranks
 KINEMATIC = ("slider_position", "slider_velocity", "slider_acceleration")  # In the order of the derivatives
@@ -350,8 +345,7 @@ class Guesses:
         fits = [each for each, periods in PERIODS.items() if any(isclose(size, one, rel_tol=0.03) for one in periods)]
         counted = counted and not unit and (not fits or bool(column.words & COUNTED))
         if counted and size:
-            usual = min(COUNTS, key=lambda count: abs(log(count / size)))
-            period = usual if isclose(usual, size, rel_tol=6e-3) else round(size)
+            period = counts_near(size) or round(size)
             self._state("crank_angle", column, [*reasons, "whole numbers"], counts_per_turn=period)
         elif counted and column.words & COUNTED:
             period = 0.0

@@ -103,27 +103,32 @@ def own_candidates(campaign: Campaign, scale: MotionScale) -> list[Candidate]:
         spans, amplitudes = law.spans, law.amplitudes
         shapes = {key: own for key, own in spans.items() if key not in amplitudes}
         middles = {key: own.middle for key, own in shapes.items()}
+        starts = [[own.low + share * (own.high - own.low) for share in SHAPES_TRIED] for own in shapes.values()]
+        guesses = tuple(dict(zip(shapes, start, strict=True)) for start in product(*starts))
         most = scale.force * (scale.stroke if law.site == "crank" else 1.0)
         coordinates = []
         for key in amplitudes:
-            program = compile_formula(law.formula, {**dict.fromkeys(amplitudes, 0.0), **middles, key: 1.0})
-            values = [
-                evaluate(program.codes, program.numbers, v, x, scale.turning, theta, 0.0)
-                for v, x, theta in zip(speed, place, angle, strict=True)
-            ]
-            size = float(np.sqrt(np.mean(np.square(values))))
-            if not 0.0 < size < math.inf:
-                raise InputError(
-                    f"campaign {campaign.name}, candidates.{name}: with {key} = 1 the formula '{law.formula}' is "
-                    f"{size:g} over a turn; correct it"
-                )
+            sizes = []
+            for values in (middles, *guesses):
+                program = compile_formula(law.formula, {**dict.fromkeys(amplitudes, 0.0), **values, key: 1.0})
+                force = [
+                    evaluate(program.codes, program.numbers, v, x, scale.turning, theta, 0.0)
+                    for v, x, theta in zip(speed, place, angle, strict=True)
+                ]
+                sizes.append(float(np.sqrt(np.mean(np.square(force)))))
+                if not sizes[-1] < math.inf or sizes[0] == 0.0:
+                    given = ", ".join(f"{own} = {value:g}" for own, value in {key: 1.0, **values}.items())
+                    fix = "write |v|^n for v^n, or " * math.isnan(sizes[-1]) + "correct it or the ranges"
+                    raise InputError(
+                        f"campaign {campaign.name}, candidates.{name}: with {given} the formula '{law.formula}' is "
+                        f"{sizes[-1]:g} over a turn; {fix}"
+                    )
+            size = sizes[0]
             low, high = spans[key].low, spans[key].high
             coordinates.append(Parameter(key, 0.0, low, high, most / size, spans[key].unit))
         for key, own in shapes.items():
             step = STEP_SHARE_OF_BOUNDS * (own.high - own.low)
             coordinates.append(Parameter(key, own.middle, own.low, own.high, step, own.unit))
-        starts = [[own.low + share * (own.high - own.low) for share in SHAPES_TRIED] for own in shapes.values()]
-        guesses = tuple(dict(zip(shapes, start, strict=True)) for start in product(*starts))
         found.append(
             Candidate(name, law.site, tuple(coordinates), amplitudes, initial_guesses=guesses, formula=law.formula)
         )

@@ -29,6 +29,7 @@ from jointgap.rig.recording import OF_A_RUN, Contradiction, Measurements, Record
 
 MIN_REVOLUTIONS = 1.0 - 1e-3  # One, with a margin for rounding
 MIN_SAMPLES_PER_REVOLUTION = 4.0  # With fewer the direction of rotation is ambiguous
+LEAST_PRESSURE = 1e3  # [Pa] Largest value of a pressure below which its unit is doubted
 PROPOSED_UNITS = {"time": ("s", "ms", "us", "ns", "min"), "crank_angle": ("deg", "rad", "turn")}
 
 Samples = dict[str, np.ndarray]  # Values (n,) [SI] by channel
@@ -201,6 +202,8 @@ def _recording(file: RunFile) -> Recording:
         _check_varies(file, name, samples)
         samples = samples.copy()
         samples[absent[name]] = np.nan
+        if name in PRESSURES:
+            _check_pressure(file, name, samples)
         # a pressure has plateaus, and the torque of a motor that is off stays 0
         is_steady = name in PRESSURES or not np.nanmax(np.abs(samples)) > 0.0
         if not is_steady and not _is_stuck(file, name, samples, samples, angle if has_angle else turned):
@@ -409,6 +412,16 @@ def _check_varies(file: RunFile, name: str, values: np.ndarray) -> None:
     if needed:
         give = f"If the motor is off, give {' and '.join(needed)}: it is compared with 0"
         raise file.error(name, f"all values are 0. {give}. Otherwise repair the sensor, {fix}")
+
+
+def _check_pressure(file: RunFile, name: str, values: np.ndarray) -> None:
+    """InputError for negative absolute pressures; a remark on very small ones."""
+    if (below := np.flatnonzero(values < 0.0)).size and file.campaign.channels[name].pressure_behind > 0.0:
+        text = "negative absolute pressure; give 'ambient_pressure: 0 bar' for gauge pressures"
+        raise file.error(name, text, below[0])
+    if (largest := float(np.nanmax(np.abs(values)))) < LEAST_PRESSURE:
+        unit = file.campaign.channels[name].unit
+        file.remark(name, f"the largest pressure is only {largest:.3g} Pa; check channels.{name}.unit = '{unit}'")
 
 
 # The crank's rotation

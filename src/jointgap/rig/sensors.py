@@ -14,6 +14,7 @@ from jointgap.config.campaign import CHANNELS, FILTER_ORDER, Channel
 from jointgap.core.candidates import Candidate, LawFamily, Parameter
 from jointgap.core.errors import MEANINGS
 from jointgap.effects.base import DETECTABLE_SHARE, Values, amplitude, size_and_angle
+from jointgap.rig.drives import SETTLING_REVOLUTIONS
 from jointgap.rig.recording import Recording
 
 # Samples per period of a low-pass filter's corner frequency: frequency warping is then above the corner
@@ -38,7 +39,8 @@ def gravity_read(channel: str, direction: float) -> float:
 
 def remembered_time(channels: Iterable[Channel], revolution: float) -> float:
     """Time [s] before the samples that filters and lags need for their transients."""
-    return max([PADDING_REVOLUTIONS * revolution, *(channel.average for channel in channels if channel.average)])
+    longest = max((channel.average for channel in channels if channel.average), default=0.0)
+    return max(PADDING_REVOLUTIONS * revolution, min(longest, SETTLING_REVOLUTIONS * revolution))
 
 
 def filter_times(first: float, last: float, revolution: float, corners: Iterable[float]) -> np.ndarray:
@@ -78,11 +80,17 @@ def high_passed(values: np.ndarray, interval: float, cycle: float, corner: float
     return values - slow
 
 
-def averaged(values: np.ndarray, interval: float, time: float) -> np.ndarray:
-    """Mean over the last `time` [s], such as of a counter's gate; before the first value all are equal to it."""
+def averaged(values: np.ndarray, interval: float, cycle: float, time: float) -> np.ndarray:
+    """Mean over the last `time` [s], such as of a counter's gate.
+
+    Values before the first one repeat with the `cycle` [s] of the motion; 0: all are equal to the first one.
+    """
     times = interval * np.arange(values.size)
     integral, begin = CubicSpline(times, values).antiderivative(), times - time
-    return (integral(times) - integral(np.maximum(begin, 0.0)) - values[0] * np.minimum(begin, 0.0)) / time
+    early = np.minimum(begin, 0.0)
+    back = np.floor(early / cycle) if cycle else 0.0
+    before = back * integral(cycle) if cycle else values[0] * early
+    return (integral(times) - integral(begin - back * cycle if cycle else begin - early) - before) / time
 
 
 class Reading(NamedTuple):

@@ -340,7 +340,7 @@ def read(
             fine = sensors.low_pass(fine, interval, channel.bandwidth, channel.filter == "causal")
             read = CubicSpline(grid, fine)(times)
         if channel.remembers or faults.need_grid(name):
-            later = sensors.averaged(fine, interval, channel.average) if channel.average else fine
+            later = sensors.averaged(fine, interval, cycle, channel.average) if channel.average else fine
             if channel.high_pass:
                 later = sensors.high_passed(later, interval, cycle, channel.high_pass)
             later = faults.act("over_time", name, later, interval, cycle)
