@@ -230,6 +230,7 @@ def test_existing_files_are_not_replaced_and_what_cannot_be_a_run_is_refused(tmp
         (lambda: new_rig(files, "../rig"), "--name ../rig: use letters"),
         (lambda: new_rig([tmp_path / "numbers.csv"], "a"), "numbers.csv: has no headings above its numbers; write"),
         (lambda: new_rig([files[0], tmp_path / "other.csv"], "a"), "other.csv: has other headings than ~ give"),
+        (lambda: new_rig([tmp_path / "other.csv"], "a"), "other.csv: no column with 12 different numbers"),
         (lambda: new_rig([tmp_path / "none.csv"], "a"), "none.csv: cannot be read"),
     ]
     refused(lambda act: act(), cases)

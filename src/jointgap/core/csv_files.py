@@ -117,7 +117,7 @@ def _content(path: Path) -> bytes:
         content = path.read_bytes()
     except (OSError, ValueError) as error:  # a zero byte in the name is a ValueError
         why = getattr(error, "strerror", None) or error
-        raise InputError(f"{path}: cannot be read ({why}); check 'file' of the run") from error
+        raise InputError(f"{path}: cannot be read ({why}); check the name of the file") from error
     if content.startswith(_BINARY):
         raise InputError(f"{path}: is a spreadsheet or an archive; save the samples as CSV or Parquet")
     return content

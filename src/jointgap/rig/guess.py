@@ -296,6 +296,10 @@ class Guesses:
                 self.unused[heading] = "has one value or too few"
             else:
                 self.columns[heading] = column
+        if not self.columns:
+            files = " and ".join(str(file) for run in runs for file in run.files)
+            text = f"no column with {checks.MIN_SAMPLES} different numbers; give the record of a measurement"
+            raise InputError(f"{files}: {text}")
         self.time, self.angle = self._take(self._as_time), self._take(self._as_angle)
         if self.angle:
             self._turn()

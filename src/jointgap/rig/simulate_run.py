@@ -210,11 +210,6 @@ def prepared(
     mechanism = with_effects(with_nuisances(campaign.mechanism, nuisances), effects).applied()
     if clockwise:
         mechanism = mechanism.mirrored()
-    samples = plan.samples
-    offset = float(np.nanmean(faults.of_reading(samples.angle)))
-    offset -= faults.lag * nuisances.get("speed", samples.speed)  # a lagging encoder reads less
-    later = nuisances.get("first_angle", samples.first_angle) - samples.first_angle
-    mechanism = with_loads(mechanism, plan.loads, nuisances, later - offset)
     finer, change = other_numerics(numerics)
     tolerance = finer * tolerance_for(mechanism, tolerance or plan.tolerance)
     other_start = numerics == len(NUMERICS) and drives.began_anywhere(plan.run)
@@ -223,7 +218,7 @@ def prepared(
     change(driven.numbers)
     harmonic = driven.numbers.effects
     # phases refer to time 0 of the record, not of the simulation
-    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (samples.time[0] - driven.begin)
+    harmonic.harmonic_phase += harmonic.harmonic_angular_frequency * (plan.samples.time[0] - driven.begin)
     return Prepared(driven, faults, tolerance)
 
 
@@ -268,15 +263,18 @@ def _driven_run(
 ) -> drives.DrivenRun:
     samples = plan.samples
     late = faults.lag * values.get("speed", samples.speed)  # a lagging encoder reads less
+    later = values.get("first_angle", samples.first_angle) - samples.first_angle
 
     def driven(error: np.ndarray | float) -> drives.DrivenRun:
         """With the `error` of the encoder [rad] at the samples."""
+        error = error - late
+        loaded = with_loads(mechanism, plan.loads, values, later - float(np.nanmean(error)))
         if plan.measured is not None:
-            run = drives.measured_angle_run(mechanism, plan, faults.of_reading, faults.lag, tolerance)
+            run = drives.measured_angle_run(loaded, plan, faults.of_reading, faults.lag, tolerance)
         elif campaign.drive == "motor":
-            run = drives.motor_run(mechanism, campaign.motor, plan, values, error - late, tolerance, earlier)
+            run = drives.motor_run(loaded, campaign.motor, plan, values, error, tolerance, earlier)
         else:
-            run = drives.constant_speed_run(mechanism, plan, values, error - late, tolerance, earlier)
+            run = drives.constant_speed_run(loaded, plan, values, error, tolerance, earlier)
         effects = run.numbers.effects
         if effects.table_over == 2:  # over time of the record, not of the simulation
             if not samples.timed:
