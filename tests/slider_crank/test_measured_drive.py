@@ -108,6 +108,32 @@ def test_where_the_speed_drifts_the_errors_of_the_drive_hold_up_to_both_ends_of_
     assert max(abs(first - 1.0), abs(last - 1.0)) < 0.2
 
 
+@each("noise, resolution", [(np.radians(0.05), 0.0), (0.0, np.radians(0.1))])
+def test_the_errors_of_the_drive_cover_orders_that_the_noise_hides_in_the_angle_but_a_flywheel_shows(noise, resolution):
+    """Accelerations of a crank that a gas drives; an accelerometer or torque shows 0.5 % of them."""
+    speed, orders = 37.0, np.arange(1, 13)
+    swings, squares = 300.0 * np.exp(-0.7 * (orders - 1)), []  # [rad/s^2]
+    time = np.arange(0.0, 6.05, 1.0037 / 100) * 2.0 * np.pi / speed
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        phases = np.multiply.outer(time, orders * speed) + rng.uniform(0.0, 2.0 * np.pi, orders.size)
+        angle, exact = speed * time - np.sin(phases) @ (swings / (orders * speed) ** 2), np.sin(phases) @ swings
+        own, read = 0.005 * np.std(exact), angle + noise * rng.standard_normal(time.size)
+        if resolution:
+            read = resolution * np.round(angle / resolution + rng.uniform())
+        samples = sample_grid(time, read, speed, None, resolution, constant=False)
+        drive = measured_drive(samples, resolution, noise or None, back=2)
+
+        def acceleration(one):
+            return PPoly(one.table[:, 1:].T, np.append(one.table[:, 0], np.inf))(one.begin + time, 2)
+
+        errors = np.transpose([acceleration(one) - acceleration(drive) for one in drive.perturbed])
+        root = np.linalg.cholesky(own**2 * np.eye(time.size) + errors @ errors.T)
+        residual = acceleration(drive) - exact + own * rng.standard_normal(time.size)
+        squares.append(np.mean(np.linalg.solve(root, residual) ** 2))
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.2)
+
+
 @each("swing", [0.1, 0.3, 0.6])
 def test_beyond_a_record_a_crank_that_swings_turns_at_its_slow_speed(swing):
     time = np.linspace(0.0, 2.0, 400)
