@@ -185,9 +185,8 @@ def test_counts_of_another_encoder_are_told_by_the_period_of_the_other_channels(
         remark = f"repeat every {counts / stated:.4g} turn of crank_angle"
         assert any(remark in one and f"counts_per_turn: {counts} instead of {stated}" in one for one in told.remarks)
 
-    pairs = [(4096, 4000), (5000, 4096)]
-    each(is_told, [*pairs, (1024, 1000, ["slider_acceleration", "time"]), (2000, 2048, (), 12.0)])
-    sound = [(4096, 4096), (360, 360)]
+    each(is_told, [(4096, 4000), (1024, 1000, ["slider_acceleration", "time"]), (2000, 2048, (), 12.0)])
+    sound = [(4096, 4096)]
     each(lambda *given: pytest.fail() if read(*given).contradictions else None, sound)
     for stated, counts in ((360, 1440), (1440, 360)):
         with pytest.raises(InputError, match=f"counts_per_turn is {stated}: did you mean {counts}"):

@@ -181,7 +181,7 @@ def coulomb_alone(found: dict, force: float = 4.0) -> None:
     assert found["gap"]["confirm"]["after"] == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_friction_is_found_beside_a_double_acting_piston(tmp_path):
     both = [
         table(tmp_path, "head", compressor),
@@ -191,7 +191,7 @@ def test_friction_is_found_beside_a_double_acting_piston(tmp_path):
     coulomb_alone(analyse(path, tmp_path / "results"))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_friction_is_found_beside_tables_of_single_runs(tmp_path):
     loads = {
         run: [table(tmp_path, run, lambda at, level=level: engine(at, level), 720.0)] for run, level in LEVELS.items()
@@ -201,7 +201,7 @@ def test_friction_is_found_beside_tables_of_single_runs(tmp_path):
     assert "#   run slow: slider_force_table, slow_table.csv" in text
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_friction_is_found_beside_a_pressure_of_the_record_whose_sensor_has_no_zero(tmp_path):
     """The sensor's gain is wrong too; its zero is another one in each run."""
     of = {run: lambda degrees, level=level: compressor(degrees, level) for run, level in LEVELS.items()}
@@ -234,7 +234,7 @@ def test_friction_and_the_inertia_of_a_flywheel_are_found_under_a_motor(tmp_path
     assert size["value"] == pytest.approx(0.04, rel=0.05)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_campaign_simulates_an_engine_whose_flywheel_settles_slowly(tmp_path):
     """Its gas drives it against a brake, which is another one in each run."""
     gas = table(tmp_path, "gas", lambda at: engine(at, 4.0), 720.0)

@@ -79,7 +79,7 @@ def test_friction_is_named_beside_stamps_of_which_every_twelfth_is_late(tmp_path
     assert document["gap"]["confirm"]["after"] < 1.2
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(("cut", "stated"), [(np.floor, {"counts_per_turn": 4000}), (np.round, ROUNDED)])
 def test_a_delay_is_not_biased_by_the_steps_of_a_counter(tmp_path, cut, stated):
     """A counter truncates; counts that were rounded have a unit and a resolution."""

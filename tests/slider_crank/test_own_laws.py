@@ -78,7 +78,7 @@ def test_a_preflight_tells_the_smallest_size_of_a_law_of_the_campaign_file():
     assert format_detectable(row).startswith("c ") and format_detectable(row).endswith(" N s³/m³")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("own", "hidden"),
     [
@@ -111,7 +111,7 @@ def test_a_law_of_the_campaign_file_is_named_with_its_size_beside_a_friction(tmp
     assert simulate(load_mechanism(file), Simulate(speed=30.0, revolutions=1)).samples["crank_torque"].notna().all()
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_law_of_the_campaign_file_that_does_not_act_is_not_named(tmp_path):
     path = with_hidden(tmp_path, COULOMB, noise=0.01, candidates={"my_drag": DRAG})
     verdict = analyse(path, tmp_path / "results")

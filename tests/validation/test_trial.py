@@ -16,7 +16,7 @@ pytestmark = pytest.mark.integration
     ("kind", "base", "effects"),
     [
         ("single", "ideal", ("crank_coulomb_friction",)),
-        ("single", "loose", ("crank_coulomb_friction",)),
+        pytest.param("single", "loose", ("crank_coulomb_friction",), marks=pytest.mark.slow),
         ("nothing", "ideal", ()),
         pytest.param("single", "ideal", ("crank_pin_clearance",), marks=pytest.mark.slow),
     ],
