@@ -116,6 +116,7 @@ def test_a_fault_of_the_encoder_is_a_candidate_where_it_could_be_seen():
     assert offered(build_model(own)) == couplings | off_centre  # before anything is measured
     assert offered(rig(drive="measured_angle", sensors={"crank_angle": {"noise": 1e-6}})) == off_centre
     assert offered(build_model(own, recorded(own))) == set()  # an angle that was computed
+    assert offered(rig(channels=("time", "crank_angle"))) == set()  # as a fluctuating speed would
     assert offered(build_model(campaign(mechanism(("crank_pin",))))) == off_centre  # chaotic
 
 

@@ -314,8 +314,8 @@ class SliderCrankModel:
             encoder.append(ENCODER_ZEROS)
         if encoder and campaign.drive == "measured_angle":
             encoder += [ENCODER_LAG, ENCODER_ECCENTRICITY]
-        if any("crank_angle" in plan.channels for plan in self.plans.values()):
-            # the torque of a chaotic run does not repeat
+        # of the angle alone a fluctuating speed explains as much; the torque of a chaotic run does not repeat
+        if any({"crank_angle"} < {*plan.channels} for plan in self.plans.values()):
             encoder += [*(() if self._chaotic else ENCODER_COUPLING), ENCODER_ECCENTRICITY]
         torque = scale.force / DETECTABLE_SHARE * scale.stroke
         start = self._estimated_encoder_offset
